@@ -170,6 +170,17 @@ class TestMethodsOfOrderTwo:
         x = at_end(solve(term, np.array([1.0, 0.0]), 10.0, solver=solver, tolerance=1e-8))
         np.testing.assert_allclose(x, [np.cos(10.0), np.sin(10.0)], rtol=0, atol=5e-5)
 
+    def test_derivative_by_the_initial_state(self, solver):
+        """ẏ = −z and 0 = z − y² have y = 1/(1/y₀ + t), and so ∂y/∂y₀ = 1/(1 + y₀ t)²."""
+        term = MassMatrixTerm(lambda t, x, args: jnp.stack([-x[1], x[1] - x[0] ** 2]), np.array([1.0, 0.0]))
+
+        def end(y0):
+            return solve(term, jnp.stack([y0, y0**2]), 1.0, solver=solver, tolerance=1e-7).ys[-1]
+
+        (y, z), (dy, dz) = jax.jvp(end, (jnp.asarray(2.0),), (jnp.asarray(1.0),))
+        np.testing.assert_allclose([y, z], [2 / 3, 4 / 9], rtol=0, atol=1e-5)
+        np.testing.assert_allclose([dy, dz], [1 / 9, 4 / 27], rtol=0, atol=1e-5)
+
 
 class TestConsistentInitialValues:
     def test_found_and_the_others_kept(self):
