@@ -175,7 +175,7 @@ class TestMethodsOfOrderTwo:
         term = MassMatrixTerm(lambda t, x, args: jnp.stack([-x[1], x[1] - x[0] ** 2]), np.array([1.0, 0.0]))
 
         def end(y0):
-            return solve(term, jnp.stack([y0, y0**2]), 1.0, solver=solver, tolerance=1e-7).ys[-1]
+            return solve(term, jnp.stack([y0, y0**2]), 1.0, solver=solver, tolerance=1e-8).ys[-1]
 
         (y, z), (dy, dz) = jax.jvp(end, (jnp.asarray(2.0),), (jnp.asarray(1.0),))
         np.testing.assert_allclose([y, z], [2 / 3, 4 / 9], rtol=0, atol=1e-5)
