@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import Ball, BallState, Event, PointMass, simulate
+from jaxball import Ball, BallState, Contact, Event, PointMass, ReleasedState, simulate
 from jaxball.paper import reference
 from jaxball.paper.reproduce.experiments import Counter, CountingSolver
 from jaxball.physics.packing import Packing
 from jaxball.simulation.step_size import by_tolerances, kinks_of, to_kinks
-from jaxball.solvers import NDF, Adams
+from jaxball.solvers import NDF, Adams, Projected
+from jaxball.solvers.base import approach_of
 from tests.support.paper import paper_ball
 
 ADAMS, DOPRI8 = Adams(), diffrax.Dopri8()
@@ -156,3 +157,28 @@ def test_fewer_evaluations_by_adams_than_dopri8(case):
         np.testing.assert_allclose(run.state.z[-1], truth().values[-1, columns], rtol=0, atol=1e-7)
         counts.append(counter.read())
     assert counts[0] < 0.7 * counts[1]
+
+
+class Cautious(diffrax.Tsit5):
+    approach = 0.02
+
+
+def test_a_solver_says_how_near_to_the_end_of_a_slip_a_step_may_come():
+    """It takes at most a fiftieth of the time until then at once, and so more steps, to the same end."""
+    assert approach_of(ADAMS) == approach_of(Projected(ADAMS, lambda x: x)) < approach_of(DOPRI8)
+    law = Contact(sliding=0.2)
+    thrown = ReleasedState(BallState(), V=(1.0, 0.0, 0.0))
+    plain, cautious = (
+        simulate(
+            Ball(mass=1.0, inertia=(0.4, 0.45, 0.5)),
+            [0.0, 2.0],
+            thrown,
+            contact=law,
+            rtol=1e-4,
+            atol=1e-4,
+            solver=solver,
+        )
+        for solver in (diffrax.Tsit5(), Cautious())
+    )
+    assert int(cautious.steps) > 3 * int(plain.steps)
+    np.testing.assert_allclose(cautious.state.z, plain.state.z, rtol=0, atol=1e-3)

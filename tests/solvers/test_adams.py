@@ -121,5 +121,5 @@ class TestOneRun:
 
 def test_a_mass_matrix_is_refused():
     term = MassMatrixTerm(lambda t, y, args: y, np.array([1.0, 0.0]))
-    with pytest.raises(TypeError, match=r"must be a RadauIIA or an NDF .* but it is a Adams"):
+    with pytest.raises(TypeError, match=r"must be a RadauIIA, NDF, Trapezoidal or TRBDF2 .* but it is a Adams"):
         diffrax.diffeqsolve(term, Adams(), 0.0, 1.0, None, jnp.ones(2), stepsize_controller=TIGHT)

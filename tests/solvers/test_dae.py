@@ -18,6 +18,7 @@ from jaxball.solvers import (
     RadauIIA,
     SimplifiedNewton,
     StepToKinks,
+    SwitchingMassMatrixTerm,
     Trapezoidal,
     consistent_initial_values,
     explain,
@@ -126,6 +127,61 @@ class TestClosedSolutions:
         np.testing.assert_allclose(x["s"], p.sum() + q, rtol=0, atol=3e-11)
 
 
+ORDER_TWO = [Trapezoidal(), TRBDF2()]
+
+
+@pytest.mark.parametrize("solver", ORDER_TWO, ids=lambda solver: type(solver).__name__)
+class TestMethodsOfOrderTwo:
+    """With first stages that are explicit, which the equations without a derivative do not have."""
+
+    def test_singular_matrix_that_is_not_diagonal(self, solver):
+        u, v = np.exp(-2.0), np.sin(2.0)
+        x = at_end(solve(MIXED, [0.5, 0.5], 2.0, solver=solver, tolerance=1e-8))
+        np.testing.assert_allclose(x, [(u + v) / 2, (u - v) / 2], rtol=0, atol=2e-6)
+        np.testing.assert_allclose(x[0] - x[1], v, rtol=0, atol=1e-9)
+
+    def test_algebraic_variable_that_jumps(self, solver):
+        solution = solve(BALANCE, {"y": 1.0, "z": 1.0}, 2.0, solver=solver, tolerance=1e-8, kinks=jnp.asarray([1.0]))
+        x = at_end(solution)
+        np.testing.assert_allclose(x["y"], np.exp(-3.0), rtol=0, atol=3e-6)
+        np.testing.assert_allclose(x["z"], 2.0 * x["y"], rtol=0, atol=1e-9)
+
+    def test_states_within_steps(self, solver):
+        """Those of algebraic variables too, of which the equations contain no derivative."""
+        t = np.linspace(0.05, 2.0, 40)
+        saveat = diffrax.SaveAt(ts=jnp.asarray(t))
+        solution = solve(MIXED, np.array([0.5, 0.5]), 2.0, solver=solver, tolerance=1e-8, saveat=saveat)
+        assert not explain(solution.result)
+        np.testing.assert_allclose(solution.ys[:, 0] - solution.ys[:, 1], np.sin(t), rtol=0, atol=2e-6)
+        np.testing.assert_allclose(solution.ys[:, 0] + solution.ys[:, 1], np.exp(-t), rtol=0, atol=2e-6)
+
+    def test_the_equation_that_is_without_a_derivative_changes(self, solver):
+        """A point turns on a circle: x² + y² = 1 determines the larger component, the other has a derivative."""
+
+        def field(t, x, args, first):
+            rates, constraint = jnp.stack([-x[1], x[0]]), x[0] ** 2 + x[1] ** 2 - 1
+            return jnp.where(jnp.stack([first, ~first]), constraint, rates)
+
+        term = SwitchingMassMatrixTerm(
+            field,
+            mass=lambda first: jnp.where(first, jnp.array([0.0, 1.0]), jnp.array([1.0, 0.0])),
+            choose=lambda t, x, args: jnp.abs(x[0]) > jnp.abs(x[1]),
+        )
+        x = at_end(solve(term, np.array([1.0, 0.0]), 10.0, solver=solver, tolerance=1e-8))
+        np.testing.assert_allclose(x, [np.cos(10.0), np.sin(10.0)], rtol=0, atol=5e-5)
+
+    def test_derivative_by_the_initial_state(self, solver):
+        """ẏ = −z and 0 = z − y² have y = 1/(1/y₀ + t), and so ∂y/∂y₀ = 1/(1 + y₀ t)²."""
+        term = MassMatrixTerm(lambda t, x, args: jnp.stack([-x[1], x[1] - x[0] ** 2]), np.array([1.0, 0.0]))
+
+        def end(y0):
+            return solve(term, jnp.stack([y0, y0**2]), 1.0, solver=solver, tolerance=1e-8).ys[-1]
+
+        (y, z), (dy, dz) = jax.jvp(end, (jnp.asarray(2.0),), (jnp.asarray(1.0),))
+        np.testing.assert_allclose([y, z], [2 / 3, 4 / 9], rtol=0, atol=1e-5)
+        np.testing.assert_allclose([dy, dz], [1 / 9, 4 / 27], rtol=0, atol=1e-5)
+
+
 class TestConsistentInitialValues:
     def test_found_and_the_others_kept(self):
         found = consistent_initial_values(BALANCE, 1.5, {"y": 0.7, "z": -3.0})
@@ -176,16 +232,15 @@ class TestRefusals:
         [
             (diffrax.Dopri5(), "`solver` must support mass matrices"),
             (diffrax.Kvaerno5(), "`solver` must support mass matrices"),
-            (Gauss(8), "`solver` must be a RadauIIA or an NDF"),
-            (Gauss(3, root_finder=SimplifiedNewton()), "`solver` must be a RadauIIA or an NDF"),
+            (Gauss(8), "`solver` must be a RadauIIA, NDF, Trapezoidal or TRBDF2"),
             (
-                Trapezoidal(),
-                "`solver` must be a RadauIIA or an NDF for a term with a mass matrix.*but it is a Trapezoidal",
+                Gauss(3, root_finder=SimplifiedNewton()),
+                "`solver` must be a RadauIIA, NDF, Trapezoidal or TRBDF2 for a term with a mass matrix.*it is a Gauss",
             ),
-            (TRBDF2(), "`solver` must be a RadauIIA or an NDF for a term with a mass matrix.*but it is a TRBDF2"),
+            (Trapezoidal(root_finder=FixedPoint()), "`root_finder` must be a SimplifiedNewton"),
             (RadauIIA(3, root_finder=FixedPoint()), "`root_finder` must be a SimplifiedNewton"),
         ],
-        ids=["Dopri5", "Kvaerno5", "Gauss", "Gauss with Newton", "Trapezoidal", "TRBDF2", "FixedPoint"],
+        ids=["Dopri5", "Kvaerno5", "Gauss", "Gauss with Newton", "Trapezoidal", "FixedPoint"],
     )
     def test_solvers_that_know_no_mass_matrix(self, solver, sentence):
         with pytest.raises(TypeError, match=sentence):

@@ -144,7 +144,9 @@ def test_a_ball_that_spins_through_twenty_zeros(stages, tolerance, bound, left):
 class TestSimulateRefuses:
     @pytest.mark.parametrize("solver", [None, Gauss(8), diffrax.Kvaerno5()])
     def test_a_solver_that_knows_no_mass_matrix(self, solver):
-        with pytest.raises(TypeError, match=r"`solver` must be a jaxball.solvers.RadauIIA or NDF where `dae`"):
+        with pytest.raises(
+            TypeError, match=r"`solver` must be a RadauIIA, NDF, Trapezoidal or TRBDF2 of jaxball.solvers where `dae`"
+        ):
             jaxball.simulate(paper.ball(), SECONDS, solver=solver, dae=True)
 
     def test_a_state_without_a_unit_vector(self):

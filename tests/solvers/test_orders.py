@@ -102,6 +102,13 @@ def test_hermite_cubic_is_the_cubic_with_its_values_and_slopes():
 
 
 @pytest.mark.parametrize("components", [[0], [1, 2]], ids=["algebraic", "differential"])
+@pytest.mark.parametrize("solver", [TRAPEZOIDAL, TR_BDF2], ids=["trapezoidal rule", "TR-BDF2"])
+def test_methods_of_order_two_have_it_in_algebraic_variables_too(solver, components):
+    lengths, errors = runs(solver, (400, 600, 800), (10.0, DRIVEN), DAE, rotating.exact_with_algebraic, components)
+    assert observed_order(lengths, [e.end for e in errors]) == pytest.approx(2, abs=0.1)
+
+
+@pytest.mark.parametrize("components", [[0], [1, 2]], ids=["algebraic", "differential"])
 @pytest.mark.parametrize(
     ("stages", "steps"),
     [(3, (32, 48, 64)), (5, (20, 24, 32)), (7, (10, 12, 14))],

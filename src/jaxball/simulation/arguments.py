@@ -14,7 +14,7 @@ from ..physics.contact_law import Contact
 from ..physics.dae import WITH_UNIT
 from ..physics.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem, require_one, require_state, shapes_of_state
-from ..solvers import NDF, RadauIIA
+from ..solvers import NDF, TRBDF2, RadauIIA, Trapezoidal
 from .defaults import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
 
 DEFAULT_SOLVER = diffrax.Dopri8()
@@ -153,10 +153,11 @@ def require_dae(state: AbstractState, solver: diffrax.AbstractSolver | None) -> 
             f"Argument `state` must be {WITH_UNIT} where `dae` is True, because it is a component of their unit "
             f"vector that becomes algebraic, but it is a {type(state).__name__}."
         )
-    if not isinstance(solver, RadauIIA | NDF):
+    if not isinstance(solver, RadauIIA | NDF | Trapezoidal | TRBDF2):
         raise TypeError(
-            "Argument `solver` must be a jaxball.solvers.RadauIIA or NDF where `dae` is True, because other solvers "
-            f"do not support a mass matrix, but it is a {type(DEFAULT_SOLVER if solver is None else solver).__name__}."
+            "Argument `solver` must be a RadauIIA, NDF, Trapezoidal or TRBDF2 of jaxball.solvers where `dae` is True, "
+            "because other solvers do not support a mass matrix, "
+            f"but it is a {type(DEFAULT_SOLVER if solver is None else solver).__name__}."
         )
 
 

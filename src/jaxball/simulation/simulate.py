@@ -26,7 +26,8 @@ from ..physics.released import ReleasedState
 from ..physics.state import State
 from ..physics.system import AbstractState, AbstractSystem, require_system
 from ..physics.validity import possible_start
-from ..solvers import Adams, Projected, SwitchingMassMatrixTerm
+from ..solvers import Projected, SwitchingMassMatrixTerm
+from ..solvers.base import approach_of
 from .arguments import (
     DEFAULT_TOLERANCE,
     checked_adjoint,
@@ -45,7 +46,7 @@ from .loop import SolveLoop
 from .modal import history, on_plane, unpacked_switches
 from .observers import Observation, Observers
 from .step_size import by_tolerances, kinks_of, to_kinks
-from .switching import MOST, MOST_OF_ADAMS, Switching
+from .switching import Switching
 from .trajectory import Interpolant, Trajectory
 from .watch import checked, locate, stop
 
@@ -90,7 +91,7 @@ def simulate(
       polynomial within the step; in the paper's runs its error was at most three times that of the steps.
     - ``dae``: whether to solve the differential-algebraic form of the paper, in which |q|² = 1 determines a
       component of q, the largest at the start of each step (module ``dae``), with a solver that knows mass
-      matrices: :class:`jaxball.solvers.RadauIIA`.
+      matrices, such as :class:`jaxball.solvers.RadauIIA`.
     - ``project``: whether each step ends with q normalised (Γ, or Λ, in states that have these instead).
     - ``events``: the events to detect, by name: :class:`~jaxball.Detachment`, :class:`~jaxball.Slip` or any
       :class:`~jaxball.Event`; ``trajectory.events[name]`` says when each happened. One that ends the run sets its
@@ -258,8 +259,7 @@ def solve(
     switching, term = None, diffrax.ODETerm(field)
     if isinstance(system, BodyOnPlane):
         order = float(method.solver.error_order(term) or 1)  # pyright: ignore
-        most = MOST_OF_ADAMS if isinstance(method.solver, Adams) else MOST
-        switching = Switching(rtol, atol, unpack_parameters, system.contact.room, order, most)
+        switching = Switching(rtol, atol, unpack_parameters, system.contact.room, order, approach_of(method.solver))
     if method.dae:
         term = SwitchingMassMatrixTerm(
             dae_field,

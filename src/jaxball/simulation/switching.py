@@ -19,6 +19,7 @@ from ..numerics.kinks import before_kink
 from ..physics.body_on_plane import Heading
 from ..physics.modes import CAUSES, Cause, Mode
 from ..physics.packing import Packing
+from ..solvers.base import APPROACH
 from ..solvers.dense.sampling import sampling
 
 NONE = -1  # no cause
@@ -35,8 +36,6 @@ GRAZING = 1e-6  # a function that falls by less than this part of its size in a 
 CLOSE = 1e-9  # switches closer to each other than this part of a run are counted as crowded
 TOO_MANY = 64  # crowded switches
 NEARLY = 3  # times the least speed of a slip: one that is slower than that may end in the next step
-MOST = 0.5  # of the time until the end of a slip, in one step
-MOST_OF_ADAMS = 0.1  # the same with an Adams method, which is stable in short steps only
 PAST = 0.5  # of the least speed: a step is to end no slower than that
 TRUNCATED = 2e5  # tolerances: the most of a step's error beside the speed of a slip that ends, for its derivatives
 
@@ -177,7 +176,7 @@ class Switching(eqx.Module):
     """The modes of the system of a solve; ``unpack`` takes its parameters apart, the first of which is a packing.
 
     ``room`` is how many switches are kept, ``rtol``, ``atol`` are the tolerances of the solve, and ``order`` is that of
-    the errors that its method sees. A step takes at ``most`` this part of the time until a slip ends.
+    the errors that its method sees. A step takes at most the part ``approach`` of the time until a slip ends.
     """
 
     rtol: Float[Array, ""]
@@ -185,7 +184,7 @@ class Switching(eqx.Module):
     unpack: Any = eqx.field(static=True)
     room: int = eqx.field(static=True)
     order: float = eqx.field(static=True)
-    most: float = eqx.field(static=True, default=MOST)
+    approach: float = eqx.field(static=True, default=APPROACH)
 
     def begin(self, t0: Float[Array, ""], y0: Float[Array, " size"], length: Float[Array, ""]) -> Course:
         """The course of a solve before its first step."""
@@ -243,7 +242,7 @@ class Switching(eqx.Module):
 
     def share(self) -> Float[Array, ""]:
         """The longest step of a slip that ends, over the time until its end."""
-        return share(self.order, self._tolerance(), self.most)
+        return share(self.order, self._tolerance(), self.approach)
 
     def _tolerance(self) -> Float[Array, ""]:
         return jnp.maximum(self.rtol, self.atol)
@@ -361,9 +360,9 @@ def passed_by(course: Course, end: Float[Array, "*lanes"]) -> Judged:
     return Judged(jnp.zeros_like(end, bool), end, jnp.full_like(end, jnp.inf), course._replace(aim=Aim.none(end)))
 
 
-def share(order: float, tolerance: Float[Array, "*lanes"], most: float = MOST) -> Float[Array, "*lanes"]:
+def share(order: float, tolerance: Float[Array, "*lanes"], approach: float = APPROACH) -> Float[Array, "*lanes"]:
     """The longest step of a slip that ends, over the time until its end, where the direction turns ever faster."""
-    return jnp.minimum((TRUNCATED * tolerance) ** (1 / (order + 1)), most)
+    return jnp.minimum((TRUNCATED * tolerance) ** (1 / (order + 1)), approach)
 
 
 def _longest(

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
-from .adams_order import Plan, plan
-from .differences import Points, error_constants, sums
+from .adams_order import Errors, Plan, plan
+from .differences import Points, error_constants, folded, sums, unfolded
 from .flat import FlatProblem, flat_problem
 from .interpolation import AdamsPolynomial
 from .multistep import AbstractMultistep, checked_order
@@ -25,6 +25,8 @@ TINY = 0.01
 # Another correction may change a state by this many tolerances. For smooth fields it changes less, because a correction
 # is some 10 to 25 errors, and each next one is much smaller.
 SETTLED = 30.0
+# The orders whose errors are compared, relative to that of a step.
+RANGE = range(-2, 2)
 
 
 class PredictorCorrector(eqx.Module):
@@ -41,14 +43,14 @@ class PredictorCorrector(eqx.Module):
 class AdamsState(NamedTuple):
     """The state passed from the steps so far to the next.
 
-    - ``differences``: the modified divided differences of the slopes at the last points, from order 0.
+    - ``differences``: the modified divided differences of the slopes at the last points, from order 0, ``folded``.
     - ``past``: the times from each of these points to the start of the next step.
     - ``order``: of the next step; 0 where nothing is known yet.
     - ``equal``: how many of the last steps had the same length.
     - ``rising``: whether the run is still starting.
     """
 
-    differences: Float[Array, "rows n"]
+    differences: Float[Array, "lanes columns rows"]
     past: Float[Array, " rows"]
     order: Int[Array, ""]
     equal: Int[Array, ""]
@@ -87,6 +89,7 @@ class Adams(AbstractMultistep):
     [-3.992344 -3.866665]
     """
 
+    approach: ClassVar[float] = 0.1  # as of `approach_of`: stable in short steps only
     interpolation_cls: ClassVar = AdamsPolynomial
     controller_cls: ClassVar = AdamsController
 
@@ -109,7 +112,7 @@ class Adams(AbstractMultistep):
     def init(self, terms, t0: Any, t1: Any, y0, args) -> AdamsState:
         x0, _ = ravel_pytree(y0)
         return AdamsState(
-            differences=jnp.zeros((self.max_order + 1, x0.size), x0.dtype),
+            differences=folded(jnp.zeros((self.max_order + 1, x0.size), x0.dtype)),
             past=jnp.zeros(self.max_order + 1, jnp.result_type(t0)),
             order=jnp.asarray(0),
             equal=jnp.asarray(0),
@@ -125,44 +128,46 @@ class Adams(AbstractMultistep):
         points = Points(state.past, t1 - t0)
         attempt = _attempted(problem, (t0, t1), state, points, first)
         size, sizes = self._errors(problem, state, points, attempt)
-        finite = jnp.all(jnp.isfinite(attempt.x1)) & jnp.all(jnp.isfinite(attempt.differences))
+        # What is not finite in one difference is not finite in the last.
+        finite = jnp.all(jnp.isfinite(attempt.x1)) & jnp.all(jnp.isfinite(attempt.differences[..., -1]))
         size = jnp.where(finite, size, jnp.where(at_limit(t0, t1), 0.0, jnp.inf))
         result = RESULTS.where(finite, RESULTS.successful, RESULTS.nonfinite)
-        after, following = _after(state, points, attempt, first, sizes)
-        dense = {"y0": y0, "terms": jax.vmap(problem.unravel)(attempt.terms), "past": state.past}
+        after, following = _after(state, points, attempt, first, Errors(size, sizes))
+        terms = jax.vmap(problem.unravel)(unfolded(attempt.terms, problem.x0.size))
+        dense = {"y0": y0, "terms": terms, "past": state.past}
         error = PlannedError(size, following.growth, following.shrink, self.controller_cls)
         return problem.unravel(attempt.x1), error, dense, after, result
 
     def _errors(
         self, problem: FlatProblem, state: AdamsState, points: Points, attempt: "Attempt"
-    ) -> tuple[Float[Array, ""], Float[Array, " rows"]]:
-        """The error of the step, and those of all orders had all steps been as long, in units of the tolerance."""
+    ) -> tuple[Float[Array, ""], Float[Array, "4"]]:
+        """The error of the step, and those of four orders had all steps been as long, in units of the tolerance."""
         points = jax.lax.stop_gradient(points)
-        sizes = self.sizes(problem, attempt.x1, attempt.corrections)
+        sizes = self.sizes(problem, attempt.x1, unfolded(attempt.corrections, problem.x0.size))
+        sizes, again = sizes[:-1], sizes[-1]
         g, evenness = (a.astype(sizes.dtype) for a in (points.integrals(), points.evenness()))
-        rows = jnp.arange(sizes.size)
-        size = jnp.sum(jnp.where(rows == state.order, jnp.abs(g - jnp.roll(g, 1)) * sizes, 0.0))
+        _, below, here, _ = _around(state.order, g)
         # Where a field jumps near the end of a step much shorter than those before, formulas of two orders agree.
-        again = self.sizes(problem, attempt.x1, attempt.again[None])[0]
-        size = jnp.maximum(size, again / SETTLED)
-        return size, jnp.asarray(error_constants(rows.size), sizes.dtype) * evenness * sizes
+        size = jnp.maximum(jnp.abs(here - below) * sizes[2], again / SETTLED)
+        constants = jnp.asarray(error_constants(g.size), sizes.dtype) * evenness
+        return size, jnp.stack(_around(state.order, constants)) * sizes
 
 
 class Attempt(NamedTuple):
     """A step that may be accepted.
 
     - ``x1``: the state at its end.
-    - ``terms``: the terms of its polynomial, as multiples of which x grows.
-    - ``corrections``: h times the modified divided differences of each order with the slope at the predicted state.
-    - ``differences``: the modified divided differences with the last slope.
-    - ``again``: by how much another correction would change x₁; 0 in a first step.
+    - ``terms``: the terms of its polynomial, as multiples of which x grows, ``folded``.
+    - ``corrections``: h times the modified divided differences with the slope at the predicted state, of the two orders
+      below that of the step, its own, and the one above; and by how much another correction would change x₁, 0 in a
+      first step. ``folded``.
+    - ``differences``: the modified divided differences with the last slope, ``folded``.
     """
 
     x1: Float[Array, " n"]
-    terms: Float[Array, "rows n"]
-    corrections: Float[Array, "rows n"]
-    differences: Float[Array, "rows n"]
-    again: Float[Array, " n"]
+    terms: Float[Array, "lanes columns rows"]
+    corrections: Float[Array, "lanes columns 5"]
+    differences: Float[Array, "lanes columns rows"]
 
 
 def _begun(state: AdamsState, first: Bool[Array, ""], h: Float[Array, ""]) -> AdamsState:
@@ -192,39 +197,57 @@ def _attempted(
     x0, k = problem.x0, state.order
     h, g, factors = (a.astype(x0.dtype) for a in (problem.control, points.integrals(), points.factors()))
     rows = jnp.arange(g.size)
-    starred = factors[:, None] * state.differences
-    before = jnp.where((rows < k)[:, None], starred, 0.0)
-    predicted = x0 + h * jnp.sum(g[:, None] * before, axis=0)
-    extrapolated, correction = jnp.sum(before, axis=0), h * jnp.sum(jnp.where(rows == k, g, 0.0))
+    starred = factors[None, None] * state.differences
+    known = sums(starred)
+    extrapolations = _around(k, known)
+    predicted = x0 + h * _flat(jnp.sum(jnp.where(rows < k, g, 0.0)[None, None] * starred, axis=-1), x0)
+    extrapolated, correction = _flat(extrapolations[2], x0), h * _around(k, g)[2]
 
     def evaluated(at, _):
         slope = problem.field(*at)
         x = jnp.where(first, x0 + h * slope, predicted + correction * (slope - extrapolated))
-        return (times[1], x), slope
+        return (times[1], x), (x, slope)
 
     start = jnp.where(first, times[0], times[1]), jnp.where(first, x0, predicted)
-    _, (one, last) = jax.lax.scan(evaluated, start, length=2)
-    starred = jnp.where(first, jnp.where(rows[:, None] == 0, one[None], 0.0), starred)
-    known, slope = sums(starred), jnp.where(first, last, one)
-    corrections = h * (slope[None] - known)
-    terms = jnp.where((rows < k)[:, None], h * starred, jnp.where((rows == k)[:, None], corrections, 0.0))
-    again = jnp.where(first, 0.0, correction * (last - one))
-    return Attempt(x0 + jnp.sum(g[:, None] * terms, axis=0), terms, corrections, last[None] - known, again)
+    _, (states, (one, last)) = jax.lax.scan(evaluated, start, length=2)
+    change = correction * (last - one)
+    x1 = states[0] + jnp.where(first, change, 0.0)
+    again = jnp.where(first, 0.0, change)
+    # In a first step all differences are zero, except the slope at the start, which is known only now.
+    columns = jnp.stack([jnp.where(first, one, 0.0), jnp.where(first, last, one), last, again])
+    begun, slope, last, again = jnp.moveaxis(folded(columns), -1, 0)
+    known = known + jnp.where((rows > 0)[None, None], begun[..., None], 0.0)
+    corrections = [
+        h * (slope - jnp.where(k + i > 0, begun, 0.0) - before) for i, before in zip(RANGE, extrapolations, strict=True)
+    ]
+    inside = h * (starred + jnp.where((rows == 0)[None, None], begun[..., None], 0.0))
+    own = jnp.where((rows == k)[None, None], corrections[2][..., None], 0.0)
+    terms = jnp.where((rows < k)[None, None], inside, own)
+    return Attempt(x1, terms, jnp.stack([*corrections, again], axis=-1), last[..., None] - known)
+
+
+def _flat(fold: Float[Array, "lanes columns"], like: Float[Array, " n"]) -> Float[Array, " n"]:
+    return unfolded(fold[..., None], like.size)[0]
+
+
+def _around(order: Int[Array, ""], rows: Float[Array, "*n rows"]) -> list[Float[Array, "*n"]]:
+    """The rows of the two orders below ``order``, of itself, and of the next one; zero where there is none."""
+    count, others = rows.shape[-1], rows.ndim - 1
+    chosen = (jnp.arange(count) == order).astype(rows.dtype).reshape(*(1,) * others, count)
+    padded = jnp.pad(rows, [(0, 0)] * others + [(-RANGE[0], RANGE[-1])])
+    return [jnp.sum(chosen * padded[..., i : i + count], axis=-1) for i in range(len(RANGE))]
 
 
 def _after(
-    state: AdamsState,
-    points: Points,
-    attempt: Attempt,
-    first: Bool[Array, ""],
-    sizes: Float[Array, " rows"],
+    state: AdamsState, points: Points, attempt: Attempt, first: Bool[Array, ""], errors: Errors
 ) -> tuple[AdamsState, Plan]:
     """The state after an attempt if it is accepted, and the plan for the next in any case."""
     h, spacing = points.h, state.past[1] - state.past[0]
     equal = jnp.where(jnp.abs(h - spacing) <= EQUAL * h, state.equal + 1, 1)
     # The starting phase ends with the first step that was not twice as long as the one before, because that failed or
     # was cut.
-    following = plan(sizes, state.order, equal, state.rising & (first | (h > 1.9 * spacing)))
+    rising = state.rising & (first | (h > 1.9 * spacing))
+    following = plan(errors, state.order, equal, rising, state.past.size - 1)
     moved = AdamsState(attempt.differences, points.advanced(), following.order, equal, following.rising)
     # Differences of two points so close to each other would be rounding errors only, so the end is not added.
     stayed = state._replace(past=state.past + h)

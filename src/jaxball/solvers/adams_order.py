@@ -5,6 +5,7 @@ Shampine & Gordon, *Computer Solution of Ordinary Differential Equations* (1975)
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
@@ -30,24 +31,30 @@ class Plan(NamedTuple):
     shrink: Float[Array, ""]
 
 
-def plan(errors: Float[Array, " rows"], order: Int[Array, ""], equal: Int[Array, ""], rising: Bool[Array, ""]) -> Plan:
+class Errors(NamedTuple):
+    """The errors of a step, in units of the tolerance.
+
+    - ``step``: its own.
+    - ``orders``: those of the formulas of order k − 2 to k + 1, with k that of the step, if all steps had the length of
+      this one; those beyond the available points mean nothing.
+    """
+
+    step: Float[Array, ""]
+    orders: Float[Array, "4"]
+
+
+def plan(errors: Errors, order: Int[Array, ""], equal: Int[Array, ""], rising: Bool[Array, ""], highest: int) -> Plan:
     """The plan after a step.
 
     **Arguments:**
 
-    - ``errors``: of the formula of each order j = 0, 1, …, in units of the tolerance, if all steps had the length of
-      this one; those beyond the available points mean nothing.
-    - ``order``: that of the step, k.
+    - ``order``: that of the step, k, and ``highest`` the highest available.
     - ``equal``: how many steps, this one included, had the same length. The error of order k + 1 is trusted after
       k + 1 of them.
     - ``rising``: as it was.
     """
-    k, highest = order, errors.size - 1
-
-    def of(j: Int[Array, ""]) -> Float[Array, ""]:
-        return jnp.sum(jnp.where(jnp.arange(errors.size) == j, errors, 0.0))
-
-    here, lower, lowest, higher = of(k), of(k - 1), of(k - 2), of(k + 1)
+    k = order
+    lowest, lower, here, higher = errors.orders
     falls = jnp.where(k > 2, jnp.maximum(lower, lowest) <= here, (k == 2) & (lower <= 0.5 * here))
     rising = rising & ~falls & (k < highest)
     judged = ~rising & ~falls & (equal > k) & (k < highest)
@@ -55,10 +62,18 @@ def plan(errors: Float[Array, " rows"], order: Int[Array, ""], equal: Int[Array,
     rises = judged & ~falls & (higher < jnp.where(k == 1, 0.5 * here, here))
     new = jnp.where(falls, k - 1, jnp.where(rises | rising, k + 1, k))
     error = jnp.where(falls, lower, jnp.where(rises, higher, here))
-    doubled = rising | (error * 2.0 ** (new + 1).astype(error.dtype) <= TARGET)
-    kept = jnp.where(error <= TARGET, 1.0, jnp.clip(_ratio(error, new), 0.5, 0.9))
-    shrink = jnp.clip(_ratio(here, k), SHORTEST, 0.5)
-    return Plan(new, rising, jnp.where(doubled, 2.0, kept), jnp.where(jnp.isfinite(here), shrink, 0.1))
+    doubled = rising | (error * (1 << (new + 1)).astype(error.dtype) <= TARGET)
+
+    def shortened() -> tuple[Float[Array, ""], Float[Array, ""]]:
+        kept = jnp.where(error <= TARGET, 1.0, jnp.clip(_ratio(error, new), 0.5, 0.9))
+        shrink = jnp.clip(_ratio(here, k), SHORTEST, 0.5)
+        return kept, jnp.where(jnp.isfinite(here), shrink, 0.1)
+
+    # Most steps are accepted and followed by one as long or twice as long, and powers cost as much as the rest.
+    unchanged = (errors.step <= 1) & (doubled | (error <= TARGET))
+    same = jnp.ones_like(error), jnp.full_like(error, 0.5)
+    kept, shrink = jax.lax.cond(unchanged, lambda: same, shortened)
+    return Plan(new, rising, jnp.where(doubled, 2.0, kept), shrink)
 
 
 def _ratio(error: Float[Array, ""], order: Int[Array, ""]) -> Float[Array, ""]:

@@ -7,30 +7,48 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from .base import AbstractStageSolver
+from .consistency import start_of_step
 from .errors import smoothed
-from .flat import flat_problem
+from .flat import FlatProblem, flat_problem
 from .interpolation import CubicHermite
+from .mass import mass_term
 from .newton import SimplifiedNewton
-from .outcome import outcome
-from .stages import AbstractStageIteration, Memory, combine
+from .outcome import NO_FAULT, UNKNOWN, outcome
+from .stages import AbstractStageIteration, Memory, Stages, combine
 from .tableau import Tableau
 
 
+class Form(NamedTuple):
+    """The state after the last step of a problem M ẋ = g.
+
+    - ``mass``: M.
+    - ``secant``: the mean ẋ over the step.
+    - ``fault``: what is wrong with the problem.
+    """
+
+    mass: Float[Array, "n n"]
+    secant: Float[Array, " n"]
+    fault: Int[Array, ""]
+
+
 class StepBefore(NamedTuple):
-    """The state after the last step: its length, f at its start and end, and whether there was one."""
+    """The state after the last step: its length, ẋ at its start and end, and whether there was one."""
 
     length: Float[Array, ""]
     f_start: Float[Array, " n"]
     f_end: Float[Array, " n"]
     memory: Memory
     known: Bool[Array, ""]
+    form: Form | None
 
 
 class AbstractDiagonallyImplicit(AbstractStageSolver):
     """A method of order 2 with an error estimate of order 3, whose last stage is the end of the step.
+
+    In a problem M ẋ = g of index 1, the equations without a derivative hold at each stage.
 
     - ``tableau``: the implicit stages. ``first``: what the explicit first stage contributes to each, shape (s, 1).
     """
@@ -45,7 +63,7 @@ class AbstractDiagonallyImplicit(AbstractStageSolver):
     def estimated_error(
         self, K: Float[Array, "s_plus_one n"], h: Float[Array, ""], before: StepBefore
     ) -> Float[Array, " n"]:
-        """The error of a step of length h, from the slopes of all stages in units of 1/h and the step before."""
+        """The error of a step of length h, from ẋ at all stages in units of 1/h and the step before."""
 
     def order(self, terms) -> int:
         return 2
@@ -56,27 +74,79 @@ class AbstractDiagonallyImplicit(AbstractStageSolver):
     def init(self, terms, t0: Any, t1: Any, y0, args) -> StepBefore:
         x0, _ = ravel_pytree(y0)
         nothing, memory = jnp.zeros_like(x0), self.root_finder.start(self.tableau, x0)
-        return StepBefore(jnp.ones((), x0.dtype), nothing, nothing, memory, jnp.asarray(False))
+        is_ode = mass_term(terms) is None
+        form = None if is_ode else Form(jnp.zeros((x0.size, x0.size), x0.dtype), nothing, jnp.asarray(UNKNOWN))
+        return StepBefore(jnp.ones((), x0.dtype), nothing, nothing, memory, jnp.asarray(False), form)
 
     def step(self, terms, t0: Any, t1: Any, y0, args, solver_state: StepBefore, made_jump: Any):
-        problem = flat_problem(terms, t0, t1, y0, args)
-        problem.refuse_mass(self)
-        x0, unravel, h = problem.x0, problem.unravel, problem.control.astype(problem.x0.dtype)
+        problem, fault = flat_problem(terms, t0, t1, y0, args), NO_FAULT
         before = solver_state._replace(known=solver_state.known & ~jnp.asarray(made_jump))
-        # The last stage of the step before satisfies its equation. Re-evaluated in a stiff problem, f would multiply
-        # the error of that stage by the large eigenvalues (Hosea & Shampine 1996, section 4).
-        k0 = jax.lax.cond(before.known, lambda: h * before.f_end, lambda: problem.slope(t0, x0))
+        if problem.mass is not None and before.form is not None:
+            x0, fault = start_of_step(problem, problem.mass, t0, self.root_finder, before.form.fault, made_jump)
+            problem = problem._replace(x0=x0)
+        x0, unravel, h = problem.x0, problem.unravel, problem.control.astype(problem.x0.dtype)
+        k0 = _first_slope(problem, before, t0, h)
         times = jnp.stack([*(t0 + float(c) * (t1 - t0) for c in self.tableau.c[:-1]), t1])
-        known = combine(self.first, k0[None])
+        from_first = combine(self.first, k0[None])
+        known = from_first if problem.mass is None else problem.mass.times(from_first)
         equations = problem.equations(self.tableau, t0, times, x0, known=known)
         guess = jnp.broadcast_to(k0, known.shape)
+        if problem.mass is not None:
+            # `equations` take slopes times M, and have no use for those of algebraic variables.
+            guess = combine(self.tableau.A_inverse, combine(self.tableau.A, guess) + from_first - known)
         stages = self.root_finder.solve(equations, guess, before.memory.forgotten(made_jump))
-        error = self.estimated_error(jnp.concatenate([k0[None], stages.K]), h, before)
-        y_error, result = outcome(stages, smoothed(equations, stages, error), t0, t1)
-        y1, k1 = unravel(x0 + stages.Z[-1]), stages.K[-1]
-        dense = {"y0": y0, "y1": y1, "k0": unravel(k0), "k1": unravel(k1)}
-        state = StepBefore(h, k0 / h, k1 / h, jax.lax.stop_gradient(stages.memory), jnp.asarray(True))
+        k0, K, form = _slopes(problem, stages, k0, combine(self.tableau.A_inverse, stages.Z - from_first), before)
+        error = self.estimated_error(jnp.concatenate([k0[None], K]), h, before)
+        if problem.mass is None:
+            error = smoothed(equations, stages, error)
+        else:
+            error = smoothed(equations, stages, problem.mass.times(error[None])[0])
+            error = problem.mass.without_algebraic(error)
+        y_error, result = outcome(stages, error, t0, t1, fault)
+        y1, k1 = unravel(x0 + stages.Z[-1]), K[-1]
+        dense = {"y0": unravel(x0), "y1": y1, "k0": unravel(k0), "k1": unravel(k1)}
+        form = None if form is None else form._replace(fault=fault)
+        state = StepBefore(h, k0 / h, k1 / h, jax.lax.stop_gradient(stages.memory), jnp.asarray(True), form)
         return y1, unravel(y_error), dense, state, result
+
+
+def _first_slope(problem: FlatProblem, before: StepBefore, t0: Float[Array, ""], h: Float[Array, ""]) -> Any:
+    """h ẋ at the start of a step.
+
+    The last stage of the step before satisfies its equation. Re-evaluated in a stiff problem, f would multiply the
+    error of that stage by the large eigenvalues (Hosea & Shampine 1996, section 4). That of what was algebraic is only
+    estimated, so where another M is chosen, it is evaluated.
+    """
+    known, mass = before.known, problem.mass
+    if mass is not None and before.form is not None:
+        known = known & jnp.all(mass.matrix == before.form.mass)
+
+    def evaluated():
+        slope = problem.slope(t0, problem.x0)
+        return slope if mass is None else mass.rates(slope)
+
+    return jax.lax.cond(known, lambda: h * before.f_end, evaluated)
+
+
+def _slopes(
+    problem: FlatProblem, stages: Stages, k0: Float[Array, " n"], K: Float[Array, "s n"], before: StepBefore
+) -> tuple[Float[Array, " n"], Float[Array, "s n"], Form | None]:
+    """h ẋ at the start and at all stages, from those by which M ẋ is right, and what the next step needs of them.
+
+    The equations contain no ẋ of algebraic variables: theirs are those of the parabola through three points, or of the
+    line through two.
+    """
+    mass, h = problem.mass, problem.control.astype(problem.x0.dtype)
+    if mass is None or before.form is None:
+        return k0, stages.K, None
+    change = stages.Z[-1]
+    bend = jnp.where(before.known, (change - h * before.form.secant) * h / (h + before.length), 0.0)
+
+    def completed(k, estimate):
+        return mass.without_algebraic(k) + estimate - mass.without_algebraic(estimate)
+
+    K = jax.vmap(lambda k: completed(k, change + bend))(K)
+    return completed(k0, change - bend), K, Form(mass.matrix, change / h, before.form.fault)
 
 
 def diagonally_implicit(c: list[float], A: list[list[float]]) -> Tableau:

@@ -13,11 +13,16 @@ Notes in Mathematics 362 (1974) 22–71; Hairer, Nørsett & Wanner, *Solving Ord
 section III.5, from where the names β, Φ and g are.
 """
 
+import itertools
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+
+# Components in a vector, and how many of them are not worth one.
+LANES, FEW = 8, 2
 
 
 class Points(NamedTuple):
@@ -38,39 +43,65 @@ class Points(NamedTuple):
 
         It estimates what a difference would be with equal steps.
         """
-        return products(jnp.arange(1, self.past.size, dtype=self.h.dtype) * self.h / (self.h + self.past[:-1]))
+        return products(jnp.arange(1, self.past.size, dtype=self.h.dtype) * self._shares())
 
-    def integrals(self, end: Float[Array, ""] | float = 1.0) -> Float[Array, " rows"]:
+    def integrals(self, end: Float[Array, ""] | None = None) -> Float[Array, " rows"]:
         """g_j, the integrals of the products of (s − t_{n−i}) / (t − t_{n−i}) over i < j, from 0 to ``end``, over h.
 
-        In units of h; ``end`` is a fraction of the step. By Gauss's quadrature, exact for these polynomials, of terms
-        that are all positive within the step.
+        ``end`` is a fraction of the step, by default all of it. With P_j the product and X the end, the integrals of
+        P_j(s) (1 − s/X)ᵐ from 0 to X follow from those of P_{j−1}, because s − t_{n−i} is linear in 1 − s/X (Shampine &
+        Gordon 1975, chapter 5).
         """
-        nodes, weights = np.polynomial.legendre.leggauss(self.past.size // 2 + 1)
-        nodes, weights = (jnp.asarray(x, self.h.dtype) for x in (0.5 + 0.5 * nodes, 0.5 * weights))
-        past = self.past[:-1, None]
-        polynomials = products((end * nodes[None] * self.h + past) / (self.h + past))
-        return end * jnp.sum(weights[None] * polynomials, axis=1)
+        shares = self._shares()
+        moments = jnp.asarray(1 / np.arange(1, self.past.size + 1), self.h.dtype)
+        found = [moments[0]]
+        for share in shares:
+            whole, part = (1.0, share) if end is None else (1 - (1 - end) * share, end * share)
+            moments = whole * moments[:-1] - part * moments[1:]
+            found.append(moments[0])
+        g = jnp.stack(found)
+        return g if end is None else end * g
+
+    def _shares(self) -> Float[Array, " count"]:
+        """h/(t − t_{n−i})."""
+        return self.h / (self.h + self.past[:-1])
 
     def advanced(self) -> Float[Array, " rows"]:
         """``past`` of the next step."""
         return jnp.concatenate([jnp.zeros_like(self.past[:1]), self.h + self.past[:-1]])
 
 
-def sums(rows: Float[Array, "rows n"]) -> Float[Array, "rows n"]:
-    """The sums of all rows before each. As plain sums: a loop or a library call would cost more."""
-    return jnp.sum(jnp.where(_before(len(rows), len(rows))[:, :, None], rows[None], 0.0), axis=1)
+def sums(rows: Float[Array, "*n rows"]) -> Float[Array, "*n rows"]:
+    """The sums of all rows before each."""
+    items = [rows[..., j] for j in range(rows.shape[-1] - 1)]
+    return jnp.stack(_before_each(jnp.add, items, jnp.zeros_like(rows[..., 0])), -1)
 
 
 def products(factors: Float[Array, "count *n"]) -> Float[Array, "rows *n"]:
     """The products of all factors before each place, and of all of them: 1, a, ab, abc, …"""
-    before = _before(len(factors) + 1, len(factors))
-    return jnp.prod(jnp.where(before.reshape(*before.shape, *(1,) * (factors.ndim - 1)), factors[None], 1.0), axis=1)
+    return jnp.stack(_before_each(jnp.multiply, list(factors), jnp.ones_like(factors[0])))
 
 
-def _before(rows: int, count: int) -> np.ndarray:
-    """Which of so many places are before each row."""
-    return np.arange(count) < np.arange(rows)[:, None]
+def _before_each(combined: Callable[[Array, Array], Array], items: Sequence[Array], first: Array) -> list[Array]:
+    """One after another: a loop or a library call would cost more."""
+    return [first, *itertools.accumulate(items, combined)]
+
+
+def folded(rows: Float[Array, "rows n"]) -> Float[Array, "lanes columns rows"]:
+    """Rows of n components with a first axis of eight, along which the native compiler computes in vectors.
+
+    They end with zeros where n is no multiple of eight. One or two components stay as they are.
+    """
+    n = rows.shape[-1]
+    lanes = n if n <= FEW else LANES
+    columns = -(-n // lanes) if n else 0
+    padded = jnp.pad(rows, ((0, 0), (0, lanes * columns - n)))
+    return jnp.transpose(padded.reshape(len(rows), columns, lanes), (2, 1, 0))
+
+
+def unfolded(folds: Float[Array, "lanes columns rows"], n: int) -> Float[Array, "rows n"]:
+    """The rows of n components that were :func:`folded`."""
+    return jnp.transpose(folds, (2, 1, 0)).reshape(folds.shape[2], folds.shape[0] * folds.shape[1])[:, :n]
 
 
 def error_constants(rows: int) -> np.ndarray:

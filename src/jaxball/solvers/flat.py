@@ -55,7 +55,8 @@ class FlatProblem(NamedTuple):
         """Raises ``TypeError`` if there is a mass matrix, which ``solver`` does not support."""
         if self.mass is not None:
             raise TypeError(
-                "Argument `solver` must be a RadauIIA or an NDF for a term with a mass matrix, M ẋ = g(t, x), "
+                "Argument `solver` must be a RadauIIA, NDF, Trapezoidal or TRBDF2 for a term with a mass matrix, "
+                "M ẋ = g(t, x), "
                 f"but it is a {type(solver).__name__}."
             )
 

@@ -44,7 +44,7 @@ class Mass(eqx.Module):
 
 
 class AbstractMassTerm(diffrax.AbstractTerm):
-    """M ẋ = g(t, x), for the solvers of this package that support a mass matrix: ``RadauIIA`` and ``NDF``.
+    """M ẋ = g(t, x), for the solvers that support a mass matrix: ``RadauIIA``, ``NDF``, ``Trapezoidal``, ``TRBDF2``.
 
     Another solver would silently integrate ẋ = g, so ``prod``, which it calls, refuses.
     """
@@ -63,7 +63,8 @@ class AbstractMassTerm(diffrax.AbstractTerm):
     def prod(self, vf, control):
         raise TypeError(
             "Argument `solver` must support mass matrices if the term is a MassMatrixTerm, M ẋ = g(t, x), but it does "
-            "not; use jaxball.solvers.RadauIIA or NDF, or, where M is regular, an ODETerm for ẋ = M⁻¹ g."
+            "not; use RadauIIA, NDF, Trapezoidal or TRBDF2 of jaxball.solvers, or, where M is regular, an "
+            "ODETerm for ẋ = M⁻¹ g."
         )
 
 

@@ -49,8 +49,8 @@ class AbstractMultistep(diffrax.AbstractImplicitSolver, diffrax.AbstractAdaptive
         """
         x0, x1, errors = jax.lax.stop_gradient((problem.x0, x1, errors))
         rtol, atol, norm = self.root_finder.rtol, self.root_finder.atol, self.root_finder.norm
-        tolerance = atol + rtol * jnp.maximum(jnp.abs(x0), jnp.abs(x1))
-        return jax.vmap(lambda row: norm(problem.unravel(row / tolerance)))(errors)
+        weight = 1 / (atol + rtol * jnp.maximum(jnp.abs(x0), jnp.abs(x1)))
+        return jax.vmap(lambda row: norm(problem.unravel(row * weight)))(errors)
 
 
 def checked_order(max_order: int, highest: int) -> int:

@@ -131,8 +131,8 @@ class AbstractStageIteration(eqx.Module):
 
     def size(self, equations: StageEquations, change: Float[Array, "s n"]) -> Float[Array, ""]:
         """The norm of changes of the stages, in units of the tolerance."""
-        tolerance = self.atol + self.rtol * jnp.abs(equations.x0)
-        return self.norm(jax.vmap(lambda row: equations.unravel(row / tolerance))(change))
+        weight = 1 / (self.atol + self.rtol * jnp.abs(equations.x0))  # which is the same in all iterations
+        return self.norm(jax.vmap(lambda row: equations.unravel(row * weight))(change))
 
     def rounding(self, equations: StageEquations) -> Float[Array, ""]:
         """The norm of changes by rounding, in units of the tolerance."""

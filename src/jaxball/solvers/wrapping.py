@@ -5,6 +5,8 @@ from typing import Any
 import diffrax
 import equinox as eqx
 
+from .base import approach_of
+
 
 class AbstractWrappingSolver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractWrappedSolver):
     """A solver that behaves like ``solver``, except for what its subclass changes."""
@@ -20,6 +22,11 @@ class AbstractWrappingSolver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractWra
     def interpolation_cls(self) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
         """The inner solver's dense output."""
         return self.solver.interpolation_cls
+
+    @property
+    def approach(self) -> float:
+        """The inner solver's largest part of the time until a singularity for one step."""
+        return approach_of(self.solver)
 
     @property
     def root_finder(self) -> Any:

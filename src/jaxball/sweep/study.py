@@ -35,7 +35,7 @@ FINDS = {kind: {"name": Key(Text()), kind: Key(Text())} for kind in (*KINDS, OWN
 
 @dataclasses.dataclass(frozen=True)
 class Find:
-    """A reduction by name: one of ``jaxball.ensemble.REDUCTIONS``, or of a module's function or a module's class."""
+    """A reduction by name: one of ``jaxball.ensemble.REDUCTIONS``, or of a module's function or class."""
 
     name: str
     kind: str = ""

@@ -15,15 +15,10 @@ from .table import STEPS, Column, Table, agreement
 
 
 class Counterpart(NamedTuple):
-    """A solver with the same method as one of the authors' solvers, or the closest one.
-
-    - ``name``: how it is made.
-    - ``why_nearest``: why no other is closer, if it is not the same method.
-    """
+    """A solver with the same method as one of the authors' solvers. ``name``: how it is made."""
 
     name: str
     solver: diffrax.AbstractAdaptiveSolver
-    why_nearest: str = ""
 
 
 # Sections 4 and 5, in their order: MATLAB R2017b, and radau5 by Hairer & Wanner in Fortran.
@@ -36,15 +31,7 @@ ODE = {
     "radau5": Counterpart("RadauIIA()", solvers.RadauIIA()),
 }
 # Section 5 only, `rolling_ball_dae_g`.
-DAE = {
-    "ode15s": ODE["ode15s"],
-    "ode23t": Counterpart(
-        "NDF(2)",
-        solvers.NDF(max_order=2),
-        "ode23t is the trapezoidal rule, and Trapezoidal() solves no DAE. NDF(2) does, and is implicit of order 2 too.",
-    ),
-    "radau5": ODE["radau5"],
-}
+DAE = {name: ODE[name] for name in ("ode15s", "ode23t", "radau5")}
 
 # In seconds, to t = 20. All six exist for the ball, and ode45, ode113 and ode23tb solve only the ODE.
 TIMES: Mapping[str, Mapping[str, float]] = {
@@ -57,11 +44,10 @@ SOURCE_OF_TIMES = (
 )
 
 
-UNKNOWN, NEAREST = "not published", "†"
+UNKNOWN = "not published"
 LEGEND = (
     "Counterpart: the same method in jaxball or diffrax, with the paper's tolerance, "
     f"{paper.DISK_TOLERANCE:.0e} for the disk and {paper.BALL_TOLERANCE:.0e} for the ball.",
-    *(f"{NEAREST} The nearest: {nearest.why_nearest}" for nearest in DAE.values() if nearest.why_nearest),
     "DAE: |q|² = 1 replaces the equation of one component, the first in the paper, the largest here.",
     "Accepted, rejected: steps. Evaluations: of the right-hand side, counted; one for a Jacobian. Error: largest "
     "component at t = 0, 1, ..., 20 relative to a 30-digit reference. Time: median of warm calls. Compile: how much "
@@ -81,20 +67,18 @@ class Comparison:
     - ``form``: "ODE", or "DAE" for the differential-algebraic form.
     - ``authors_time``: the authors' time, in seconds, on an unnamed machine; None where they give none. They give no
       steps, evaluations or errors.
-    - ``why_nearest``: why no other is closer, if the counterpart is not the same method; otherwise empty.
     - ``measurement``: of the counterpart.
     """
 
     paper_solver: str
     form: str
     authors_time: float | None
-    why_nearest: str
     measurement: Measurement
 
     @property
     def counterpart(self) -> str:
-        """The counterpart's name, marked if it is not the same method."""
-        return self.measurement.solver + (f" {NEAREST}" if self.why_nearest else "")
+        """The counterpart's name."""
+        return self.measurement.solver
 
 
 def _measured(comparison: Comparison) -> Measurement:
@@ -173,7 +157,6 @@ def _compared(experiment: Experiment, name: str, counterpart: Counterpart) -> Co
         paper_solver=name,
         form="DAE" if experiment.dae else "ODE",
         authors_time=None if experiment.dae else TIMES[experiment.name][name],
-        why_nearest=counterpart.why_nearest,
         measurement=measure(experiment, counterpart.name, counterpart.solver),
     )
 
