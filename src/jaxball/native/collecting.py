@@ -15,9 +15,10 @@ _running, _usual = 0, SELDOM
 def seldom_collected() -> Iterator[None]:
     """Within this block Python searches less often. Around functions that trace or compile, also as a decorator.
 
-    They make hundreds of thousands of objects, most of which live on. By Python's own thresholds these are looked through
-    again and again, which takes an eighth to a fifth of the time. The thresholds are those of the process: threads share
-    the block, which ends with the last of them. A search that the user has switched off, or makes more seldom, stays so.
+    They make hundreds of thousands of objects, most of which live on. By Python's own thresholds these are looked
+    through again and again, which takes an eighth to a fifth of the time. The thresholds are those of the process:
+    threads share the block, which ends with the last of them. A search that the user has switched off, or made more
+    seldom, stays so.
     """
     global _running, _usual
     with _lock:
