@@ -18,7 +18,7 @@ From the bottom up, each module is a step:
   function.
 - ``machine``: LLVM passes, machine code, and loading it into memory.
 - ``executable``: arguments, results, threads and Ctrl-C.
-- ``jitting``, ``choice``: users' functions, and the choice of compiler.
+- ``jitting``, ``choice``: users' functions, and the choice of compiler; ``collecting``: garbage, while it works.
 
 It contains nothing specific to mechanics.
 """

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..compat import array_type, is_traced, trace_context
 from . import choice, machine
+from .collecting import seldom_collected
 from .elements import UnsupportedError
 
 P = ParamSpec("P")
@@ -135,6 +136,7 @@ class Program:
 class Lowered:
     """A function of a list of arrays, traced for these, to be compiled by either compiler."""
 
+    @seldom_collected()
     def __init__(self, function: Callable[[list[Any]], list[Any]], arrays: Sequence[Any], name: str):
         keys = list(map(_implementation, arrays))
         made: list[list[Any]] = []
@@ -149,6 +151,7 @@ class Lowered:
         self._takes_keys, self._keys = any(keys), tuple(made[-1]) if any(made[-1]) else ()
         self._lowered = self._traced.lower()
 
+    @seldom_collected()
     def natively(self, large: bool = True) -> Program | Refusal:
         """The program; a refusal if it contains something unsupported.
 
