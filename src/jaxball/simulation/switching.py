@@ -36,6 +36,7 @@ GRAZING = 1e-6  # a function that falls by less than this part of its size in a 
 CLOSE = 1e-9  # switches closer to each other than this part of a run are counted as crowded
 TOO_MANY = 64  # crowded switches
 NEARLY = 3  # times the least speed of a slip: one that is slower than that may end in the next step
+SAME = 1e-9  # of a speed: what rounding may change
 PAST = 0.5  # of the least speed: a step is to end no slower than that
 TRUNCATED = 2e5  # tolerances: the most of a step's error beside the speed of a slip that ends, for its derivatives
 
@@ -345,9 +346,10 @@ def looked(
     real = jnp.where(cause == int(Cause.STOPS), ended.slow, jnp.abs(value) <= REAL * aim.size)
     switches = at_aim & ~retried & real
     lasts = ~(retried | switches)
+    ends = jnp.where(ended.window, WINDOW, jnp.where(_nears_its_end(ended, guards[0]), int(Cause.STOPS), NONE))
     course = course._replace(
         aim=next_aim,
-        pending=jnp.where(switches, cause, jnp.where(lasts & ended.window, WINDOW, NONE)),
+        pending=jnp.where(switches, cause, jnp.where(lasts, ends, NONE)),
         length=jnp.where(retried | at_aim, course.length, jnp.maximum(course.length, end - start)),
         guards=None if course.guards is None else jnp.where(lasts[None], ended.guards, course.guards),
     )
@@ -363,6 +365,18 @@ def passed_by(course: Course, end: Float[Array, "*lanes"]) -> Judged:
 def share(order: float, tolerance: Float[Array, "*lanes"], approach: float = APPROACH) -> Float[Array, "*lanes"]:
     """The longest step of a slip that ends, over the time until its end, where the direction turns ever faster."""
     return jnp.minimum((TRUNCATED * tolerance) ** (1 / (order + 1)), approach)
+
+
+def _nears_its_end(ended: Ended, forward: Float[Array, "nodes *lanes"]) -> Bool[Array, "*lanes"]:
+    """Whether a step has slowed down a slip that was slow when it began, so that its end may have come.
+
+    Where friction is hardly needed to hold the body, the direction of a slow slip returns to that in which it ends much
+    faster than the slip slows down. Steps are then too short to halve its speed, and would never meet a zero of the
+    guard.
+    """
+    before, after = forward[0] + ended.least, forward[-1] + ended.least
+    was_slow = before <= (2 + SAME) * ended.least
+    return (ended.mode == int(Mode.SLIDING)) & ended.slow & was_slow & (after < before)
 
 
 def _longest(
