@@ -6,9 +6,9 @@ import subprocess
 import sys
 
 import pytest
-from jaxball.cli.work import memory
 
 from jaxball.cli import main
+from jaxball.cli.commands import simulate
 
 
 @pytest.fixture(autouse=True)
@@ -66,7 +66,7 @@ def test_other_variables_of_jax(name, value, must):
 
 
 def test_more_times_than_there_is_memory_for_are_refused_before_anything_is_tried(capsys, monkeypatch, tmp_path):
-    monkeypatch.setattr(memory, "free_memory", lambda: 3e9)
+    monkeypatch.setattr(simulate, "free_memory", lambda: 3e9)
     wanted = ["simulate", "disk", "--set", "time.step=4e-6", "--out", str(tmp_path / "run.nc")]
     assert main(wanted) == 2
     told = capsys.readouterr().err
@@ -74,16 +74,16 @@ def test_more_times_than_there_is_memory_for_are_refused_before_anything_is_trie
 
 
 def test_many_times_are_said_to_take_long(capsys, monkeypatch):
-    monkeypatch.setattr(memory, "free_memory", lambda: 3e9)
+    monkeypatch.setattr(simulate, "free_memory", lambda: 3e9)
     options = argparse.Namespace(out=None, plot=None, view=None, quiet=False)
-    memory.check_memory(options, 1_000_000)
+    simulate.check_memory(options, 1_000_000)
     assert capsys.readouterr().err == ""
-    memory.check_memory(options, 2_500_000)
+    simulate.check_memory(options, 2_500_000)
     assert capsys.readouterr().err == "jaxball: 2,500,000 times take minutes and about 2 GB of memory.\n"
 
 
 def test_the_free_memory_is_less_than_what_the_machine_has():
-    free = memory.free_memory()
+    free = simulate.free_memory()
     assert free > 0
     if sys.platform == "linux":
         assert free <= os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")

@@ -1,5 +1,7 @@
 """Coefficients of friction that depend on the slip speed: against a closed form, and against a constant coefficient."""
 
+import dataclasses
+
 import diffrax
 import equinox as eqx
 import jax
@@ -95,3 +97,8 @@ def test_the_coefficients_of_a_law():
         Contact(Growing(0.1, 0.3), static=0.05)
     with pytest.raises(ValueError, match=r"`slope` must be 0 or positive, but it is -1"):
         Contact(Growing(0.1, -1.0))
+
+
+def test_a_law_with_a_change_keeps_its_friction():
+    friction = Growing(0.2, 0.1)
+    assert dataclasses.replace(Contact(friction, restitution=0.1), restitution=0.6).law_of_sliding is friction

@@ -57,6 +57,7 @@ class Contact(Printed):
     - ``slowest``: a rebound slower than this times √(g r) is treated as none, because bounces get shorter and shorter,
       and infinitely many of them end in a finite time (Zeno).
     - ``room``: how many switches of the mode are kept; all are counted.
+    - ``friction``: the function in the place of ``sliding``, as ``dataclasses.replace`` passes it on.
 
     **Raises:** ``ValueError`` for impossible coefficients.
 
@@ -81,9 +82,10 @@ class Contact(Printed):
         restitution: Numbers = 0.0,
         slowest: Numbers = SLOWEST,
         room: int = 64,
+        friction: AbstractFriction | None = None,
     ):
-        self.friction = sliding if isinstance(sliding, AbstractFriction) else None
-        self.sliding = numbers("sliding")(sliding(jnp.zeros(())) if isinstance(sliding, AbstractFriction) else sliding)
+        self.friction = sliding if isinstance(sliding, AbstractFriction) else friction
+        self.sliding = numbers("sliding")(sliding if self.friction is None else self.friction(jnp.zeros(())))
         self.static = self.sliding if static is None else numbers("static")(static)
         self.restitution = numbers("restitution")(restitution)
         self.slowest = numbers("slowest")(slowest)
