@@ -84,8 +84,11 @@ class Contact(Printed):
         room: int = 64,
         friction: AbstractFriction | None = None,
     ):
-        self.friction = sliding if isinstance(sliding, AbstractFriction) else friction
-        self.sliding = numbers("sliding")(sliding if self.friction is None else self.friction(jnp.zeros(())))
+        if isinstance(sliding, AbstractFriction):
+            friction = sliding
+        self.friction = friction
+        least: Any = sliding if friction is None else friction(jnp.zeros(()))
+        self.sliding = numbers("sliding")(least)
         self.static = self.sliding if static is None else numbers("static")(static)
         self.restitution = numbers("restitution")(restitution)
         self.slowest = numbers("slowest")(slowest)

@@ -94,7 +94,7 @@ def _search(options: argparse.Namespace, problem_file: Any, source: Any) -> int:
     with interrupt_message(stopped), working(options, "searching for a design") as line:
         say = _progress(options, line)
         done = design(problem, settings, options.out, identity=problem_file.identity, say=say)
-        report = write_control_report(done, problem_file.title, options.out, source)
+        report = write_report(done, problem_file.title, options.out, source)
     values = dict(zip(problem.objectives, done.verified.finer.terms.tolist(), strict=True))
     violations = {name: violation(by, settings.tolerance) for name, (_, by) in done.verified.violations.items()}
     _print_summary(problem_file.title, values, objectives_in_units(done), violations)
