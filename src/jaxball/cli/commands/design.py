@@ -82,7 +82,7 @@ def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int
 
 
 def _search(options: argparse.Namespace, problem_file: Any, source: Any) -> int:
-    from ...design.report import objectives_in_units, violation
+    from ...design.report import objectives_in_units, violation, write_report
     from ...design.search.design import PROGRESS, SCENARIO, design, warnings
 
     def stopped() -> str:
