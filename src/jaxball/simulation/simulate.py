@@ -39,6 +39,7 @@ from .arguments import (
     require_dae,
     require_one_law,
     require_one_state,
+    require_smooth,
 )
 from .events import AbstractEvent
 from .loop import SolveLoop
@@ -77,7 +78,8 @@ def simulate(
     **Arguments:**
 
     - ``system``: a :class:`~jaxball.Ball`, a :class:`~jaxball.Disk`, one of :mod:`jaxball.classical`, or any other
-      :class:`~jaxball.AbstractSystem`.
+      :class:`~jaxball.AbstractSystem`. Where that is hybrid, with guards that end a mode, ``trajectory.switches`` has
+      the events.
     - ``times``: increasing, two or more. The solver chooses its own steps, and ends steps exactly at the kinks of
       actuation and force.
     - ``state``: the state at ``times[0]``; if not given, at rest at the origin with θ of free joints 0. Its kind
@@ -145,6 +147,7 @@ def simulate(
         require_one_state(system, state, contact)
     rtol, atol = checked_tolerances(rtol, atol)
     if dae and not isinstance(state, ReleasedState):
+        require_smooth(system)
         require_dae(state, solver)
     events = checked(system, events)
     method = Method(
