@@ -57,21 +57,20 @@ class Unpacked(NamedTuple):
 
 
 def unpacked_switches(packing: Packing, kept: Kept) -> Unpacked:
-    """All switches of a run."""
-    return jax.lax.map(lambda one: unpacked_switch(packing, one), kept)
+    """All switches of a run; NaN where there is room for more."""
 
+    def unpacked(one: Kept) -> Unpacked:
+        known = jnp.isfinite(one.times)
+        t = jnp.where(known, one.times, 0.0)
+        return Unpacked(one, *(packing.unpack_where(known, t, vector) for vector in (one.before, one.after)))
 
-def unpacked_switch(packing: Packing, kept: Kept) -> Unpacked:
-    """One of them; NaN if there is none."""
-    known = jnp.isfinite(kept.times)
-    t = jnp.where(known, kept.times, 0.0)
-    return Unpacked(kept, *(packing.unpack_where(known, t, vector) for vector in (kept.before, kept.after)))
+    return jax.lax.map(unpacked, kept)
 
 
 def history(
     law: Contact, saved: ContactState, slip: Array, sigma: Array, count: Array, switches: Unpacked
 ) -> ContactHistory:
-    """The history of the contact in one run, or in several as a leading axis."""
+    """The history of the contact in one run."""
     (times, causes, _, _, grazing), before, after = switches
     known = jnp.isfinite(times)
     return ContactHistory(

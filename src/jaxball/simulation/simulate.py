@@ -216,10 +216,16 @@ def _compiled(method: Method) -> Callable[..., tuple]:
 
 def simulated(method: Method, system: AbstractSystem, times: Array, *others: Any) -> tuple:
     """The fields of a trajectory except ``system`` and ``times``, which a program could only copy."""
-    saved, *solved, course, _ = solve(method, system, times, *others)
+    return simulated_and_found(method, system, times, *others)[0]
+
+
+def simulated_and_found(method: Method, system: AbstractSystem, times: Array, *others: Any) -> tuple[tuple, Any]:
+    """The same fields, and what was observed."""
+    saved, *solved, course, found = solve(method, system, times, *others)
     if not isinstance(system, BodyOnPlane):
-        return saved, *solved, None
-    return saved.body, *solved, history(system.contact, saved, *slips(system, times, saved), *course)
+        return (saved, *solved, None), found
+    modes = history(system.contact, saved, *slips(system, times, saved), *course)
+    return (saved.body, *solved, modes), found
 
 
 def solve(

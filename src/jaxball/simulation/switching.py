@@ -47,24 +47,24 @@ class Aim(NamedTuple):
     ``x``, ``f`` and ``slope`` are those of the function where it was last seen, and ``size`` its size in the step.
     """
 
-    on: Bool[Array, "*lanes"]
-    which: Int[Array, "*lanes"]
-    low: Float[Array, "*lanes"]
-    high: Float[Array, "*lanes"]
-    target: Float[Array, "*lanes"]
-    x: Float[Array, "*lanes"]
-    f: Float[Array, "*lanes"]
-    slope: Float[Array, "*lanes"]
-    size: Float[Array, "*lanes"]
-    tries: Int[Array, "*lanes"]
+    on: Bool[Array, ""]
+    which: Int[Array, ""]
+    low: Float[Array, ""]
+    high: Float[Array, ""]
+    target: Float[Array, ""]
+    x: Float[Array, ""]
+    f: Float[Array, ""]
+    slope: Float[Array, ""]
+    size: Float[Array, ""]
+    tries: Int[Array, ""]
 
     @classmethod
-    def none(cls, t: Float[Array, "*lanes"]) -> "Aim":
+    def none(cls, t: Float[Array, ""]) -> "Aim":
         """No aim."""
         no, first, zero = jnp.zeros_like(t, bool), jnp.zeros_like(t, int), jnp.zeros_like(t)
         return cls(no, first, t, t, t, t, zero, zero, zero, first)
 
-    def nearer(self, x: Float[Array, "*lanes"], f: Float[Array, "*lanes"]) -> "Aim":
+    def nearer(self, x: Float[Array, ""], f: Float[Array, ""]) -> "Aim":
         """The aim after a step to ``x`` that found ``f`` there; halfway where a secant leads outside."""
         low, high = jnp.where(f > 0, x, self.low), jnp.where(f > 0, self.high, x)
         again = (self.tries > 0) & (x != self.x)
@@ -104,44 +104,34 @@ class Course(NamedTuple):
 
     - ``pending``: the :class:`Cause` with which a mode has just ended, ``WINDOW``, or ``NONE``.
     - ``length``: of the longest step that no end of a mode cut short, with which what follows a slip begins.
-    - ``guards``: the functions that say that the mode lasts, as the step begins; None where each step looks.
     - ``begun``: the vector with which the first mode began.
     - ``switches``: how many there have been.
     - ``crowd``: how many in a row were too near to each other, ``last`` the time of the last.
     - ``status``: not ``SUCCESS`` where no mode can follow.
-    - ``kept``: what is kept of the switches; None where that is elsewhere.
+    - ``kept``: what is kept of the switches; None where that is apart.
     """
 
     aim: Aim
-    pending: Int[Array, "*lanes"]
-    length: Float[Array, "*lanes"]
-    guards: Float[Array, "3 *lanes"] | None
-    begun: Float[Array, "size *lanes"]
-    switches: Int[Array, "*lanes"]
-    crowd: Int[Array, "*lanes"]
-    last: Float[Array, "*lanes"]
-    status: Int[Array, "*lanes"]
+    pending: Int[Array, ""]
+    length: Float[Array, ""]
+    begun: Float[Array, " size"]
+    switches: Int[Array, ""]
+    crowd: Int[Array, ""]
+    last: Float[Array, ""]
+    status: Int[Array, ""]
     kept: Kept | None
-
-    @classmethod
-    def start(
-        cls, t0: Float[Array, "*lanes"], y0: Float[Array, "size *lanes"], length: Float[Array, "*lanes"]
-    ) -> "Course":
-        """The course of a solve before its first step, of ``length``."""
-        none, success = jnp.asarray(0), jnp.asarray(int(Status.SUCCESS))
-        return cls(Aim.none(t0), jnp.asarray(int(Cause.START)), length, None, y0, none, none, t0, success, None)
 
 
 class Ended(NamedTuple):
     """A step's end, if its mode lasts: the mode, whether a window ends, whether a slip may be at its end, the ``least``
-    speed of a heading, and the guards of a ``Course``.
+    speed of a heading, and the functions that say that the mode lasts.
     """
 
-    mode: Float[Array, "*lanes"]
-    window: Bool[Array, "*lanes"]
-    slow: Bool[Array, "*lanes"]
-    least: Float[Array, "*lanes"]
-    guards: Float[Array, "3 *lanes"]
+    mode: Float[Array, ""]
+    window: Bool[Array, ""]
+    slow: Bool[Array, ""]
+    least: Float[Array, ""]
+    guards: Float[Array, " 3"]
 
 
 class Judged(NamedTuple):
@@ -150,9 +140,9 @@ class Judged(NamedTuple):
     ``longest`` is the longest next step.
     """
 
-    retried: Bool[Array, "*lanes"]
-    target: Float[Array, "*lanes"]
-    longest: Float[Array, "*lanes"]
+    retried: Bool[Array, ""]
+    target: Float[Array, ""]
+    longest: Float[Array, ""]
     course: Course
 
 
@@ -189,7 +179,8 @@ class Switching(eqx.Module):
 
     def begin(self, t0: Float[Array, ""], y0: Float[Array, " size"], length: Float[Array, ""]) -> Course:
         """The course of a solve before its first step."""
-        return Course.start(t0, y0, length)._replace(kept=Kept.empty(self.room, y0))
+        none, start, success = (jnp.asarray(int(number)) for number in (0, Cause.START, Status.SUCCESS))
+        return Course(Aim.none(t0), start, length, y0, none, none, t0, success, Kept.empty(self.room, y0))
 
     def latest_end(self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Any) -> Float[Array, ""]:
         """The time after ``t`` at which a step must end because a window does."""
@@ -318,13 +309,13 @@ class Switching(eqx.Module):
 
 def looked(
     course: Course,
-    start: Float[Array, "*lanes"],
-    end: Float[Array, "*lanes"],
-    before: Float[Array, "3 inner *lanes"],
+    start: Float[Array, ""],
+    end: Float[Array, ""],
+    before: Float[Array, "3 inner"],
     ended: Ended,
-    share: Float[Array, "*lanes"],
+    share: Float[Array, ""],
 ) -> Judged:
-    """The fate of a step, or of one in each lane, from the guards ``before`` its end, at nodes, and at its end."""
+    """The fate of a step, from the guards ``before`` its end, at nodes, and at its end."""
     aim, guards = course.aim, jnp.concatenate([before, ended.guards[:, None]], axis=1)
     at_aim = aim.on & (end == aim.target)
     first = _first_end(start, end, guards, jnp.where(at_aim, aim.which, NONE))
@@ -351,23 +342,22 @@ def looked(
         aim=next_aim,
         pending=jnp.where(switches, cause, jnp.where(lasts, ends, NONE)),
         length=jnp.where(retried | at_aim, course.length, jnp.maximum(course.length, end - start)),
-        guards=None if course.guards is None else jnp.where(lasts[None], ended.guards, course.guards),
     )
     longest = jnp.where(lasts, _longest(ended, start, end, guards[0], share), jnp.inf)
     return Judged(retried, next_aim.target, longest, course)
 
 
-def passed_by(course: Course, end: Float[Array, "*lanes"]) -> Judged:
+def passed_by(course: Course, end: Float[Array, ""]) -> Judged:
     """A step that is not kept anyway."""
     return Judged(jnp.zeros_like(end, bool), end, jnp.full_like(end, jnp.inf), course._replace(aim=Aim.none(end)))
 
 
-def share(order: float, tolerance: Float[Array, "*lanes"], approach: float = APPROACH) -> Float[Array, "*lanes"]:
+def share(order: float, tolerance: Float[Array, ""], approach: float = APPROACH) -> Float[Array, ""]:
     """The longest step of a slip that ends, over the time until its end, where the direction turns ever faster."""
     return jnp.minimum((TRUNCATED * tolerance) ** (1 / (order + 1)), approach)
 
 
-def _nears_its_end(ended: Ended, forward: Float[Array, "nodes *lanes"]) -> Bool[Array, "*lanes"]:
+def _nears_its_end(ended: Ended, forward: Float[Array, " nodes"]) -> Bool[Array, ""]:
     """Whether a step has slowed down a slip that was slow when it began, so that its end may have come.
 
     Where friction is hardly needed to hold the body, the direction of a slow slip returns to that in which it ends much
@@ -381,11 +371,11 @@ def _nears_its_end(ended: Ended, forward: Float[Array, "nodes *lanes"]) -> Bool[
 
 def _longest(
     ended: Ended,
-    start: Float[Array, "*lanes"],
-    end: Float[Array, "*lanes"],
-    forward: Float[Array, "nodes *lanes"],
-    share: Float[Array, "*lanes"],
-) -> Float[Array, "*lanes"]:
+    start: Float[Array, ""],
+    end: Float[Array, ""],
+    forward: Float[Array, " nodes"],
+    share: Float[Array, ""],
+) -> Float[Array, ""]:
     """The longest next step: infinite, except where a slip slows down.
 
     It is a fraction of the time until the end of the slip, and goes beyond the least speed at most half way to the end,
@@ -401,31 +391,30 @@ def _longest(
 
 
 def _first_end(
-    start: Float[Array, "*lanes"],
-    end: Float[Array, "*lanes"],
-    seen: Float[Array, "3 nodes *lanes"],
-    but: Int[Array, "*lanes"],
+    start: Float[Array, ""],
+    end: Float[Array, ""],
+    seen: Float[Array, "3 nodes"],
+    but: Int[Array, ""],
 ) -> Aim:
     """The first place in a step where a function is not positive, ``but`` for one; before the start all were.
 
     Functions are evaluated at a few nodes, and the quartics through these values at 35 points. Everything is written
     with whole arrays without argmax, which XLA's CPU compiler turns into slow loops.
     """
-    at, ones = sampling(), (1,) * start.ndim
+    at = sampling()
     last = at.fractions.size - 1
-    fractions = jnp.asarray(at.fractions, seen.dtype).reshape(-1, *ones)
-    index = jnp.arange(last + 1).reshape(-1, *ones)
-    columns = jnp.asarray(at.matrix, seen.dtype).T.reshape(at.nodes.size, 1, -1, *ones)
-    fine = sum(column * values[:, None] for column, values in zip(columns, jnp.moveaxis(seen, 1, 0), strict=True))
-    other = jnp.arange(3).reshape(-1, *ones) != but[None]
+    fractions, index = jnp.asarray(at.fractions, seen.dtype), jnp.arange(last + 1)
+    columns = jnp.asarray(at.matrix, seen.dtype).T
+    fine = sum(column[None] * values[:, None] for column, values in zip(columns, seen.T, strict=True))
+    other = jnp.arange(3) != but
     over = (fine <= 0) & other[:, None] & (index > 0)[None]
     places = jnp.min(jnp.where(over, index[None], last + 1), axis=1)
     place = jnp.min(places, axis=0)
     which = jnp.where(places[0] == place, 0, jnp.where(places[1] == place, 1, 2))
     samples = _entry(which[None], seen)
 
-    def fraction(k: Int[Array, "*lanes"]) -> Float[Array, "*lanes"]:
-        return jnp.sum(jnp.where(index == jnp.clip(k, 0, last)[None], fractions, 0.0), axis=0)
+    def fraction(k: Int[Array, ""]) -> Float[Array, ""]:
+        return jnp.sum(jnp.where(index == jnp.clip(k, 0, last), fractions, 0.0))
 
     low, high = fraction(place - 2), fraction(place + 1)
     root, slope = _root(samples, fraction(place - 1), fraction(place))
@@ -447,12 +436,12 @@ def _first_end(
 
 
 def _root(
-    samples: Float[Array, "nodes *lanes"], low: Float[Array, "*lanes"], high: Float[Array, "*lanes"]
-) -> tuple[Float[Array, "*lanes"], Float[Array, "*lanes"]]:
+    samples: Float[Array, " nodes"], low: Float[Array, ""], high: Float[Array, ""]
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Where the quartic through the samples falls to zero between two fractions of a step, and its slope there."""
     a0, a1, a2, a3, a4 = (sum(power * sample for power, sample in zip(row, samples, strict=True)) for row in POWERS)
 
-    def at(u: Float[Array, "*lanes"]) -> Sample:
+    def at(u: Float[Array, ""]) -> Sample:
         return Sample(u, a0 + u * (a1 + u * (a2 + u * (a3 + u * a4))))
 
     def narrowed(_, bracket: tuple[Sample, Sample]) -> tuple[Sample, Sample]:
@@ -463,11 +452,11 @@ def _root(
     return u, a1 + u * (2 * a2 + u * (3 * a3 + u * 4 * a4))
 
 
-def _entry(which: Int[Array, "*#lanes"], rows: Float[Array, "3 *lanes"]) -> Float[Array, "*lanes"]:
+def _entry(which: Int[Array, ""], rows: Float[Array, " 3"]) -> Float[Array, ""]:
     return jnp.where(which == 0, rows[0], jnp.where(which == 1, rows[1], rows[2]))
 
 
-def _cause(mode: Float[Array, "*lanes"], which: Int[Array, "*lanes"]) -> Int[Array, "*lanes"]:
+def _cause(mode: Float[Array, ""], which: Int[Array, ""]) -> Int[Array, ""]:
     """The cause that a guard of a mode stands for."""
     cause = jnp.full_like(which, int(Cause.START))
     for of_mode, causes in enumerate(CAUSES):
@@ -476,5 +465,5 @@ def _cause(mode: Float[Array, "*lanes"], which: Int[Array, "*lanes"]) -> Int[Arr
     return cause
 
 
-def _where(condition: Bool[Array, "*lanes"], first: Any, second: Any) -> Any:
+def _where(condition: Bool[Array, ""], first: Any, second: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), first, second)
