@@ -27,7 +27,7 @@ from . import friction, slip as slips
 from .body import AbstractBody
 from .conditions import Condition, Problem
 from .contact_law import Contact
-from .hybrid import MOST_SHOWN, NONE, AbstractHistory, Accuracy, Assessment, GuardedStep, Record, Transition
+from .hybrid import MOST_SHOWN, NONE, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
 from .modes import Cause, ContactState, ContactSwitches, Mode, cause_of
 from .released import PlacedState, ReleasedState, Response, rates, released, response, slip_velocity
 from .system import AbstractSystem

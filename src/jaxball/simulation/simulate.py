@@ -217,8 +217,13 @@ def _compiled(method: Method) -> Callable[..., tuple]:
 
 def simulated(method: Method, system: AbstractSystem, times: Array, *others: Any) -> tuple:
     """The fields of a trajectory except ``system`` and ``times``, which a program could only copy."""
-    saved, *solved, record, _ = solve(method, system, times, *others)
-    return system.shown_state(saved), *solved, system.history(times, saved, record)
+    return simulated_and_found(method, system, times, *others)[0]
+
+
+def simulated_and_found(method: Method, system: AbstractSystem, times: Array, *others: Any) -> tuple[tuple, Any]:
+    """The same fields, and what was observed."""
+    saved, *solved, record, found = solve(method, system, times, *others)
+    return (system.shown_state(saved), *solved, system.history(times, saved, record)), found
 
 
 def solve(
