@@ -2,8 +2,7 @@
 
     python benchmarks/gpu.py [--rows 1000000] [--json FILE]
 
-Where JAX finds no GPU it says so and ends. The floor is the least time by the device's arithmetic or by its
-memory, whichever is longer; ``floors.py`` says what is counted.
+Where JAX finds no GPU it says so and ends.
 """
 
 import argparse
@@ -32,18 +31,14 @@ def main() -> None:
         Contender(OURS, "jaxball_batch:Ensemble", options.rows, cpu_settings=False, gpu=True),
         Contender("diffrax, jax.vmap", "peers.diffrax_batch:Batch", options.rows, cpu_settings=False, gpu=True),
     ]
-    found = turns.apart(device)
+    device = turns.apart(name_of_device)
     measured = contest.measure(contenders, options.rows, options.tolerances, options.rounds, cores, REFERENCES)
-    steps = turns.apart(mean_steps, options.tolerances)
-    for row in measured["rows"]:
-        if row["solver"] == OURS:
-            row["floor"] = floor(found, steps[row["tolerance"]] * row["rows"])
     harness.set_up_jax(cpu_settings=False)
     content = {
         "benchmark": "copies of the paper's ball with perturbed q and Omega on a GPU, from t = 0 to 20",
         **harness.description("jaxball", "jax", "jaxlib", "diffrax", "equinox", "heyoka"),
         "cores": cores,
-        **found,
+        "device": device,
         **measured,
         "at_equal_error": work_precision.at_equal_error(measured["rows"], OURS, GOALS),
     }
@@ -64,51 +59,18 @@ def why_no_gpu() -> str:
     return "" if platforms & {"gpu", "cuda", "rocm"} else "JAX finds no GPU here"
 
 
-def device() -> dict:
-    """As ``floors.describe_device``, in a process with the GPU."""
+def name_of_device() -> str:
+    """The name of the first device, in a process with the GPU."""
     harness.set_up_jax(cpu_settings=False, gpu=True)
-    import floors
+    import jax
 
-    return floors.describe_device()
-
-
-def mean_steps(tolerances: tuple[float, ...]) -> dict[float, float]:
-    """Steps of a run at each tolerance, by the first thousand."""
-    harness.set_up_jax(cpu_settings=True)
-    import lane_costs
-
-    from jaxball import paper
-
-    rows = 1000
-    return {tolerance: lane_costs.Runs(paper.ball(), rows, tolerance).steps / rows for tolerance in tolerances}
-
-
-def floor(found: dict, steps: float) -> dict[str, float]:
-    """The least seconds for so many steps: by arithmetic, by what is carried, by kernels of single stages."""
-    peak, step = found["peak"], found["step"]
-    return {
-        "arithmetic": steps * step["operations"] / peak["operations"],
-        "memory": steps * step["carried"] / peak["bytes"],
-        "memory_by_stages": steps * step["stages"] / peak["bytes"],
-    }
+    return jax.devices()[0].device_kind
 
 
 def report(content: dict) -> None:
-    """Prints the device, all rows, the ratios, and the floor's share of our time."""
-    peak, step = content["peak"], content["step"]
-    print(
-        f"{content['device']}: {peak['operations']:.2e} operations and {peak['bytes']:.2e} bytes a second, "
-        f"{peak['source']}."
-    )
-    kinds = ", ".join(f"{count} {kind}" for kind, count in step["kinds"].items())
-    print(f"A right-hand side: {kinds}. A step: {step['operations']} operations, {step['carried']} bytes.")
+    """Prints the device, all rows, and the ratios."""
+    print(f"{content['device']}.")
     work_precision.report(content["rows"], content["at_equal_error"], OURS)
-    for row in content["rows"]:
-        if "floor" in row:
-            shares = ", ".join(
-                f"{name.replace('_', ' ')} {seconds / row['time']:.1%}" for name, seconds in row["floor"].items()
-            )
-            print(f"Tolerance {row['tolerance']:.0e}, the floor's share of the time: {shares}.")
     print(contest.agreement_sentence(content["agreement"]))
 
 

@@ -56,6 +56,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         with_integrated_angles as with_integrated_angles,
         with_masses as with_masses,
     )
+    from .physics.body_on_plane import ContactHistory as ContactHistory
     from .physics.contact_law import AbstractFriction as AbstractFriction, Contact as Contact
     from .physics.feedback import (
         AbstractLaw as AbstractLaw,
@@ -80,6 +81,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         VersorFrame as VersorFrame,
     )
     from .physics.ground import Ground as Ground, Turntable as Turntable
+    from .physics.hybrid import Switches as Switches
     from .physics.mechanisms import (
         AbstractJoint as AbstractJoint,
         AbstractJointForce as AbstractJointForce,
@@ -175,7 +177,6 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         Slip as Slip,
     )
     from .simulation.extremes import ContactExtremes as ContactExtremes, contact_extremes as contact_extremes
-    from .simulation.history import ContactHistory as ContactHistory, Switches as Switches
     from .simulation.occurrences import Occurrences as Occurrences
     from .simulation.simulate import simulate as simulate
     from .simulation.trajectory import Trajectory as Trajectory
@@ -187,6 +188,7 @@ else:
         "simulation.equilibrium": "Balance balance with_angles",
         "simulation.events": "AbstractEvent Detachment Event Slip",
         "simulation.extremes": "ContactExtremes contact_extremes",
+        "physics.body_on_plane": "ContactHistory",
         "physics.contact_law": "AbstractFriction Contact",
         "physics.feedback": "AbstractLaw FollowSchedules FunctionLaw LinearLaw Servo",
         "physics.force": "AbstractForce AbstractWrench BodyMotion FunctionForce FunctionWrench HarmonicForce Wrench",
@@ -194,6 +196,7 @@ else:
         "physics.ground": "Ground Turntable",
         "native": "compiler jit",
         "numerics.harmonics": "HarmonicSeries",
+        "physics.hybrid": "Switches",
         "physics.mechanisms": (
             "AbstractJoint AbstractJointForce AbstractMechanism Accelerated Carriage CarriedMass Damper EndStops "
             "FunctionJointForce FunctionMechanism Hinge JointForces Mechanism Motor PDServo Slider SpeedLimitedMotor "
@@ -203,7 +206,6 @@ else:
         "physics.modes": "Cause Mode",
         "physics.motion": "Driven Fixed Free OnRail Oscillating",
         "physics.observables": "Observables observe",
-        "simulation.history": "ContactHistory Switches",
         "simulation.occurrences": "Occurrences",
         "physics.rails": (
             "AbstractRail BernoulliEight Circle Ellipse FourierRail FunctionRail GeronoEight SplineRail Tube"

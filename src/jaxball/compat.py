@@ -3,10 +3,12 @@
 ``tests/test_compat.py`` tests each of these with the installed version.
 """
 
+import contextlib
 import functools
 import importlib
-from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 
 import jax
 import numpy as np
@@ -29,30 +31,18 @@ except ImportError:  # in a version that has it elsewhere
 
 
 # Releases of JAX have these in other places, or under types that type checkers see only in some of them.
-_core: Any = importlib.import_module("jax.extend.core")
-ClosedJaxpr, Literal, Primitive, primitives = _core.ClosedJaxpr, _core.Literal, _core.Primitive, _core.primitives
-enable_x64: Any = (jax if hasattr(jax, "enable_x64") else importlib.import_module("jax.experimental")).enable_x64
-Program = Any  # a jaxpr with its constants
+Primitive: Any = importlib.import_module("jax.extend.core").Primitive
 
 __all__ = [
-    "Literal",
-    "Loop",
-    "Program",
-    "argument",
     "array_type",
     "batch_by",
-    "branches",
-    "called",
     "declare_linear",
     "differentiate_by",
-    "enable_x64",
-    "function_of",
     "is_traced",
-    "loop",
     "node_of",
     "primitive",
-    "primitives",
     "put",
+    "setting_of_traces",
     "settings",
     "stablehlo_bindings",
     "stablehlo_passes",
@@ -70,6 +60,28 @@ def is_traced(x: Any) -> bool:
 def settings() -> Mapping[str, Any]:
     """JAX's settings by name, as they are at this point of the program."""
     return jax.config.values
+
+
+def setting_of_traces(default: Any) -> Any:
+    """A setting of one's own by which JAX's caches tell traced functions apart, where this version has such settings.
+
+    Called with a value, it is the context in which its ``value`` is that.
+    """
+    own: Any = getattr(jax, "make_user_context", _Setting)
+    return own(default)
+
+
+class _Setting(threading.local):
+    def __init__(self, default: Any):
+        self.value = default
+
+    @contextlib.contextmanager
+    def __call__(self, value: Any) -> Iterator[None]:
+        before, self.value = self.value, value
+        try:
+            yield
+        finally:
+            self.value = before
 
 
 def stablehlo_bindings() -> tuple[Any, Any]:
@@ -143,66 +155,3 @@ def batch_by(own: Any, rule: Callable[..., Any]) -> None:
 def declare_linear(own: Any, transposed: Callable[..., Any]) -> None:
     """Makes ``own`` its own derivative, with ``transposed(cotangent, x)`` for the cotangents of its operands."""
     ad.deflinear2(own, transposed)
-
-
-class Loop(NamedTuple):
-    """What the equation of a ``jax.lax.scan`` says.
-
-    - ``body``: the program of a step, from constants, what is carried and elements of sequences to the last two.
-    - ``constants``, ``carried``: how many operands are constants and how many are carried, in this order; the rest are
-      sequences.
-    - ``length``: how many steps there are.
-    - ``backwards``: whether the steps are done from last to first.
-    """
-
-    body: Program
-    constants: int
-    carried: int
-    length: int
-    backwards: bool
-
-
-def loop(equation: Any) -> Loop:
-    """The loop that an equation is. Releases of JAX count its operands in several ways; sequences have an axis more."""
-    body = argument(equation, "jaxpr")
-
-    def of_one_rank(outer: Any, inner: Any) -> int:
-        return sum(x.aval.ndim == y.aval.ndim for x, y in zip(outer, inner, strict=True))
-
-    carried = of_one_rank(equation.outvars, body.jaxpr.outvars)
-    constants = of_one_rank(equation.invars, body.jaxpr.invars) - carried
-    return Loop(body, constants, carried, argument(equation, "length"), argument(equation, "reverse"))
-
-
-def branches(equation: Any) -> tuple[Program, ...]:
-    """The branches of the equation of a ``jax.lax.cond`` or ``jax.lax.switch``."""
-    return argument(equation, "branches")
-
-
-def called(equation: Any) -> Program | None:
-    """The program that an equation calls, if its operations say all: not where it has a rule for derivatives."""
-    if equation.primitive.name == "scan" or equation.primitive.name.startswith(("custom_jvp_call", "custom_vjp_call")):
-        return None
-    inner = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
-    return inner if isinstance(inner, ClosedJaxpr) else None
-
-
-def argument(equation: Any, name: str) -> Any:
-    """The argument with this name of the function of ``jax.lax`` that an equation stands for.
-
-    **Raises:** ``RuntimeError`` where this version of JAX stores it differently.
-    """
-    try:
-        return equation.params[name]
-    except KeyError:
-        raise RuntimeError(
-            f"JAX {jax.__version__} records the operation `{equation.primitive.name}` without `{name}`, which jaxball "
-            "needs; install a version of JAX that jaxball is tested with, as `pip install jaxball` does."
-        ) from None
-
-
-def function_of(equation: Any) -> Callable[..., Any]:
-    """What an equation computes, with its own rules of derivatives; releases of JAX keep these in two ways."""
-    bound = equation.primitive.get_bind_params(equation.params)
-    functions, params = ((), bound) if isinstance(bound, Mapping) else bound
-    return lambda *operands: equation.primitive.bind(*functions, *operands, **params)

@@ -209,7 +209,7 @@ CALLS = [
     (lambda: chart(lambda a: BALL, {"a": [1.0], "b": [1.0]}, TIMES), r"`make` must be a function of \(first, second\)"),
     (lambda: simulate_ensemble(scenario(), TIMES, BallState()), "`system` must be a Ball.*but it is a Scenario"),
     (lambda: simulate_ensemble(BALL, "0 1", BallState()), "`times` must be numbers, but it is '0 1'"),
-    (lambda: simulate_ensemble(BALL, TIMES, BallState(), solver="dopri8"), "`solver` must be an explicit.*'dopri8'"),
+    (lambda: simulate_ensemble(BALL, TIMES, BallState(), solver="dopri8"), "`solver` must be an adaptive.*'dopri8'"),
     (lambda: simulate_ensemble(BALL, TIMES, BallState(), reductions=["distance"]), "`reductions` must be a dictionary"),
     (lambda: permanent_rotations(scenario()), "`ball` must be a Ball, but it is a Scenario"),
     (lambda: steady_rolling(jaxball.Disk(mass=1.0, inertia=0.5), 0.1, 1.0), "`ball` must be a Ball, but it is a Disk"),

@@ -7,7 +7,7 @@ import pytest
 
 from jaxball import contact_extremes
 from jaxball.ensemble import REDUCTIONS, Drift, Integral, Maximum, Minimum, simulate_ensemble
-from jaxball.solvers.dense.sampling import sampling
+from jaxball.solvers.dense.sampling import lobatto_weights, sampling
 
 from .test_runs import disks, single
 
@@ -91,8 +91,6 @@ def test_a_run_that_cannot_start_finds_nothing():
 
 
 def test_the_weights_of_the_rule():
-    from jaxball.ensemble.observers import lobatto_weights
-
     nodes = sampling().nodes
     for power in range(8):
         np.testing.assert_allclose(np.sum(lobatto_weights() * nodes**power), 1 / (power + 1), rtol=1e-14)

@@ -44,6 +44,7 @@ PARTS = {
         'sliding = { kind = "stribeck:Stribeck", kinetic = 0.1, static = 0.2, scale = 0.3 }'),
     "scales": ("Scales", '[sensors.scales]\nkind = "scales:Scales"'),
     "shaken": ("ShakenPendulum", None),
+    "bouncing": ("Bouncing", None),
     "heun": ("Heun3", None),
 }  # fmt: skip
 
@@ -64,6 +65,10 @@ def text_of(name):
     if name == "shaken":
         return 'format = 1\nkind = "shaken:ShakenPendulum"\nbody = { length = 2.0 }\ninitial = { theta = 0.2 }\n' + (
             "time = { start = 0.0, end = 3.0, saves = 7 }"
+        )
+    if name == "bouncing":
+        return 'format = 1\nkind = "bouncing:Bouncing"\nbody = { gravity = 2.0, restitution = 0.8 }\n' + (
+            "time = { start = 0.0, end = 4.0, saves = 41 }"
         )
     if name == "heun":
         return BALL.replace("{ rtol = 1e-12, atol = 1e-12 }", '{ solver = "heun:Heun3", rtol = 1e-6, atol = 1e-6 }')

@@ -4,27 +4,11 @@ import importlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
-from ..compat import enable_x64
-from ..numerics.elements import evaluated, inputs
-from ..numerics.expressions import Elementwise, Graph, Node, in_order, is_node
+from .expressions import Expression, FunctionsOfExpressions, Operand, derivatives, given, in_order
 from .problem import Piece, Problem, Rates
-
-# The Python source of the operations in equations and their derivatives.
-OPERATIONS = {
-    "add": "{} + {}",
-    "add_any": "{} + {}",
-    "sub": "{} - {}",
-    "mul": "{} * {}",
-    "div": "{} / {}",
-    "neg": "-{}",
-    "sin": "sin({})",
-    "cos": "cos({})",
-}
 
 
 def jax_field(g: Rates) -> Callable[[Float[Array, ""], Float[Array, " state"], Any], Float[Array, " state"]]:
@@ -54,7 +38,9 @@ def python_source(g: Rates, states: int, parameters: int, name: str = "rates") -
 
     Its globals must have ``sin`` and ``cos``.
     """
-    return _source(f"{name}(t, x, p, rates)", lambda t, x, p: g(t, x, p, jnp), "rates[{}]", states, parameters)
+    t, x, p = _given(states, parameters)
+    targets = {f"rates[{i}]": rate for i, rate in enumerate(g(t, x, p, FunctionsOfExpressions))}
+    return _source(f"{name}(t, x, p, rates)", targets)
 
 
 def jacobian_source(g: Rates, states: int, parameters: int, name: str = "jacobian") -> str:
@@ -62,45 +48,35 @@ def jacobian_source(g: Rates, states: int, parameters: int, name: str = "jacobia
 
     Its globals must have ``sin`` and ``cos``.
     """
+    t, x, p = _given(states, parameters)
+    rates = g(t, x, p, FunctionsOfExpressions)
+    columns = [derivatives(rates, variable) for variable in x]
+    targets = {f"jacobian[{i}, {j}]": columns[j][i] for i in range(len(rates)) for j in range(states)}
+    return _source(f"{name}(t, x, p, jacobian)", targets)
 
-    def rows(t, x, p):
-        columns = jax.jacfwd(lambda x: jnp.stack(g(t, x, p, jnp)))(x)
-        return jnp.stack(columns, axis=1)
 
-    return _source(f"{name}(t, x, p, jacobian)", rows, "jacobian[{}, {}]", states, parameters)
+def _given(states: int, parameters: int) -> tuple[Expression, list[Expression], list[Expression]]:
+    names = [f"x[{i}]" for i in range(states)], [f"p[{i}]" for i in range(parameters)]
+    t, *others = given(["t", *names[0], *names[1]])
+    return t, others[:states], others[states:]
 
 
-def _source(signature: str, function: Callable[..., Any], target: str, states: int, parameters: int) -> str:
-    """A Python function ``def signature:`` with one assignment per line, of the operations that the results need."""
-    number = jax.ShapeDtypeStruct((), np.float64)
-    with enable_x64(True):
-        program = jax.make_jaxpr(lambda *given: jnp.stack(function(*given)))(
-            number, [number] * states, [number] * parameters
-        )
-        given = [inputs(like) for like in program.in_avals]
-        (results,) = evaluated(Graph(), program, given)
-    names = ["t", *(f"x[{i}]" for i in range(states)), *(f"p[{i}]" for i in range(parameters))]
-    texts = {x.item(): name for x, name in zip(given, names, strict=True)}
+def _source(signature: str, targets: Mapping[str, Operand]) -> str:
+    """A Python function ``def signature:`` that fills targets, one operation per line, of those that they need."""
+    texts: dict[Expression, str] = {}
     lines = [f"def {signature}:"]
-    for k, node in enumerate(in_order(results.reshape(-1), frozenset(texts))):
-        lines.append(f"    v{k} = {_operation(node, texts)}")
-        texts[node] = f"v{k}"
-    lines += [f"    {target.format(*place)} = {_operand(item, texts)}" for place, item in np.ndenumerate(results)]
-    return "\n".join([*lines, ""])
 
+    def text(x: Operand) -> str:
+        if isinstance(x, Expression):
+            return texts.get(x, x.operation)
+        return f"({float(x)!r})" if x < 0 else repr(float(x))
 
-def _operation(node: Node, texts: Mapping[Node, str]) -> str:
-    assert isinstance(node.operation, Elementwise)
-    primitive, params = node.operation
-    operands = [_operand(item, texts) for item in node.operands]
-    if primitive.name == "integer_pow":
-        power = " * ".join(operands * abs(params["y"]))
-        return power if params["y"] > 0 else f"1.0 / ({power})"
-    return OPERATIONS[primitive.name].format(*operands)
-
-
-def _operand(item: Any, texts: Mapping[Node, str]) -> str:
-    return texts[item] if is_node(item) else f"({item.item()!r})" if item < 0 else repr(item.item())
+    for k, x in enumerate(in_order(list(targets.values()))):
+        operands = [text(item) for item in x.operands]
+        whole = f" {x.operation} ".join(operands) if len(operands) > 1 else f"{x.operation}({operands[0]})"
+        lines.append(f"    v{k} = {whole}")
+        texts[x] = f"v{k}"
+    return "\n".join([*lines, *(f"    {target} = {text(x)}" for target, x in targets.items()), ""])
 
 
 def casadi_dae(problem: Problem, piece: Piece) -> dict[str, Any]:

@@ -116,6 +116,5 @@ def _run_with_frames(scenario: "Scenario", first: float, last: float, step: floa
     times = np.concatenate([scenario.times[:1], times])
     run = dataclasses.replace(scenario, times=times).simulate()
     later = slice(1, None)
-    contact = None if run.contact is None else run.contact.at_rows(later)
     state = jax.tree.map(lambda leaf: leaf[later], run.state)
-    return dataclasses.replace(run, times=run.times[later], state=state, contact=contact)
+    return dataclasses.replace(run, times=run.times[later], state=state, history=run.history.at_rows(later))

@@ -1,169 +1,149 @@
-"""The compiled program of a block of runs."""
+"""The program of a block of runs: the solve of a single run, mapped over them.
 
+The native compiler computes the turns of a ``jax.lax.map`` side by side, in the lanes of vectors. XLA would compute one
+after the other, so for XLA some runs at a time are one solve, by ``jax.vmap``. Either way those that are computed
+together wait for the longest of them.
+"""
+
+import contextlib
 import functools
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import diffrax
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Int
 
+from .. import native
 from ..interface.status import Status
 from ..numerics import programs
+from ..numerics.batches import even_size, map_batches
 from ..numerics.masks import with_unknown_derivatives
-from ..physics.body_on_plane import BodyOnPlane
-from ..physics.confinement import until_left
-from ..physics.modes import ContactState
-from ..physics.packing import Packing
-from ..physics.validity import possible_start
-from ..simulation.history import slips
-from ..simulation.modal import unpacked_switch
-from ..simulation.step_size import by_tolerances, kinks_of, to_kinks
-from ..simulation.switching import Kept
-from .control import Limits
-from .modes import Given, Modes, switches_of
-from .observation import Observation
-from .parameters import Prepared, axes, single
-from .reductions import AbstractReduction
-from .rows import Method, Rows, Solved, solve_rows
-from .runge_kutta import tableau_of
+from ..simulation.observers import Found, Observation
+from ..simulation.simulate import Method, simulated_and_found
+from ..simulation.trajectory import Trajectory
+from ..simulation.watch import locate
+from .quantities import values
+from .reductions import AbstractReduction, Observed, Quantity
 
 
 class Settings(NamedTuple):
-    """What a program is compiled for. ``shared`` says which leaves of system and state all runs share."""
+    """What a program is compiled for.
 
-    solver: diffrax.AbstractERK
-    max_steps: int
-    lanes: int
-    shared: tuple[bool, ...]
+    - ``method``: how each run is solved.
+    - ``reductions``: the results to find, by name.
+    - ``shared``: which leaves of system and state all runs share.
+    - ``lanes``: how many runs are one solve; None for the native compiler, which has lanes of its own.
+    """
+
+    method: Method
     reductions: tuple[tuple[str, AbstractReduction], ...]
-    inside: bool = True
+    shared: tuple[bool, ...]
+    lanes: int | None
+
+
+class Ends(NamedTuple):
+    """The fields of a trajectory that a program computes."""
+
+    state: Any
+    reached: Array
+    status: Array
+    steps: Array
+    rejected: Array
+    events: dict[str, Any]
+    history: Any
+
+
+def solved(settings: Settings, *given: Any) -> Any:
+    """The solves, by a compiled program: from (system, state), times, rtol, atol and events to the ``Ends`` of runs.
+
+    With the runs as leading axis; then what reductions report, and the steps of all lanes.
+    """
+    program, first = _program(settings._replace(lanes=None))
+    natively = program.natively(*first, *given)
+    if natively is not None:
+        with contextlib.suppress(native.CallbackReachedError):
+            return natively()
+    if native.traced_natively():
+        return program(*first, *given)
+    program, first = _program(settings)
+    return program(*first, *given)
+
+
+def _program(settings: Settings) -> tuple[programs.Program, tuple[Settings, ...]]:
+    """The program, and the arguments that precede its own."""
+    try:
+        return _compiled(settings), ()
+    except TypeError:  # a solver that carries arrays has no hash
+        return _solve_filtered, (settings,)
 
 
 @functools.cache
-def compiled(settings: Settings) -> Callable[..., Any]:
-    """The program: from (system, state), times, rtol and atol to the fields of a trajectory from ``state`` on, with the
-    runs as leading axis, what reductions report, and the steps of all lanes.
-    """
+def _compiled(settings: Settings) -> programs.Program:
     return programs.jit(functools.partial(_solve, settings))
 
 
-def _solve(settings: Settings, parameters: Any, times: Array, rtol: Array, atol: Array) -> Any:
-    t0, t1 = times[:, 0], times[:, -1]
-    parameters, leaves_shared = _started(settings.shared, parameters, t0)
-    along = axes(parameters, leaves_shared)
-    system, state = parameters
-    like, shared = single(parameters, leaves_shared), leaves_shared[: len(jax.tree.leaves(system))]
+def _solve(settings: Settings, parameters: Any, times: Array, rtol: Array, atol: Array, events: Any) -> Any:
+    leaves, structure = jax.tree.flatten(parameters)
+    own = [leaf for leaf, shared in zip(leaves, settings.shared, strict=True) if not shared]
 
-    def each(function: Callable[..., Any], *others: Any) -> Any:
-        return jax.vmap(function, in_axes=(*along, *(0 for _ in others)))(system, state, *others)
+    def run(row: Any) -> Any:
+        own, times, rtol, atol = row
+        following = iter(own)
+        whole = [leaf if shared else next(following) for leaf, shared in zip(leaves, settings.shared, strict=True)]
+        return _run(settings, *structure.unflatten(whole), times, rtol, atol, events)
 
-    x = each(lambda system, state, t: Packing.of(system.prepare(), state).pack(t, state), t0)
-    possible = each(
-        lambda system, state, times: possible_start(system, system.prepare(), times, state, settings.inside), times
-    )
-    startable = possible & jnp.all(jnp.isfinite(x), axis=1)
-    kinks = each(lambda system, state, t: kinks_of(system), t0)
-
-    def prepared(function: Callable[..., Any], others: int = 0) -> Prepared:
-        return Prepared.of(function, like[0], system, shared, x, others)
-
-    field = prepared(lambda system, t, x: Packing.of(system.prepare(), like[1]).field(t, x))
-    observation = Observation.of(settings.solver, settings.reductions, prepared, like[1], field, times, x)
-    error_order = settings.solver.error_order(diffrax.ODETerm(lambda t, y, args: y))
-    limits, end, modes, given = Limits(kinks.T, rtol, atol), jnp.where(startable, t1, t0), None, None
-    if isinstance(system, BodyOnPlane):
-
-        def packed(system: BodyOnPlane) -> Packing:
-            return Packing.of(system.prepare(), like[1])
-
-        packing = packed(system) if all(shared) else jax.vmap(packed, in_axes=along[:1])(system)
-        modes = Modes.of(prepared, observation.between, packing, all(shared), error_order)
-        given = Given(modes.heading.own, modes.guards.own, modes.ended.own, t0, end, limits)
-    solved = solve_rows(
-        Method(
-            field=field,
-            tableau=tableau_of(settings.solver),
-            error_order=error_order,
-            controller=lambda kinks, rtol, atol: to_kinks(by_tolerances(rtol, atol), kinks),
-            max_steps=settings.max_steps,
-            modes=modes,
-            within=observation.within,
-        ),
-        Rows(
-            parameters=field.own,
-            t0=t0,
-            t1=end,
-            x=x.T,
-            limits=limits,
-            observers=observation.given,
-            modes=given,
-        ),
-        settings.lanes,
-        observation.observers,
-    )
-    status = _status(solved, startable, t1)
-    first = x if solved.course is None else solved.course[0].T
-    states = _states(solved.x.T, observation.saved(solved.observed, x), first, startable, status)
-    unpacked = each(
-        lambda system, state, times, states: jax.vmap(Packing.of(system.prepare(), state).unpack)(times, states),
-        times,
-        states,
-    )
-    reached = jnp.where(startable, jnp.minimum(solved.t, t1), t0)
-    if settings.inside:
-        run = (times, unpacked, reached, status)
-        reached, status = each(lambda system, _, *run: until_left(system.prepare(), *run), *run)
-    reported = observation.reduced(solved.observed, field.own, t0, first.T, settings.lanes)
-    reported = {name: jnp.where(startable, value, jnp.nan) for name, value in reported.items()}
-    contact = None if solved.switches is None else _contact(each, times, unpacked, solved)
-    unpacked, contact, reported = with_unknown_derivatives((unpacked, contact, reported), (system, state, times))
-    return unpacked, reached, status, solved.steps, solved.rejected, contact, reported, solved.executed
+    rows = own, times, rtol, atol
+    results = jax.lax.map(run, rows) if settings.lanes is None else map_batches(run, rows, settings.lanes)
+    together = native.LANES if settings.lanes is None else even_size(len(times), settings.lanes, 1)
+    return *results, _executed(results[0].steps, together)
 
 
-def _started(
-    shared: tuple[bool, ...], parameters: Any, t0: Float[Array, " rows"]
-) -> tuple[tuple[Any, Any], tuple[bool, ...]]:
-    """System and state of each row, and which of their leaves rows share; with a law of contact, as modes start."""
-    system, state = parameters
-    if not isinstance(system, BodyOnPlane):
-        return parameters, shared
-    start = jax.vmap(lambda system, state, t: system.prepare().start(t, state), in_axes=(*axes(parameters, shared), 0))
-    started = start(system, state, t0)
-    return (system, started), (*shared[: len(jax.tree.leaves(system))], *(False for _ in jax.tree.leaves(started)))
+_solve_filtered = programs.filter_jit(_solve)
 
 
-def _contact(each: Callable[..., Any], times: Array, states: ContactState, solved: Solved) -> tuple[Any, ...]:
-    """The slips at the times of rows, their directions, and the switches: how many, and those that are kept."""
-    assert solved.switches is not None
-    slip, sigma = each(lambda system, state, times, states: slips(system.prepare(), times, states), times, states)
-
-    def unpacked(kept: Kept) -> Any:
-        return each(lambda system, state, one: unpacked_switch(Packing.of(system.prepare(), state), one), kept)
-
-    # One after the other, because the states of all switches of many rows take much memory.
-    kept = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), switches_of(solved.switches))
-    switches = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, 1), jax.lax.map(unpacked, kept))
-    return slip, sigma, solved.course[1], switches
-
-
-def _status(solved: Solved, startable: Bool[Array, " runs"], t1: Float[Array, " runs"]) -> Int[Array, " runs"]:
-    status = jnp.where(solved.t < t1, Status.MAX_STEPS, Status.SUCCESS)
-    status = jnp.where(solved.finite, status, Status.NOT_FINITE)
-    if solved.course is not None:
-        status = jnp.where(solved.course[2] == int(Status.SUCCESS), status, solved.course[2])
-    return jnp.where(startable, status, Status.IMPOSSIBLE)
+def _run(
+    settings: Settings, system: Any, state: Any, times: Array, rtol: Array, atol: Array, events: Any
+) -> tuple[Ends, dict[str, Array]]:
+    """One of the runs."""
+    method = settings.method._replace(observation=_observation(settings.reductions))
+    (*fields, history), found = simulated_and_found(method, system, times, state, rtol, atol, events)
+    run = Trajectory.of(system.shown, times, *fields, {}, state, history)
+    if events:
+        run = locate(run, events)
+    reported = _reports(settings.reductions, found)
+    reported = {name: jnp.where(run.status == Status.IMPOSSIBLE, jnp.nan, value) for name, value in reported.items()}
+    reported = with_unknown_derivatives(reported, (system, state, times))
+    return Ends(run.state, run.reached, run.status, run.steps, run.rejected, run.events, run.history), reported
 
 
-def _states(
-    end: Float[Array, "runs size"],
-    between: Float[Array, "runs between size"],
-    x: Float[Array, "runs size"],
-    startable: Bool[Array, " runs"],
-    status: Int[Array, " runs"],
-) -> Float[Array, "runs times size"]:
-    """The vectors at all times; NaN at those that a run did not reach."""
-    end = jnp.where((status == Status.SUCCESS)[:, None], end, jnp.nan)
-    states = jnp.concatenate([x[:, None], between, end[:, None]], axis=1)
-    return jnp.where(startable[:, None, None], states, jnp.nan)
+def _executed(steps: Int[Array, " runs"], lanes: int) -> Int[Array, ""]:
+    """The steps of all lanes: those that go on together end with the last of them."""
+    groups = jnp.pad(steps, (0, -steps.size % lanes)).reshape(-1, lanes)
+    return lanes * jnp.sum(jnp.max(groups, axis=1))
+
+
+def _observation(reductions: Sequence[tuple[str, AbstractReduction]]) -> Observation | None:
+    if not reductions:
+        return None
+    quantities = _quantities(reductions)
+    searches = [(quantities.index(item.quantity), sign) for _, item in reductions for sign in item.signs]
+    return Observation(values, quantities, tuple(searches), any(item.is_integral for _, item in reductions))
+
+
+def _quantities(reductions: Sequence[tuple[str, AbstractReduction]]) -> tuple[Quantity, ...]:
+    return tuple(dict.fromkeys(item.quantity for _, item in reductions))
+
+
+def _reports(reductions: Sequence[tuple[str, AbstractReduction]], found: Found | None) -> dict[str, Array]:
+    """What the reductions report of one run, by name."""
+    if found is None:
+        return {}
+    quantities, reports = _quantities(reductions), {}
+    extremes = iter(zip(found.extremes, found.times, strict=True))
+    for name, item in reductions:
+        k = quantities.index(item.quantity)
+        own = [next(extremes) for _ in item.signs]
+        observed = Observed(found.start[k], tuple(v for v, _ in own), tuple(t for _, t in own), found.integrals[k])
+        reports |= {name + end: value for end, value in item.result(observed).items()}
+    return reports

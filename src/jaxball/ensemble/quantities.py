@@ -10,7 +10,7 @@ from ..interface.arguments import traceable
 from ..numerics.norms import root
 from ..numerics.vectors import cross
 from ..physics.body import System
-from ..physics.body_on_plane import BodyOnPlane, body_of
+from ..physics.body_on_plane import BodyOnPlane
 from ..physics.contact import Reaction, reaction
 from ..physics.modes import ContactState, Mode
 from ..physics.observables import observe
@@ -79,7 +79,7 @@ def values(
     quantities: Sequence[Callable[..., Any]], system: Any, t: Float[Array, ""], state: Any
 ) -> Float[Array, " k"]:
     """Quantities at one time; with a law of contact those of the body, except for quantities that depend on the law."""
-    whole, body = (system, state), body_of(system, state)
+    whole, body = (system, state), (system.shown, system.shown_state(state))
 
     def value(quantity: Callable[..., Any]) -> Float[Array, ""]:
         with traceable("quantity", quantity):

@@ -31,14 +31,13 @@ class AbstractReduction(Printed):
 
     - ``signs``: the factors of the quantity in the searches for its largest value, one per search: 1 for a maximum, −1
       for a minimum.
-    - ``is_integral``, ``needs_start``: whether it needs the integral, and the value at the start.
+    - ``is_integral``: whether it needs the integral.
     - ``ends``: the suffixes of the names of its results.
     """
 
     quantity: eqx.AbstractVar[Quantity]
     signs: ClassVar[tuple[float, ...]] = ()
     is_integral: ClassVar[bool] = False
-    needs_start: ClassVar[bool] = False
     ends: ClassVar[tuple[str, ...]] = ("",)
 
     @abc.abstractmethod
@@ -48,7 +47,7 @@ class AbstractReduction(Printed):
         **Arguments:**
 
         - ``observed``: the values at the start, the extreme values and their times, one for each of ``signs``, and the
-          integral; what is not asked for is 0.
+          integral, NaN if it is not asked for.
         """
 
 
@@ -101,7 +100,6 @@ class Drift(AbstractReduction):
 
     quantity: Quantity = eqx.field(static=True)
     signs: ClassVar[tuple[float, ...]] = (1.0, -1.0)
-    needs_start: ClassVar[bool] = True
 
     def result(self, observed: Observed) -> dict[str, Float[Array, "*runs"]]:
         most, least = observed.extremes

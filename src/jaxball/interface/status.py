@@ -65,8 +65,8 @@ _SENTENCES = {
         "force of a sliding body has no solution (Painlevé's paradox); lower the coefficient `sliding`."
     ),
     Status.CHATTERED: (
-        "The run ended at t = {reached:.10g} before t = {end:.10g}, because the body switched between modes of contact "
-        "over and over there in almost no time; a coefficient `static` larger than `sliding` may prevent this."
+        "The run ended at t = {reached:.10g} before t = {end:.10g}, because its mode switched over and over there in "
+        "almost no time; with a law of contact, a coefficient `static` larger than `sliding` may prevent this."
     ),
     Status.EVENT: "The run ended at t = {reached:.10g} before t = {end:.10g}, where an event ended it.",
 }

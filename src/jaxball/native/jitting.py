@@ -1,6 +1,7 @@
 """Functions compiled when they are called, like those of ``jax.jit``."""
 
 import functools
+import threading
 import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, ParamSpec, TypeVar
@@ -9,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..compat import array_type, is_traced, trace_context
+from ..compat import array_type, is_traced, setting_of_traces, trace_context
 from . import choice, machine
 from .collecting import seldom_collected
 from .elements import UnsupportedError
@@ -17,6 +18,8 @@ from .elements import UnsupportedError
 P = ParamSpec("P")
 T = TypeVar("T")
 _OF_NUMPY = (np.ndarray, np.generic, bool, int, float, complex)  # all types other than JAX arrays
+_natively = setting_of_traces(False)
+_asked: set[int] = set()  # the threads in which `traced_natively` was true since they last began to trace
 
 
 def jit(function: Callable[P, T]) -> Callable[P, T]:
@@ -133,11 +136,26 @@ class Program:
         return _as_keys(arrays, self.form.keys) if self.form.keys else arrays
 
 
-class Lowered:
-    """A function of a list of arrays, traced for these, to be compiled by either compiler."""
+def traced_natively() -> bool:
+    """Whether what is being traced is to be compiled natively.
 
-    @seldom_collected()
-    def __init__(self, function: Callable[[list[Any]], list[Any]], arrays: Sequence[Any], name: str):
+    Then a map of long computations is best a ``jax.lax.map``, whose turns are computed side by side. XLA would compute
+    one after the other, and is best given ``jax.vmap``.
+    """
+    if _natively.value:
+        _asked.add(threading.get_ident())
+    return _natively.value
+
+
+class Lowered:
+    """A function of a list of arrays, traced for these, to be compiled by either compiler.
+
+    - ``natively``: whether it is traced for the native one; if XLA compiles it in the end, it may be traced again.
+    """
+
+    def __init__(
+        self, function: Callable[[list[Any]], list[Any]], arrays: Sequence[Any], name: str, natively: bool = True
+    ):
         keys = list(map(_implementation, arrays))
         made: list[list[Any]] = []
 
@@ -147,9 +165,17 @@ class Lowered:
             return list(map(_numbers, results))
 
         self.name = of_numbers.__name__ = of_numbers.__qualname__ = name
-        self._traced = jax.jit(of_numbers, keep_unused=True).trace(list(map(_numbers, arrays)))
+        self._function, self._arrays = of_numbers, list(map(_numbers, arrays))
+        _asked.discard(threading.get_ident())
+        self._trace(natively)
+        self._depends = threading.get_ident() in _asked
         self._takes_keys, self._keys = any(keys), tuple(made[-1]) if any(made[-1]) else ()
-        self._lowered = self._traced.lower()
+
+    @seldom_collected()
+    def _trace(self, natively: bool) -> None:
+        with _natively(natively):
+            self._traced = jax.jit(self._function, keep_unused=True).trace(self._arrays)
+            self._lowered = self._traced.lower()
 
     @seldom_collected()
     def natively(self, large: bool = True) -> Program | Refusal:
@@ -184,6 +210,9 @@ class Lowered:
 
     def by_xla(self) -> Callable[[list[Any]], list[Any]]:
         """The program."""
+        if self._depends:
+            self._trace(natively=False)
+            self._depends = False
         compiled, keys = self._lowered.compile(), self._keys
         if not self._takes_keys and not keys:
             return compiled  # which can be kept

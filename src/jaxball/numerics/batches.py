@@ -11,7 +11,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Array, Int
 
 
 def batches(rows: int, size: int) -> list[Int[np.ndarray, " size"]]:
@@ -71,18 +71,19 @@ def even_size(rows: int, largest: int, threads: int) -> int:
 
 
 def map_batches(function: Callable[[Any], Any], rows: Any, size: int) -> Any:
-    """``function`` of a PyTree of arrays that have the rows as last axis, ``size`` of them at a time; JAX can trace it.
+    """``function`` of each row of a PyTree of arrays, by ``jax.vmap`` of about ``size`` rows at a time.
 
-    Intermediate results stay in a processor's cache.
+    So many rows at a time that batches are of equal size; JAX can trace it.
     """
-    count = jax.tree.leaves(rows)[0].shape[-1]
+    count = len(jax.tree.leaves(rows)[0])
+    size = even_size(count, size, 1)
     parts = -(-count // size)
+    if parts == 1:
+        return jax.vmap(function)(rows)
 
-    def split(leaf: jax.Array) -> jax.Array:
-        padded = jnp.pad(leaf, [(0, 0)] * (leaf.ndim - 1) + [(0, parts * size - count)], mode="edge")
-        return jnp.moveaxis(padded.reshape(*leaf.shape[:-1], parts, size), -2, 0)
+    def split(leaf: Array) -> Array:
+        padding = [(0, parts * size - count), *((0, 0) for _ in leaf.shape[1:])]
+        return jnp.pad(leaf, padding, mode="edge").reshape(parts, size, *leaf.shape[1:])
 
-    def joined(leaf: jax.Array) -> jax.Array:
-        return jnp.moveaxis(leaf, 0, -2).reshape(*leaf.shape[1:-1], parts * size)[..., :count]
-
-    return jax.tree.map(joined, jax.lax.map(function, jax.tree.map(split, rows)))
+    results = jax.lax.map(jax.vmap(function), jax.tree.map(split, rows))
+    return jax.tree.map(lambda leaf: leaf.reshape(parts * size, *leaf.shape[2:])[:count], results)

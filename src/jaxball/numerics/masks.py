@@ -24,6 +24,12 @@ def differentiated_where(used: Bool[Array, ""], tree: Tree) -> Tree:
     return eqx.combine(masked, others)
 
 
+def known_or_nothing(known: Bool[Array, "*rows"], leaf: Array) -> Array:
+    """``leaf`` where it is known; elsewhere NaN, or −1 where it consists of integers."""
+    nothing = jnp.nan if jnp.issubdtype(leaf.dtype, jnp.inexact) else -1
+    return jnp.where(known, leaf, jnp.asarray(nothing, leaf.dtype))
+
+
 def without_derivatives(tree: Tree) -> Tree:
     """``tree`` unchanged, as a constant."""
     numbers, others = eqx.partition(tree, eqx.is_inexact_array)

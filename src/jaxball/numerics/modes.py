@@ -30,9 +30,9 @@ NO_SECOND = (
     f"{WAY_OUT}"
 )
 NO_REVERSE = (
-    "Argument `adjoint` must be diffrax.RecursiveCheckpointAdjoint(), the default, where a solve is differentiated in "
-    "reverse mode (jax.grad, jax.jacrev, jax.vjp), but it is diffrax.ForwardMode(), which has forward mode only "
-    "(jax.jvp, jax.jacfwd)."
+    "Argument `adjoint` must be diffrax.RecursiveCheckpointAdjoint() where a solve is differentiated in reverse mode "
+    "(jax.grad, jax.jacrev, jax.vjp), but it is diffrax.ForwardMode(), which has forward mode only (jax.jvp, "
+    "jax.jacfwd)."
 )
 NO_SECOND_OF = (
     "Second derivatives are only those of states at fixed times, but they were requested for {what}, which have only "

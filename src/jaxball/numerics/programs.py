@@ -158,7 +158,7 @@ class Program:
         store = self._store if native.on_one_cpu() else None
         if store is None and not natively:
             return None
-        lowered = functools.cache(lambda: self._lowered(rest, arrays))  # traced once, for both compilers
+        lowered = functools.cache(lambda: self._lowered(rest, arrays, natively))  # traced once, for both compilers
         if natively:
             large = only_natively or native.asked_for() == "native"
             key = self._key(store, rest, arrays, "native", large, *native.identity())
@@ -186,7 +186,7 @@ class Program:
             return digest(store.identity(), *described, *of_compiler)
         return None
 
-    def _lowered(self, rest: _Rest, arrays: list[Any]) -> tuple[native.Lowered, _Rest]:
+    def _lowered(self, rest: _Rest, arrays: list[Any], natively: bool) -> tuple[native.Lowered, _Rest]:
         """The function, traced for such arrays, and the parts of its result that are not arrays."""
         results: list[_Rest] = []
 
@@ -196,7 +196,7 @@ class Program:
             results.append(result)
             return arrays
 
-        lowered = native.Lowered(of_arrays, arrays, self._name())
+        lowered = native.Lowered(of_arrays, arrays, self._name(), natively)
         return lowered, results[-1]
 
 

@@ -11,36 +11,36 @@ On the plane, a body that does not slip rolls if friction can hold it, and other
 ``friction.first_slip`` determines.
 """
 
+import dataclasses
 from collections.abc import Iterator
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..interface.printing import is_single, shown
 from ..numerics.norms import root
 from . import friction, slip as slips
 from .body import AbstractBody
 from .conditions import Condition, Problem
 from .contact_law import Contact
-from .impact import impact
-from .modes import Cause, ContactState, Mode
-from .released import PlacedState, ReleasedState, Response, rates, released, response, slip_velocity, with_slip
+from .hybrid import MOST_SHOWN, NONE, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
+from .modes import Cause, ContactState, ContactSwitches, Mode, cause_of
+from .released import PlacedState, ReleasedState, Response, rates, released, response, slip_velocity
 from .system import AbstractSystem
+from .transition import WINDOW, transition
 
 ROUNDING = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none
 SLOW = 0.4  # power of rounding: of the speed of a body, the slip that is followed to its end in no step of a solve
 ERRORS = 30  # of velocities, in tolerances: a slip that ends may be faster by so much
 UNTOLD = 10  # the same: of a slip as slow as that, steps cannot tell the direction
 RISEN = 1e-6  # of √(r/g): the time in which a body that lifts has left the plane
-WINDOW = 0.1  # of √(r/g): the longest time for which the direction of a slip that begins is known beforehand
-BEFORE_KINK = 0.999  # of the time until the next kink: the same
 SLOW_DISK = 0.55  # the same for a disk, whose slip does not turn; more than the error of the time at which a mode ends
-LONGEST = 0.25  # power of rounding: the longest time, in √(r/g), over which a slip is followed to its end in this way
-COARSER = 0.3  # the same over the cube root of the tolerance, because the error of the response halfway grows like this
-HALFWAY = 0.5  # through the time, and the speed, of a slip that ends
-END, MIDDLE, IMPACT, MODE = range(4)  # what follows a mode, in this order
+NOWHERE = -1  # the mode at times to which a solve did not come
+NOTHING = 1e-9  # a normal force below this part of its size in a step counts as zero
 
 
 class Heading(NamedTuple):
@@ -49,15 +49,6 @@ class Heading(NamedTuple):
     sigma: Float[Array, "2"]
     speed: Float[Array, ""]
     least: Float[Array, ""]
-
-    def as_numbers(self) -> Float[Array, "4"]:
-        """The numbers of a heading, in one array."""
-        return jnp.concatenate([self.sigma, self.speed[None], self.least[None]])
-
-    @classmethod
-    def of_numbers(cls, numbers: Float[Array, "4 *lanes"]) -> "Heading":
-        """The inverse of ``as_numbers``."""
-        return cls(numbers[:2], numbers[2], numbers[3])
 
 
 class BodyOnPlane(AbstractSystem[ContactState]):
@@ -106,7 +97,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
 
     def to_packed(self, t: Float[Array, ""], state: ContactState) -> ContactState:
         slip = slip_velocity(self.body, t, state.released)
-        slip = slip.at[:2].set(jnp.where(self._is_still(slip, state), 0.0, slip[:2]))
+        slip = slip.at[:2].set(jnp.where(self.is_still(slip, state), 0.0, slip[:2]))
         slip = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip)
         return eqx.tree_at(lambda x: x.V, state, jnp.where(state.is_in(Mode.FLIGHT), state.V, slip))
 
@@ -161,33 +152,32 @@ class BodyOnPlane(AbstractSystem[ContactState]):
 
         return jax.tree.map(choose, rolling, sliding, flying)
 
-    def heading(
-        self, t: Float[Array, ""], state: ContactState, rtol: Float[Array, ""], atol: Float[Array, ""]
-    ) -> Heading:
-        """The heading of a slip as a step begins, in a solve with these tolerances."""
+    def step_reference(self, t: Float[Array, ""], state: ContactState, accuracy: Accuracy) -> Heading:
+        """The heading of a slip as a step begins."""
         slip = slip_velocity(self.body, t, state.released)
         sigma = state.direction(t, slip)
         speed = jnp.maximum(jnp.sum(slip[:2] * sigma), 0.0)
         power = SLOW_DISK if self.body.planar else SLOW
-        rest = self._speed(state.released)
-        least = jnp.maximum(float(jnp.finfo(speed.dtype).eps) ** power * rest, UNTOLD * (atol + rtol * rest))
+        rest = self.speed_of(state.released)
+        errors = accuracy.atol + accuracy.rtol * rest
+        least = jnp.maximum(float(jnp.finfo(speed.dtype).eps) ** power * rest, UNTOLD * errors)
         return Heading(sigma, speed, jnp.minimum(least, 0.5 * speed))
 
-    def guards(
-        self, t: Float[Array, ""], state: ContactState, heading: Heading, found: Response | None = None
-    ) -> Float[Array, "3"]:
-        """The three guard functions, positive while the mode lasts; ``CAUSES`` gives the meaning of each.
+    def guards(self, t: Float[Array, ""], state: ContactState) -> Float[Array, "3"]:
+        """The guards without a solve, in which a slip ends where its velocity vanishes."""
+        sigma, zero = state.direction(t, slip_velocity(self.body, t, state.released)), jnp.zeros_like(state.height)
+        return self.guards_in_step(t, state, Heading(sigma, zero, zero))
 
-        ``heading`` is that of the step, and ``found`` the response, if it is known.
-        """
-        found = self.response(t, state) if found is None else found
-        acting = self.interaction(t, state, found)
+    def guards_in_step(self, t: Float[Array, ""], state: ContactState, reference: Heading) -> Float[Array, "3"]:
+        """The three guards; ``CAUSES`` gives the meaning of each. A slip lasts while it goes along its heading."""
+        acting = self.interaction(t, state, self.response(t, state))
         slip, one = slip_velocity(self.body, t, state.released), jnp.ones_like(state.height)
         spare = friction.margin(acting.R, self.contact.static)
         # On a smooth plane, the end of a slip is the beginning of another.
-        forward = jnp.where(self.coefficient(slip) > 0, jnp.sum(slip[:2] * heading.sigma) - heading.least, one)
+        forward = jnp.sum(slip[:2] * reference.sigma) - reference.least
+        forward = jnp.where(self.coefficient(slip) > 0, forward, one)
         # A body that rises does not land, where rounding takes its height below zero as it lifts.
-        above = jnp.maximum(state.height, jnp.where(slip[2] > 0, RISEN * self._unit_of_time() * slip[2], -jnp.inf))
+        above = jnp.maximum(state.height, jnp.where(slip[2] > 0, RISEN * self.unit_of_time() * slip[2], -jnp.inf))
         rolls, slides = state.is_in(Mode.ROLLING), state.is_in(Mode.SLIDING)
         return jnp.stack(
             [
@@ -197,219 +187,162 @@ class BodyOnPlane(AbstractSystem[ContactState]):
             ]
         )
 
-    def is_slow(
-        self,
-        t: Float[Array, ""],
-        state: ContactState,
-        heading: Heading,
-        rtol: Float[Array, ""],
-        atol: Float[Array, ""],
-    ) -> Bool[Array, ""]:
-        """Whether a slip that does not continue along its heading is so slow that it may be at its end."""
-        slip = slip_velocity(self.body, t, state.released)
-        errors = ERRORS * (atol + rtol * self._speed(state.released))
-        return root(jnp.sum(slip[:2] ** 2)) <= 2 * heading.least + errors
+    def time_event(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
+        """The end of the window in which the direction of a slip is known beforehand."""
+        return jnp.where(state.is_in(Mode.SLIDING), state.begun.until, jnp.inf)
 
-    def _is_still(self, slip: Float[Array, "3"], state: ContactState | ReleasedState) -> Bool[Array, ""]:
+    def assess(self, step: GuardedStep, accuracy: Accuracy) -> Assessment:
+        """The cause that the guard which is zero stands for, or that a slip has ended although none is.
+
+        Where friction gives way because the normal force vanishes, the body lifts off. The longest next step is
+        infinite, except where a slip slows down.
+        """
+        state, least, guards = step.state, step.reference.least, step.guards
+        slip = slip_velocity(self.body, step.end, state.released)
+        errors = ERRORS * (accuracy.atol + accuracy.rtol * self.speed_of(state.released))
+        # A slip that does not continue along its heading may be at its end.
+        slow = root(jnp.sum(slip[:2] ** 2)) <= 2 * least + errors
+        cause = cause_of(state.mode, step.zero)
+        weightless = guards[1, -1] <= NOTHING * jnp.max(jnp.abs(guards[1]))
+        cause = jnp.where((cause == int(Cause.GIVES_WAY)) & weightless, int(Cause.LIFTS), cause)
+        ends = (step.zero != NONE) & jnp.where(cause == int(Cause.STOPS), slow, step.is_zero)
+        before, after = guards[0, 0] + least, guards[0, -1] + least
+        slides = state.is_in(Mode.SLIDING)
+        stops = slides & slow & slips.nears_its_end(before, after, least)
+        otherwise = jnp.where(step.timed, WINDOW, jnp.where(stops, int(Cause.STOPS), NONE))
+        longest = slips.longest_step(before, after, least, step.end - step.start, accuracy)
+        longest = jnp.where(slides & ~ends, longest, jnp.inf)
+        return Assessment(jnp.where(ends, cause, otherwise), longest)
+
+    def is_still(self, slip: Float[Array, "3"], state: ContactState | ReleasedState) -> Bool[Array, ""]:
         """Whether the slip velocity is zero up to rounding."""
-        least = ROUNDING * float(jnp.finfo(slip.dtype).eps) * self._speed(state)
+        least = ROUNDING * float(jnp.finfo(slip.dtype).eps) * self.speed_of(state)
         return root(jnp.sum(slip[:2] ** 2)) <= least
 
-    def _unit_of_time(self) -> Float[Array, ""]:
+    def unit_of_time(self) -> Float[Array, ""]:
         """√(r/g); √r without gravity."""
         g = jnp.abs(self.body.gravity)
         return root(self.body.radius / jnp.where(g > 0, g, 1.0))
 
-    def _speed(self, state: ReleasedState | ContactState) -> Float[Array, ""]:
+    def speed_of(self, state: ReleasedState | ContactState) -> Float[Array, ""]:
         """A reference speed for errors of velocities."""
         return root(jnp.sum(state.V**2)) + self.body.radius * root(jnp.sum(state.body.Omega**2))
 
     # How modes begin.
 
     def start(self, t: Float[Array, ""], state: ReleasedState | PlacedState) -> ContactState:
-        """The state with which a solve starts; its mode is decided by ``followed``.
+        """The state with which a solve starts; its mode is decided by the first transition.
 
         A rolling state is one without slip. A body that does not slip counts as rolling.
         """
         rolls = not isinstance(state, ReleasedState)
-        given = released(self.body, t, state) if rolls else state
+        given = released(self.body.prepare(), t, state) if rolls else state
         zero = jnp.zeros_like(given.height)
         mode = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT)
         return ContactState(given.body, given.V, given.height, zero, zero, mode, slips.Beginning.none(zero))
 
-    def followed(
-        self,
-        t: Float[Array, ""],
-        state: ContactState,
-        cause: Int[Array, ""],
-        kinks: Float[Array, " kinks"],
-        tolerance: Float[Array, ""],
-    ) -> "Followed":
-        """The state that follows the end of a mode, in a solve with this tolerance.
+    def transition(
+        self, t: Float[Array, ""], state: ContactState, event: Int[Array, ""], accuracy: Accuracy
+    ) -> Transition:
+        return transition(self, t, state, event, accuracy)
 
-        First, a slip that ends is followed to its end. Next comes an impact, if the body lands, then the mode for the
-        velocities after it, and then the direction in which a slip begins. All but the last need the response of the
-        body, whose formulas are long, and so share one loop. A negative cause means none, and the mode continues, with
-        the direction of its velocity.
-        """
-        before, starts = state, cause == int(Cause.START)
-        lands = (cause == int(Cause.LANDS)) | starts & (state.height <= 0) & (state.V[2] < 0)
-        still = (cause == int(Cause.GIVES_WAY)) | state.is_in(Mode.ROLLING)
-        flies = (cause == int(Cause.LIFTS)) | starts & ((state.height > 0) | (state.V[2] > 0))
-        zero = jnp.zeros_like(state.height)
-        state = eqx.tree_at(
-            lambda x: (x.height, x.begun), state, (jnp.where(starts, state.height, 0.0), slips.Beginning.none(zero))
+    # What a run shows.
+
+    @property
+    def shown(self) -> AbstractBody:
+        return self.body
+
+    def shown_state(self, state: ContactState) -> PlacedState:
+        return state.body
+
+    @property
+    def max_switches(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """How many switches are kept."""
+        return self.contact.room
+
+    def history(self, times: Float[Array, " T"], states: ContactState, record: Any) -> "ContactHistory":
+        slip, sigma = self.prepare().slips(times, states)
+        before, after = record.before, record.after
+        switches = ContactSwitches.of(
+            record,
+            source=_whole(before.mode),
+            target=_whole(after.mode),
+            before=before.released,
+            after=after.released,
+            lost=after.struck - before.struck,
         )
+        saved = {name: getattr(states, name) for name in ("V", "height", "rubbed", "struck")}
+        return ContactHistory(self.contact, _whole(states.mode), slip=slip, sigma=sigma, switches=switches, **saved)
 
-        def needed(carry: _Following, stage: Int[Array, ""]) -> Bool[Array, ""]:
-            ends = (cause == int(Cause.STOPS)) & ((stage == END) | (stage == MIDDLE) & carry.decides)
-            return ends | (stage == IMPACT) & lands | (stage == MODE) & carry.decides
+    def slips(self, times: Float[Array, " T"], states: ContactState) -> tuple[Float[Array, "T 3"], Float[Array, "T 2"]]:
+        """The slip velocities, exactly 0 for a body that rolls, and their directions, 0 without; ``self`` is prepared."""
 
-        def advanced(carry: _Following, stage: Int[Array, ""]) -> _Following:
-            now, where = carry.ahead
-            found = self.response(now, eqx.tree_at(lambda x: x.mode, where, zero + int(Mode.SLIDING)))
-            return jax.lax.switch(
-                stage,
-                (
-                    lambda carry: self._ending(carry, found, tolerance),
-                    lambda carry: self._ended(carry, found),
-                    lambda carry: self._struck(carry, found),
-                    lambda carry: self._decided(carry, found, cause),
-                ),
-                carry,
-            )
+        def slip(t: Float[Array, ""], state: ContactState) -> tuple[Float[Array, "3"], Float[Array, "2"]]:
+            velocity = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(self.body, t, state.released))
+            return velocity, jnp.where(state.is_in(Mode.SLIDING), state.direction(t, velocity), 0.0)
 
-        def part(carry: _Following, stage: Int[Array, ""]) -> tuple[_Following, None]:
-            return jax.lax.cond(needed(carry, stage), advanced, lambda carry, _: carry, carry, stage), None
-
-        first = _Following(t, before, state, (t, state), still, flies, cause >= int(Cause.START), jnp.asarray(False))
-        done = jax.lax.scan(part, first, jnp.arange(END, MODE + 1))[0]
-        state = self._begun(done, kinks)
-        return Followed(done.t, done.before, state, done.decides, lands)
-
-    def _ending(self, carry: "_Following", found: Response, tolerance: Float[Array, ""]) -> "_Following":
-        """Halfway to the end of a slip, if it has one."""
-        end = self._end(carry, found)
-        longest = jnp.maximum(float(jnp.finfo(end.time.dtype).eps) ** LONGEST, COARSER * jnp.cbrt(tolerance))
-        soon = end.time <= longest * self._unit_of_time()
-        halfway = self._slowed(carry, found, carry.state, end, HALFWAY)
-        return carry._replace(ahead=(carry.t + HALFWAY * end.time, halfway), decides=end.comes & soon)
-
-    def _ended(self, carry: "_Following", found: Response) -> "_Following":
-        """At the end of a slip, with the response halfway."""
-        end, t = self._end(carry, found), carry.t
-        state = self._slowed(carry, found, carry.ahead[1], end, 1.0)
-        state = eqx.tree_at(lambda x: x.rubbed, state, state.rubbed + end.rubbed)
-        t = t + end.time
-        return carry._replace(t=t, before=state, state=state, ahead=(t, state), still=jnp.asarray(True))
-
-    def _end(self, carry: "_Following", found: Response) -> slips.End:
-        slip = slip_velocity(self.body, carry.t, carry.state.released)
-        return slips.end(found, self.coefficient(slip, HALFWAY), slip)
-
-    def _slowed(
-        self, carry: "_Following", found: Response, where: ContactState, end: slips.End, share: float
-    ) -> ContactState:
-        """The state after a share of the time in which a slip ends, with the rates ``where`` the response was found."""
-        time, slip = share * end.time, slip_velocity(self.body, carry.t, carry.state.released)
-        braking = jnp.where(end.time > 0, slip / jnp.where(end.time > 0, end.time, 1.0), 0.0).at[2].set(0.0)
-        moved = rates(self.body, where.released, found, -braking, end.normal)
-        return carry.state.moved(jax.tree.map(lambda x, rate: x + time * rate, carry.state.released, moved))
-
-    def _struck(self, carry: "_Following", found: Response) -> "_Following":
-        """After an impact. A rebound that is too slow is treated as none."""
-        t, state, contact = carry.t, carry.state, self.contact
-        slip = slip_velocity(self.body, t, state.released)
-        coming = -slip[2]
-        unit = root(jnp.abs(self.body.gravity) * self.body.radius)
-        rebounds = contact.restitution * coming > contact.slowest * unit
-        e = jnp.where(rebounds, contact.restitution, 0.0)
-        done = impact(self.body, t, state.released, found, self.coefficient(slip), e)
-        V = done.state.V.at[2].set(jnp.where(rebounds, done.state.V[2], 0.0))
-        after = state.moved(ReleasedState(done.state.body, V, state.height))
-        after = eqx.tree_at(lambda x: x.struck, after, state.struck - done.work)
-        return carry._replace(
-            state=after,
-            ahead=(t, after),
-            still=carry.still | done.collision.sticks,
-            flies=carry.flies | (after.V[2] > 0),
-        )
-
-    def _decided(self, carry: "_Following", found: Response, cause: Int[Array, ""]) -> "_Following":
-        """In the mode that follows, by the forces that each mode would need."""
-        t, state, body, contact = carry.t, carry.state, self.body, self.contact
-        given, flies = state.released, carry.flies
-        slip = slip_velocity(body, t, given)
-        still = carry.still | self._is_still(slip, state)
-        R = friction.rolling(found).R
-        holds = (friction.margin(R, contact.static) >= 0) & (R[2] > 0) & (contact.static > 0)
-        rolls = still & holds & (cause != int(Cause.GIVES_WAY))
-        sigma = jax.lax.cond(
-            still & ~rolls & ~flies,
-            lambda: friction.first_slip(found, self.coefficient(slip, 0.0)).sigma,
-            lambda: friction.slip_direction(slip, jnp.zeros_like(slip[:2])),
-        )
-        mu = self.coefficient(jnp.where(still, 0.0, slip))
-        flies |= ~rolls & ~(friction.sliding(found, mu, sigma).normal > 0)
-        mode = jnp.where(flies, int(Mode.FLIGHT), jnp.where(rolls, int(Mode.ROLLING), int(Mode.SLIDING)))
-        # The rest of a slip that ends is dissipated by friction.
-        stopped = with_slip(body, given, found, slip, jnp.zeros_like(slip))
-        state = _where(still & ~flies, state.moved(stopped), state)
-        V = state.V.at[2].set(jnp.where(flies & (cause != int(Cause.LIFTS)), state.V[2], 0.0))
-        begins = (mode == int(Mode.SLIDING)) & still
-        begun = slips.Beginning.along(t, sigma)
-        after = eqx.tree_at(lambda x: (x.V, x.mode, x.begun), state, (V, mode.astype(V.dtype), begun))
-        return carry._replace(state=after, begins=begins)
-
-    def _begun(self, done: "_Following", kinks: Float[Array, " kinks"]) -> ContactState:
-        """With the direction of a slip that begins, for as long as it is computed in advance."""
-        t, state = done.t, done.state
-        begins = done.begins & (self.coefficient(state.V, 0.0) > 0)
-        kink = jnp.min(jnp.where(kinks > t, kinks, jnp.inf), initial=jnp.inf)
-        longest = jax.lax.stop_gradient(jnp.minimum(WINDOW * self._unit_of_time(), BEFORE_KINK * (kink - t)))
-        sigma = state.begun.sigma
-        if self.body.planar:
-            begun = slips.Beginning.along(t + longest, sigma)
-        else:
-            begun = jax.lax.cond(
-                begins,
-                lambda: slips.beginning(self.body, self.coefficient, t, state.released, sigma, longest),
-                lambda: slips.Beginning.along(t + longest, sigma),
-            )
-        return eqx.tree_at(lambda x: x.begun, state, _where(begins, begun, slips.Beginning.none(t)))
+        return jax.lax.map(lambda at: slip(*at), (times, states))
 
 
-class Followed(NamedTuple):
-    """The transition after a mode: the time, the states before and after, whether it has ended and the body landed."""
+class ContactHistory(AbstractHistory):
+    """The modes of a run with a law of contact, at its saved times.
 
-    t: Float[Array, ""]
-    before: ContactState
-    state: ContactState
-    ends: Bool[Array, ""]
-    lands: Bool[Array, ""]
-
-
-class _Following(NamedTuple):
-    """A transition in progress: time, the state at the mode's end, the current one, and where to find the response.
-
-    ``still`` says that it does not slip, ``flies`` that it leaves the plane, ``decides`` that the mode has ended, and
-    ``begins`` that a slip begins.
+    - ``law``: the :class:`~jaxball.Contact`.
+    - ``mode``: the :class:`~jaxball.Mode` at each time, shape (T,); −1 at times that the solve did not reach.
+    - ``V``: the velocity of the geometric centre, space axes, length/time, shape (T, 3).
+    - ``height``: of the body above the plane, length, shape (T,).
+    - ``slip``: v_s, the velocity of the body's lowest point relative to the plane, space axes, length/time,
+      shape (T, 3).
+    - ``sigma``: the direction of the slip, a unit vector, shape (T, 2), also where the slip begins; 0 before the first.
+    - ``rubbed``, ``struck``: the energy dissipated so far by sliding friction and by impacts, mass length²/time²,
+      shape (T,) each.
+    - ``switches``: the :class:`ContactSwitches`.
     """
 
-    t: Float[Array, ""]
-    before: ContactState
-    state: ContactState
-    ahead: tuple[Float[Array, ""], ContactState]
-    still: Bool[Array, ""]
-    flies: Bool[Array, ""]
-    decides: Bool[Array, ""]
-    begins: Bool[Array, ""]
+    law: Contact
+    mode: Int[Array, "*batch T"]
+    V: Float[Array, "*batch T 3"]
+    height: Float[Array, "*batch T"]
+    slip: Float[Array, "*batch T 3"]
+    sigma: Float[Array, "*batch T 2"]
+    rubbed: Float[Array, "*batch T"]
+    struck: Float[Array, "*batch T"]
+    switches: ContactSwitches
+
+    def __repr__(self) -> str:
+        single = is_single(self.switches.count)
+        return "\n".join(["ContactHistory", *(f"  {line}" for line in self.lines)]) if single else shown(self)
+
+    @property
+    def lines(self) -> list[str]:
+        """How the body moved on its plane, and the energy that this dissipated. For one trajectory, not for a batch."""
+        count, switches, modes = int(self.switches.count), self.switches.lines, np.asarray(self.mode)
+        known = np.flatnonzero(modes >= 0)
+        if not known.size:
+            return []
+        last = known[-1]
+        when = "is {} at the end" if last == modes.size - 1 else "was {} at the last saved time that was reached"
+        end = when.format(Mode(int(modes[last])).name.lower())
+        changed = "never changed" if count == 0 else "changed once" if count == 1 else f"changed {count:,} times"
+        shown = switches[:MOST_SHOWN] if count else []
+        rest = [f"  and {count - len(shown):,} more"] if count > len(shown) else []
+        rubbed, struck = (float(np.asarray(taken)[last]) for taken in (self.rubbed, self.struck))
+        taken = f"sliding friction dissipated the energy {rubbed:.10g}, and impacts {struck:.10g}"
+        return [f"the mode of contact {changed}, and {end}", *(f"  {line}" for line in shown), *rest, taken]
+
+    def at_rows(self, rows: slice) -> "ContactHistory":
+        """The history at some of the saved times, with all switches."""
+        saved = ("mode", "V", "height", "slip", "sigma", "rubbed", "struck")
+        return dataclasses.replace(self, **{name: getattr(self, name)[rows] for name in saved})
+
+    def as_solved(self, system: AbstractBody, states: Any) -> tuple[BodyOnPlane, ContactState]:
+        """The body on its plane, with its states, of whose bodies these are the ``states``."""
+        mode, ever = self.mode.astype(self.height.dtype), jnp.full_like(self.height, jnp.finfo(self.height.dtype).max)
+        begun = slips.Beginning.along(ever, self.sigma)
+        return BodyOnPlane(system, self.law), ContactState(
+            states, self.V, self.height, self.rubbed, self.struck, mode, begun
+        )
 
 
-def _where(condition: Bool[Array, ""], first: Any, second: Any) -> Any:
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), first, second)
-
-
-def body_of(system: Any, state: Any) -> tuple[Any, Any]:
-    """A system and its state; for a body on its plane, those of the body."""
-    return (system.body, state.body) if isinstance(system, BodyOnPlane) else (system, state)
+def _whole(mode: Float[Array, "*rows"]) -> Int[Array, "*rows"]:
+    return jnp.where(jnp.isfinite(mode), mode, NOWHERE).astype(int)

@@ -5,10 +5,12 @@ from collections.abc import Iterator
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 
 from .conditions import Condition
 from .friction import slip_direction
+from .hybrid import Switches
 from .released import PlacedState, ReleasedState
 from .slip import Beginning
 from .system import AbstractState
@@ -72,6 +74,15 @@ CAUSES = (
 )
 
 
+def cause_of(mode: Float[Array, ""], guard: Int[Array, ""]) -> Int[Array, ""]:
+    """The cause that a guard of a mode stands for; ``START`` for none."""
+    cause = jnp.full_like(guard, int(Cause.START))
+    for of_mode, causes in enumerate(CAUSES):
+        for k, one in enumerate(causes):
+            cause = jnp.where((mode == of_mode) & (guard == k), int(one), cause)
+    return cause
+
+
 class ContactState(AbstractState):
     """The variables of a body that rolls, slides or flies that a solve advances.
 
@@ -117,3 +128,30 @@ class ContactState(AbstractState):
     def is_in(self, mode: Mode) -> Bool[Array, ""]:
         """Whether this is the mode."""
         return self.mode == int(mode)
+
+
+class ContactSwitches(Switches):
+    """The switches of a body from one mode to another; ``event`` is the ``jaxball.Cause`` of each.
+
+    - ``source``, ``target``: the :class:`~jaxball.Mode` before and after it, shape (room,).
+    - ``before``, ``after``: the :class:`~jaxball.ReleasedState` before and after it, with a leading axis.
+    - ``lost``: the energy lost in an impact, mass length²/time², shape (room,).
+    """
+
+    source: Int[Array, "*batch room"]
+    target: Int[Array, "*batch room"]
+    lost: Float[Array, "*batch room"]
+
+    @property
+    def cause(self) -> Int[Array, "*batch room"]:
+        """The ``jaxball.Cause`` of each, shape (room,); −1 where there are fewer."""
+        return self.event
+
+    def words(self, k: int) -> str:
+        source, target, cause = (int(np.asarray(column)[k]) for column in (self.source, self.target, self.event))
+        modes = " to ".join(Mode(mode).name.lower() for mode in (source, target))
+        return f"from {modes}, as {Cause(cause).sentence}"
+
+    @property
+    def remedy(self) -> str:
+        return "which a larger `room` of the Contact would keep"

@@ -1,6 +1,7 @@
 """All observables of a state: positions, energies, forces."""
 
-from typing import NamedTuple
+import functools
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -21,12 +22,12 @@ from .energy import (
     potential_energy,
 )
 from .load import Load, in_three, load
-from .modes import ContactState, Mode
+from .modes import Mode
 from .moments import AbstractMoments, joint_motion, kinematics, point_mass_values, principal_inertia
 from .momentum import linear_momentum
 from .motion import Kinematics
 from .released import slip_velocity
-from .state import BallState, DiskState, Rates, ReducedState, centre_velocity
+from .state import BallState, DiskState, Rates, ReducedState, RotationState, centre_velocity
 from .system import require_one_state
 
 
@@ -118,12 +119,7 @@ def observe(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskSt
     if isinstance(state, ReducedState):
         raise refusal("state", "one that contains the position of the body, such as a BallState", state)
     require_one_state(system, state)
-    return _observed(system, t, movement(system, t, state))
-
-
-def observe_on_plane(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) -> Observables:
-    """The observables of a body that rolls, slides or flies."""
-    return _observed(plane.body, t, movement_on_plane(plane, t, state))
+    return observed(system, t, movement(system, t, state))
 
 
 class Movement(NamedTuple):
@@ -157,8 +153,15 @@ class Slip(NamedTuple):
     height: Float[Array, ""]
 
 
-def movement(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskState) -> Movement:
-    """The motion of a body that rolls."""
+@functools.singledispatch
+def movement(system: Any, t: Float[Array, ""], state: Any) -> Movement:
+    """The motion of a body from its state: of one that rolls, or of one on its plane that may slide and fly."""
+    raise refusal("system", "a Ball or a Disk", system)
+
+
+@movement.register
+def _of_rolling(system: AbstractBody, t: Float[Array, ""], state: Any) -> Movement:
+    state = state.in_space() if isinstance(state, RotationState) else state
     acting = load(system, t, state)
     found = accelerations(system, t, state, acting)
     in_space = state.in_space()
@@ -167,11 +170,11 @@ def movement(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskS
     return Movement(in_space, found.Omegadot, found.angles, acting, found.at, found.dry, R, None)
 
 
-def movement_on_plane(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) -> Movement:
-    """The motion of a body that rolls, slides or flies."""
-    system, body = plane.body, state.body
-    response = plane.response(t, state)
-    force = plane.interaction(t, state, response)
+@movement.register
+def _of_hybrid(system: BodyOnPlane, t: Float[Array, ""], state: Any) -> Movement:
+    response = system.response(t, state)
+    force = system.interaction(t, state, response)
+    system, body = system.body, state.body
     slip = slip_velocity(system, t, state.released)
     touching = ~state.is_in(Mode.FLIGHT)
     acting = load(system, t, body, slip, touching, state.height)
@@ -189,7 +192,8 @@ def movement_on_plane(plane: BodyOnPlane, t: Float[Array, ""], state: ContactSta
     )
 
 
-def _observed(system: AbstractBody, t: Float[Array, ""], motion: Movement) -> Observables:
+def observed(system: AbstractBody, t: Float[Array, ""], motion: Movement) -> Observables:
+    """The observables of a body from its motion."""
     in_space, at, acting, slip = motion.state, motion.at, motion.acting, motion.slip
     r, g, Omega, Lambda = system.radius, system.gravity, in_space.Omega, in_space.Lambda
     Gamma, omega, Omegadot = Lambda[2], apply(Lambda, Omega), motion.Omegadot

@@ -5,11 +5,10 @@ from typing import Any, Generic
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
-from ..numerics.masks import differentiated_where
+from ..numerics.masks import differentiated_where, known_or_nothing
 from .dae import algebraic_component, constrained, mass_diagonal
 from .system import AbstractState, AbstractSystem, AnyState, AnySystem
 
@@ -36,7 +35,7 @@ class Packing(eqx.Module, Generic[AnySystem, AnyState]):
     def unpack_where(self, used: Bool[Array, ""], t: Float[Array, ""], x: Float[Array, " size"]) -> AnyState:
         """The state of a vector; NaN, and nothing that has derivatives, where it is not ``used``."""
         packing, t, x = differentiated_where(used, (self, t, x))
-        return jax.tree.map(lambda leaf: jnp.where(used, leaf, jnp.nan), packing.unpack(t, x))
+        return jax.tree.map(lambda leaf: known_or_nothing(used, leaf), packing.unpack(t, x))
 
     def rates(self, t: Float[Array, ""], x: Float[Array, " size"]) -> AnyState:
         """The rates of what the vector holds, not yet packed."""

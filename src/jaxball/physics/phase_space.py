@@ -28,9 +28,15 @@ def phase_point(system: AbstractSystem, state: AbstractState) -> AbstractState: 
 def phase_point(system: AbstractSystem, state: AbstractState) -> AbstractState:
     """``state`` as a point of the phase space: for a ball (Ω, Γ), unless a force acts, which they cannot express.
 
-    **Raises:** ``TypeError`` when the system has no state of that kind.
+    **Raises:** ``TypeError`` when the system has no state of that kind, and for a hybrid one, whose motion jumps.
     """
     require_state(system, state)
+    if system.is_hybrid:
+        raise TypeError(
+            f"Argument `system` must be smooth, because deviations from its motion are followed along its field, but "
+            f"a {type(system).__name__} has guards or time events; derivatives of a run of jaxball.simulate go through "
+            "its events."
+        )
     return system.phase_point(state)
 
 

@@ -29,6 +29,7 @@ from ..numerics.linear import inverses, solutions
 from ..numerics.norms import root
 from .body import AbstractBody
 from .friction import across, left, sliding, unit
+from .hybrid import Accuracy
 from .released import ReleasedState, Response, rates, response, slip_velocity
 
 DEGREE = 6  # of the polynomial through the directions of a slip that begins
@@ -36,6 +37,10 @@ SHORTER = 0.4  # a window that is too long, when it is tried again
 RESOLVED = 2e-11  # the last coefficient of the polynomial in a window that is short enough
 SWEEPS = 10  # of collocation, each of which gains two digits, with one window
 WINDOWS = 4  # that are tried
+NEARLY = 3  # times the least speed of a slip: one that is slower than that may end in the next step
+SAME = 1e-9  # of a speed: what rounding may change
+PAST = 0.5  # of the least speed: a step is to end no slower than that
+TRUNCATED = 2e5  # tolerances: the most of a step's error beside the speed of a slip that ends, for its derivatives
 STEPS = 16  # in the time τ, to the end of a slip
 TURN = 1.5  # by which σ turns and ln s falls in one of them, at most
 
@@ -113,6 +118,37 @@ def end(found: Response, mu: Float[Array, ""], slip: Float[Array, "3"]) -> End:
     time = x[3] + slower * left_of_it
     rubbed, pressed = x[4] + 0.5 * power * left_of_it, x[5] + normal * left_of_it
     return End(comes, speed * time, speed**2 * rubbed, pressed / jnp.where(time > 0, time, 1.0))
+
+
+def nears_its_end(before: Float[Array, ""], after: Float[Array, ""], least: Float[Array, ""]) -> Bool[Array, ""]:
+    """Whether a step has slowed down a slip that was slow when it began, so that its end may have come.
+
+    Where friction is hardly needed to hold the body, the direction of a slow slip returns to that in which it ends much
+    faster than the slip slows down. Steps are then too short to halve its speed, and would never meet a zero of the
+    guard.
+    """
+    return (before <= (2 + SAME) * least) & (after < before)
+
+
+def longest_step(
+    before: Float[Array, ""],
+    after: Float[Array, ""],
+    least: Float[Array, ""],
+    length: Float[Array, ""],
+    accuracy: Accuracy,
+) -> Float[Array, ""]:
+    """The longest next step after one of this length in which a slip has slowed down; infinite where it has not.
+
+    It is a fraction of the time until the end of the slip, where the direction turns ever faster, and goes beyond the
+    least speed at most half way to the end, because the stages of a step across the end pull in both directions, which
+    a low-order method may not notice as an error.
+    """
+    share = jnp.minimum((TRUNCATED * accuracy.tolerance) ** (1 / (accuracy.order + 1)), accuracy.approach)
+    slows = (after > 0) & (before > after)
+    until_end = after * length / jnp.where(slows, before - after, 1.0)
+    safe = 1 - PAST * least / jnp.where(slows, after, 1.0)
+    longest = until_end * jnp.where(after > NEARLY * least, jnp.minimum(share, safe), safe)
+    return jnp.where(slows & (longest > 0), longest, jnp.inf)
 
 
 def beginning(

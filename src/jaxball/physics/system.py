@@ -15,12 +15,29 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.arguments import a, described, refusal
 from ..interface.printing import Printed, is_array
+from ..interface.status import Status
 from ..numerics.arrays import default_dtype
+from ..numerics.masks import differentiated_where
 from .conditions import Condition, Problem, unit
+from .hybrid import (
+    NONE,
+    START,
+    AbstractHistory,
+    Accuracy,
+    Assessment,
+    GuardedStep,
+    History,
+    NoHistory,
+    Record,
+    Switches,
+    Transition,
+    at_zero,
+    entry,
+)
 
 AnyState = TypeVar("AnyState", bound="AbstractState")
 AnySystem = TypeVar("AnySystem", bound="AbstractSystem")
@@ -81,6 +98,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
     - ``driving_kinks``, ``motion_kinks``: the times to which a solve steps, because the field is not smooth there;
     - ``to_packed``, ``from_packed``, ``packed_field``: other coordinates for a solve to advance, such as a momentum
       instead of a velocity;
+    - ``guards``, ``reset``, ``time_event``: for a hybrid system, what ends a mode, and the state that follows;
     - ``phase_point``: which part of a state the motion depends on;
     - ``confined``, ``time_of_leaving``, ``breaches``: for a system with an inside, checks that nothing leaves it.
 
@@ -91,6 +109,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
     title: ClassVar[str] = "system"
     state_type: ClassVar[Any]
     other_state_types: ClassVar[tuple[Any, ...]] = ()
+    max_switches: ClassVar[int] = 64  # how many switches of a run are kept; all are counted
 
     @abc.abstractmethod
     def field(self, t: Float[Array, ""], state: AnyState) -> AnyState:
@@ -179,6 +198,89 @@ class AbstractSystem(Printed, Generic[AnyState]):
     def kinks(self) -> Float[Array, " kinks"]:
         """The unsorted times of all kinks."""
         return jnp.concatenate([self.motion_kinks(), self.driving_kinks()])
+
+    # Modes that follow each other, of a hybrid system. Its state says in which mode it is, by an integer or a number
+    # that only a reset changes, and by which `field` and `guards` choose.
+
+    def guards(self, t: Float[Array, ""], state: AnyState) -> Float[Array, " k"]:
+        """Functions that are positive while the mode lasts. Where one falls to zero, there is an event.
+
+        They are smooth within a mode. A guard that does not apply in it is a positive constant. Where a state after a
+        reset has a guard that is zero, that must grow.
+        """
+        return jnp.zeros((0,), dtype=default_dtype())
+
+    def time_event(self, t: Float[Array, ""], state: AnyState) -> Float[Array, ""]:
+        """The time after ``t`` of an event that the state knows beforehand, such as the next tick of a clock.
+
+        Infinite if there is none; a time that is not after ``t`` is none, either.
+        """
+        return jnp.full((), jnp.inf, dtype=default_dtype())
+
+    def reset(self, t: Float[Array, ""], state: AnyState, which: Int[Array, ""]) -> AnyState:
+        """The state after an event, from that before it.
+
+        ``which`` is the index of the guard that fell to zero, the first one if several did, or the number of guards for
+        a time event.
+        """
+        return state
+
+    @property
+    def is_hybrid(self) -> bool:
+        """Whether it has modes that end: whether its class has guards or time events of its own."""
+        kind = type(self)
+        return kind.guards is not AbstractSystem.guards or kind.time_event is not AbstractSystem.time_event
+
+    # The same in more detail. These are for systems whose events depend on how a solve takes its steps.
+
+    def step_reference(self, t: Float[Array, ""], state: AnyState, accuracy: Accuracy) -> Any:
+        """What the guards within a step refer to, from the state at its start."""
+        return ()
+
+    def guards_in_step(self, t: Float[Array, ""], state: AnyState, reference: Any) -> Float[Array, " k"]:
+        """The guards within a step."""
+        return self.guards(t, state)
+
+    def assess(self, step: GuardedStep, accuracy: Accuracy) -> Assessment:
+        """Whether there is an event at the end of a step, and how long the next step may be."""
+        fallen = step.is_zero | (step.zero != NONE) & (entry(step.zero, step.guards[:, -1]) <= 0)
+        timed = jnp.where(step.timed, step.guards.shape[0], NONE)
+        return Assessment(jnp.where(fallen, step.zero, timed), jnp.full_like(step.end, jnp.inf))
+
+    def transition(self, t: Float[Array, ""], state: AnyState, event: Int[Array, ""], accuracy: Accuracy) -> Transition:
+        """What happens at an event: the state is reset, or, at the ``START`` of a run, left as it is."""
+        starts = event == START
+        t, before, slope = at_zero(self.guards, t, state, self.field(t, state), event)
+        system, t_of_reset, given = differentiated_where(~starts, (self, t, before))
+        after = system.reset(t_of_reset, given, event)
+        if jax.tree.structure(after) != jax.tree.structure(before):
+            kind = type(self).__name__
+            raise TypeError(
+                f"Method `reset` of {kind} must return {a(type(state).__name__)}, the state after an event, but it "
+                f"returns {described(after)}."
+            )
+        after = jax.tree.map(lambda old, new: jnp.where(starts, old, jnp.asarray(new, old.dtype)), before, after)
+        success, no = jnp.asarray(int(Status.SUCCESS)), jnp.asarray(False)
+        return Transition(t, before, after, event, slope, ~starts, ~starts, no, success)
+
+    # What a run shows.
+
+    def start(self, t: Float[Array, ""], state: Any) -> AnyState:
+        """The state with which a solve starts, from the one that is given; ``self`` is not prepared."""
+        return state
+
+    @property
+    def shown(self) -> "AbstractSystem":
+        """The system that a trajectory is of, where that is a part of what is solved."""
+        return self
+
+    def shown_state(self, state: AnyState) -> AbstractState:
+        """The part of a state, or of several, that a trajectory shows."""
+        return state
+
+    def history(self, times: Float[Array, " T"], states: AnyState, record: Record | None) -> AbstractHistory:
+        """The history of one run, from the states at its saved times and its switches; None without modes."""
+        return NoHistory() if record is None else History(Switches.of(record))
 
     # What is read off a state.
 

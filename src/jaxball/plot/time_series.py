@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from ..numerics import programs
 from ..numerics.arrays import to_array
 from ..physics.body import Disk
+from ..physics.body_on_plane import ContactHistory
 from ..physics.modes import Mode
 from ..sensors import AbstractSensor
-from ..simulation.history import ContactHistory
 from ..simulation.trajectory import Trajectory
 from .modes import modes_of, share_bands, with_breaks
 from .over_time import Series, over_time, sizes_of, without_rounding

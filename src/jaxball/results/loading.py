@@ -11,6 +11,7 @@ import numpy as np
 
 from ..interface.status import Status
 from ..numerics.arrays import to_array
+from ..physics.hybrid import NoHistory
 from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario, ScenarioError, read_scenario
 from ..simulation.trajectory import Trajectory
@@ -71,7 +72,7 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
             steps=jnp.asarray(attribute("steps", int)),
             rejected=jnp.asarray(attribute("rejected_steps", int)),
             start=None if scenario is None else scenario.state,
-            contact=read_history(arrays, attribute, state, friction) if "contact_sliding" in about else None,
+            history=read_history(arrays, attribute, state, friction) if "contact_sliding" in about else NoHistory(),
         )
     except KeyError as error:
         raise no_run(path, f"it has no {error}") from None

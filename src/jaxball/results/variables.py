@@ -9,12 +9,13 @@ from jaxtyping import Array
 
 from ..numerics.arrays import to_array
 from ..physics.body import AbstractBody
+from ..physics.body_on_plane import NOWHERE, ContactHistory
 from ..physics.contact_law import AbstractFriction, Contact
+from ..physics.modes import ContactSwitches
 from ..physics.released import ReleasedState
 from ..physics.state import DiskState, ReducedState
 from ..scenario.body import COEFFICIENTS
 from ..sensors import AbstractSensor
-from ..simulation.history import NOWHERE, ContactHistory, Switches
 from ..simulation.trajectory import Trajectory
 from ..simulation.variables import CLASSICAL_STATE, HISTORY, LAWS, OBSERVABLES, STATE, SWITCHES, Variable
 
@@ -158,7 +159,7 @@ def read_history(
 
 def _read_switches(
     arrays: Mapping[str, np.ndarray], count: int, room: int, fields: Mapping[str, Array], state_type: Any
-) -> Switches:
+) -> ContactSwitches:
     kept = min(count, room)
 
     def filled(name: str, shape: tuple[int, ...] = (), nothing: float | int | bool = np.nan) -> Array:
@@ -173,10 +174,10 @@ def _read_switches(
         return ReleasedState(state_type(**body), filled(f"{side}_V", (3,)), filled(f"{side}_height"))
 
     before, after = map(released, SIDES)
-    return Switches(
+    return ContactSwitches(
         count=jnp.asarray(count),
         times=filled("times"),
-        cause=filled("cause", nothing=NOWHERE),
+        event=filled("cause", nothing=NOWHERE),
         source=filled("source", nothing=NOWHERE),
         target=filled("target", nothing=NOWHERE),
         before=before,

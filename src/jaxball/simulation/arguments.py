@@ -146,6 +146,15 @@ def require_one_state(system: AbstractSystem, state: AbstractState | ReleasedSta
     require_one("state", "state", body, shapes_of_state(type(body), default_dtype()))
 
 
+def require_smooth(system: AbstractSystem) -> None:
+    """Raises ``TypeError`` for a hybrid system, which has no differential-algebraic form."""
+    if system.is_hybrid:
+        raise TypeError(
+            f"Argument `dae` must be False for a {type(system).__name__}, whose modes are differential equations, but "
+            "it is True."
+        )
+
+
 def require_dae(state: AbstractState, solver: diffrax.AbstractSolver | None) -> None:
     """Raises ``TypeError`` for a state without a unit vector, and for a solver that does not support a mass matrix."""
     if state.unit_vector is None:

@@ -10,12 +10,11 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics import programs
 from ..physics import friction
-from ..physics.body_on_plane import BodyOnPlane
+from ..physics.body_on_plane import BodyOnPlane, ContactHistory
 from ..physics.modes import ContactState, Mode
 from ..physics.released import ReleasedState
 from ..physics.slip import Beginning
 from ..physics.state import DiskState
-from .history import ContactHistory, slips
 from .trajectory import Trajectory
 
 STILL = 1e-9  # of the speeds of a body: a slower slip is at its beginning or at its end
@@ -55,7 +54,7 @@ def with_limits(trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
         trajectory,
         times=np.asarray(joined(times, sides.times, times[-1])),
         state=jax.tree.map(lambda leaf, limit: joined(leaf, limit, np.nan), state, sides.states.body),
-        contact=dataclasses.replace(
+        history=dataclasses.replace(
             history,
             mode=joined(history.mode, sides.modes, -1),
             V=joined(history.V, sides.states.V, np.nan),
@@ -200,7 +199,7 @@ def _contact_states(system: BodyOnPlane, states: ReleasedState, modes: Array, si
 
 @programs.filter_jit
 def _slips(system: BodyOnPlane, times: Array, states: ContactState) -> tuple[Array, Array]:
-    return slips(system, times, states)
+    return system.prepare().slips(times, states)
 
 
 @programs.filter_jit

@@ -17,11 +17,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..compat import while_loop
-from ..interface.status import Status
 from ..solvers.dense.continuous import DenseOutput, has_one_tableau
 from ..solvers.multistep_controller import AbstractMultistepController
 from .observers import Observers, Step
-from .switching import NONE, Course, Switching
+from .switching import AbstractSwitching, NextStep, NoSwitching, Taken
 
 # A step that would end this close to the end of the run, relative to it, ends there.
 CLOSE = 100
@@ -39,15 +38,15 @@ class SavedStates(NamedTuple):
 class SolveLoop(diffrax.AbstractAdjoint):
     """The loop of a solve that saves the vectors at ``times``, infinite at times that it does not reach.
 
-    With ``switching``, the system has modes that follow each other, and their ``course`` is among the statistics; with
-    ``observers``, so is what they ``found``.
+    What ``switching`` carried to the end is among the statistics as ``switching``; with ``observers``, so is what they
+    ``found``.
 
     diffrax calls a loop after the way in which it is differentiated. ``kind`` is "checkpointed" for reverse mode, with
     so many ``checkpoints``, and "lax" for forward mode or none.
     """
 
     times: Float[Array, " T"]
-    switching: Switching | None
+    switching: AbstractSwitching
     observers: Callable[[Any], Observers] | None = eqx.field(static=True)  # of what the terms are given
     kind: Literal["checkpointed", "lax"] = eqx.field(static=True)
     checkpoints: int | None = eqx.field(static=True, default=None)
@@ -57,10 +56,11 @@ class SolveLoop(diffrax.AbstractAdjoint):
         cls,
         adjoint: diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode,
         times: Float[Array, " T"],
-        switching: Switching | None = None,
+        switching: AbstractSwitching | None = None,
         observers: Callable[[Any], Observers] | None = None,
     ) -> "SolveLoop":
-        """The loop for the mode of differentiation that ``adjoint`` stands for."""
+        """The loop for the differentiation that ``adjoint`` stands for; by default of a system without modes."""
+        switching = NoSwitching() if switching is None else switching
         if isinstance(adjoint, diffrax.ForwardMode):
             return cls(times, switching, observers, "lax")
         return cls(times, switching, observers, "checkpointed", adjoint.checkpoints)
@@ -88,21 +88,17 @@ class SolveLoop(diffrax.AbstractAdjoint):
             infos = output.room(init_state.dense_infos, max_steps)
             init_state = dataclasses.replace(init_state, dense_ts=init_state.dense_ts.at[0].set(t0), dense_infos=infos)
         solve = _Solve(terms, solver, stepsize_controller, args, t0, t1, event, progress_meter, self.switching)
-        y0, course = init_state.y, None
+        y0, switching = init_state.y, self.switching
         observers = None if self.observers is None else self.observers(args)
-        if self.switching is not None:
-            course = self.switching.begin(t0, y0, init_state.tnext - t0)
 
         def unfinished(carry: tuple[Any, ...]) -> Bool[Array, ""]:
-            state, _, course, _ = carry
-            lasts = (state.tprev < t1) & (state.result == RESULTS.successful)
-            return lasts if course is None else lasts & (course.status == int(Status.SUCCESS))
+            state, _, hybrid, _ = carry
+            return (state.tprev < t1) & (state.result == RESULTS.successful) & switching.goes_on(hybrid)
 
         def advance(carry: tuple[Any, ...]) -> tuple[Any, ...]:
-            state, saved, course, seen = carry
-            if course is not None:
-                state, course = solve.settled(state, course)
-            new, info, keep, course = solve.advanced(state, course)
+            state, saved, hybrid, seen = carry
+            state, hybrid = solve.after_reset(state, hybrid)
+            new, info, keep, hybrid = solve.advanced(state, hybrid)
             step = {"t0": state.tprev, "t1": state.tnext}
             exactly = dense or (observers is not None and observers.needs_exact)
             coarse = solver.interpolation_cls(**step, **info)
@@ -117,30 +113,31 @@ class SolveLoop(diffrax.AbstractAdjoint):
             if observers is not None:
                 taken = Step(state.tprev, state.tnext, state.y, coarse.evaluate, interpolation.evaluate)
                 seen = observers.observe(seen, taken, keep)
-            return new, saved, course, seen
+            return new, saved, hybrid, seen
 
         inner = SavedStates(jnp.asarray(0), jnp.full((self.times.size - 2, *y0.shape), jnp.inf, y0.dtype))
         seen = None if observers is None else observers.begin(y0)
-        state, saved, course, seen = while_loop(
+        hybrid = switching.init(t0, y0, init_state.tnext - t0)
+        state, saved, hybrid, seen = while_loop(
             unfinished,
             advance,
-            (init_state, inner, course, seen),
+            (init_state, inner, hybrid, seen),
             max_steps=max_steps,
-            buffers=_buffers_with_switches if self.switching is not None else _buffers,
+            buffers=lambda carry: (*_buffers(carry), switching.record(carry[2])),
             kind=self.kind,
             checkpoints=self._checkpoints(max_steps),
         )
         done = state.tprev >= t1
         last = jnp.where(done, state.y, jnp.inf)
-        first = y0 if course is None else course.begun
+        first = switching.first(hybrid, y0)
         states = jnp.concatenate([first[None], saved.vectors, last[None]])
         state = dataclasses.replace(
             state,
             save_state=dataclasses.replace(state.save_state, ts=state.tprev[None], ys=states),
             num_rejected_steps=state.num_steps - state.num_accepted_steps,
-            result=RESULTS.where(unfinished((state, saved, course, seen)), RESULTS.max_steps_reached, state.result),
+            result=RESULTS.where(unfinished((state, saved, hybrid, seen)), RESULTS.max_steps_reached, state.result),
         )
-        statistics = {} if course is None else {"course": course}
+        statistics = {"switching": hybrid}
         if observers is not None:
             statistics["found"] = observers.found(seen, t0, first, functools.partial(solve.again, output))
         return state, statistics
@@ -151,7 +148,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
         With fewer than all steps, derivatives of what follows the end of a slip were off by up to 2e-5, presumably
         because a recomputed step rounds differently. So where modes end, all steps are kept, up to a limit.
         """
-        if self.checkpoints is None and self.switching is not None:
+        if self.checkpoints is None and self.switching.jumps:
             return min(max_steps, MOST_CHECKPOINTS)
         return self.checkpoints
 
@@ -199,22 +196,19 @@ class _Solve(NamedTuple):
     t1: Float[Array, ""]
     event: diffrax.Event | None
     progress_meter: diffrax.AbstractProgressMeter
-    switching: Switching | None
+    switching: AbstractSwitching
 
-    def settled(self, state: Any, course: Course) -> tuple[Any, Course]:
-        """The state with which the next step begins: that of the mode that follows, where one has ended."""
-        assert self.switching is not None
-        ended = course.pending != NONE
-        t, y, end, course = self.switching.settled(course, state.tprev, state.y, self.t1 - self.t0, self.args)
-        latest = jnp.minimum(self.switching.latest_end(t, y, self.args), self.t1)
-        end = jnp.minimum(jnp.maximum(state.tnext, end), latest)
-        state = dataclasses.replace(state, tprev=t, tnext=end, y=y, made_jump=state.made_jump | ended)
-        return state, course
+    def after_reset(self, state: Any, hybrid: Any) -> tuple[Any, Any]:
+        """The state with which the next step begins: that after the reset, where there was an event."""
+        step = NextStep(jnp.asarray(True), state.tprev, state.tnext, None, jnp.asarray(False))
+        hybrid, step, y, happened = self.switching.apply_reset(hybrid, step, state.y, (self.t0, self.t1), self.args)
+        jumped = state.made_jump | happened
+        return dataclasses.replace(state, tprev=step.start, tnext=step.end, y=y, made_jump=jumped), hybrid
 
-    def advanced(self, state: Any, course: Course | None = None) -> tuple[Any, Any, Bool[Array, ""], Course | None]:
+    def advanced(self, state: Any, hybrid: Any) -> tuple[Any, Any, Bool[Array, ""], Any]:
         """The state after a step, what the step's interpolation is made of, and whether the step was accepted."""
         smooth = isinstance(self.controller, diffrax.PIDController | AbstractMultistepController)
-        jumps = self.switching is not None or not smooth
+        jumps = self.switching.jumps or not smooth
         solver_state, jumped = state.solver_state, state.made_jump if jumps else False
         if has_one_tableau(self.solver):
             solver_state, jumped = self._with_first_slope(state, jumped), False
@@ -231,18 +225,13 @@ class _Solve(NamedTuple):
             self.solver.error_order(self.terms),
             state.controller_state,
         )
-        retried = jnp.asarray(False)
-        if self.switching is not None and course is not None:
-            if smooth:  # as of StepToKinks: a length that moved with a switch would do so more and more, as steps grow
-                tnext = jax.lax.stop_gradient(tnext) + (tprev - jax.lax.stop_gradient(tprev))
-            interpolation = self.solver.interpolation_cls(t0=state.tprev, t1=state.tnext, **info)
-            judged = self.switching.judged(course, state.tprev, state.tnext, y, interpolation, keep, self.args)
-            retried, target, longest, course = judged
-            keep &= ~retried
-            tprev = jnp.where(retried, state.tprev, tprev)
-            tnext = jnp.where(longest < tnext - tprev, tprev + longest, tnext)
-            tnext = jnp.where(retried, target, tnext)
-            controller_state = _where(retried, state.controller_state, controller_state)
+        if smooth and jumps:  # as of StepToKinks: a length that moved with a switch would do so more and more
+            tnext = jax.lax.stop_gradient(tnext) + (tprev - jax.lax.stop_gradient(tprev))
+        interpolation = self.solver.interpolation_cls(t0=state.tprev, t1=state.tnext, **info)
+        taken = Taken(state.tprev, state.tnext, y, interpolation.evaluate, state.controller_state)
+        proposed = NextStep(keep, tprev, tnext, controller_state, jnp.asarray(False))
+        hybrid, following = self.switching.detect(hybrid, taken, proposed, self.args)
+        keep, tprev, tnext, controller_state, exact = following
         tprev = jnp.minimum(tprev, self.t1)
         almost = self.t1 - CLOSE * float(jnp.finfo(self.t1.dtype).eps) * jnp.abs(self.t1)
         end = jnp.where(keep, self.t1, tprev + 0.5 * (self.t1 - tprev))
@@ -253,7 +242,7 @@ class _Solve(NamedTuple):
             state,
             y=y,
             tprev=tprev,
-            tnext=jnp.where((tnext > almost) & ~retried, end, tnext),
+            tnext=jnp.where((tnext > almost) & ~exact, end, tnext),
             made_jump=jnp.where(keep, made_jump, state.made_jump) if jumps else state.made_jump,
             solver_state=solver_state,
             controller_state=controller_state,
@@ -264,7 +253,7 @@ class _Solve(NamedTuple):
         )
         if self.event is not None:
             state = _stopped_by_event(state, self.event, self.args, self.t0)
-        return state, info, keep, course
+        return state, info, keep, hybrid
 
     def again(self, output: DenseOutput, t0: Array, t1: Array, y: Array) -> Step:
         """A step that was taken, computed once more, which is cheaper than keeping its intermediate values."""
@@ -292,11 +281,6 @@ def _buffers(carry: tuple[Any, ...]) -> tuple[Any, ...]:
     """What a step writes a row of, and reads none."""
     state, saved, *_ = carry
     return saved.vectors, state.dense_ts, state.dense_infos
-
-
-def _buffers_with_switches(carry: tuple[Any, ...]) -> tuple[Any, ...]:
-    """The same of a run whose modes end."""
-    return *_buffers(carry), carry[2].kept
 
 
 def _kept_for_dense_output(state: Any, info: Any, keep: Bool[Array, ""]) -> Any:

@@ -1,22 +1,14 @@
-"""A run through several modes, as a trajectory of the body."""
+"""What a run of a body with a law of contact needs."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
-
-import jax
-import jax.numpy as jnp
-from jaxtyping import Array
+from typing import Any
 
 from ..interface.arguments import described, require
 from ..physics.body import AbstractBody
 from ..physics.body_on_plane import BodyOnPlane
 from ..physics.contact_law import Contact
-from ..physics.modes import ContactState
-from ..physics.packing import Packing
 from ..physics.state import ReducedState
 from .events import AbstractEvent, Detachment, Slip
-from .history import NOWHERE, ContactHistory, Switches
-from .switching import Kept
 
 
 def on_plane(system: Any, state: Any, contact: Contact, dae: bool, events: Mapping[str, AbstractEvent]) -> BodyOnPlane:
@@ -46,56 +38,3 @@ def on_plane(system: Any, state: Any, contact: Contact, dae: bool, events: Mappi
                 f'but "{name}" is one; `trajectory.contact.switches` has the times.'
             )
     return BodyOnPlane(system, contact)
-
-
-class Unpacked(NamedTuple):
-    """Switches as they are kept, with their states before and after."""
-
-    kept: Kept
-    before: ContactState
-    after: ContactState
-
-
-def unpacked_switches(packing: Packing, kept: Kept) -> Unpacked:
-    """All switches of a run."""
-    return jax.lax.map(lambda one: unpacked_switch(packing, one), kept)
-
-
-def unpacked_switch(packing: Packing, kept: Kept) -> Unpacked:
-    """One of them; NaN if there is none."""
-    known = jnp.isfinite(kept.times)
-    t = jnp.where(known, kept.times, 0.0)
-    return Unpacked(kept, *(packing.unpack_where(known, t, vector) for vector in (kept.before, kept.after)))
-
-
-def history(
-    law: Contact, saved: ContactState, slip: Array, sigma: Array, count: Array, switches: Unpacked
-) -> ContactHistory:
-    """The history of the contact in one run, or in several as a leading axis."""
-    (times, causes, _, _, grazing), before, after = switches
-    known = jnp.isfinite(times)
-    return ContactHistory(
-        law=law,
-        mode=_whole(saved.mode),
-        V=saved.V,
-        height=saved.height,
-        slip=slip,
-        sigma=sigma,
-        rubbed=saved.rubbed,
-        struck=saved.struck,
-        switches=Switches(
-            count=count,
-            times=times,
-            cause=jnp.where(known, causes, NOWHERE),
-            source=_whole(before.mode),
-            target=_whole(after.mode),
-            before=before.released,
-            after=after.released,
-            lost=after.struck - before.struck,
-            grazing=grazing & known,
-        ),
-    )
-
-
-def _whole(mode: Array) -> Array:
-    return jnp.where(jnp.isfinite(mode), mode, NOWHERE).astype(int)

@@ -122,7 +122,7 @@ class Observers:
             t = jnp.minimum(step.start + fraction * (step.end - step.start), last)
             return self._signed(t, step.between(t))
 
-        samples = jax.lax.map(sample, nodes)
+        samples = jax.lax.stop_gradient(jax.lax.map(sample, nodes))
         fine = jnp.sum(jnp.asarray(sampling().matrix, samples.dtype)[..., None] * samples[None], axis=1)
         finite = jnp.all(jnp.isfinite(samples), axis=0)
         most = jnp.maximum(jnp.max(samples, axis=0), jnp.where(finite, jnp.max(fine, axis=0), -jnp.inf))
@@ -160,14 +160,15 @@ class Observers:
         def search(place: Array) -> tuple[Array, Array]:
             rank, k = place // count, place % count
             step = again(best.start[rank, k], best.end[rank, k], best.x[rank, k])
-            last = last_within(step.start, step.end)[None]
 
-            def at(t: Float[Array, " 1"]) -> Float[Array, " 1"]:
-                return self._signed(t[0], step.exact(t[0]))[k][None]
+            def at(t: Float[Array, ""]) -> Float[Array, ""]:
+                return self._signed(t, step.exact(t))[k]
 
-            first = step.start[None]
-            t = place_of_largest(at, first, last - first, first, last, ROUNDS)
-            return at(t)[0], t[0]
+            # A maximum does not change to first order as its place does.
+            first, last = jax.lax.stop_gradient((step.start[None], last_within(step.start, step.end)[None]))
+            still = lambda t: jax.lax.stop_gradient(at(t[0]))[None]  # noqa: E731
+            t = jax.lax.stop_gradient(place_of_largest(still, first, last - first, first, last, ROUNDS))[0]
+            return at(t), t
 
         values, times = (x.reshape(2, count) for x in jax.lax.map(search, jnp.arange(2 * count)))
         values = jnp.where(best.value > -jnp.inf, values, -jnp.inf)

@@ -15,12 +15,12 @@ from ..interface.arguments import require_flags
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.arrays import Numbers, is_traced
-from ..numerics.masks import differentiated_where, with_unknown_derivatives
+from ..numerics.masks import differentiated_where, known_or_nothing, with_unknown_derivatives
 from ..numerics.modes import forward_only, reverse_only
 from ..physics.body import System
-from ..physics.body_on_plane import BodyOnPlane
 from ..physics.confinement import until_left
 from ..physics.contact_law import Contact
+from ..physics.hybrid import Accuracy
 from ..physics.packing import Packing
 from ..physics.released import ReleasedState
 from ..physics.state import State
@@ -39,14 +39,14 @@ from .arguments import (
     require_dae,
     require_one_law,
     require_one_state,
+    require_smooth,
 )
 from .events import AbstractEvent
-from .history import slips
 from .loop import SolveLoop
-from .modal import history, on_plane, unpacked_switches
+from .modal import on_plane
 from .observers import Observation, Observers
 from .step_size import by_tolerances, kinks_of, to_kinks
-from .switching import Switching
+from .switching import NoSwitching, Switching
 from .trajectory import Interpolant, Trajectory
 from .watch import checked, locate, stop
 
@@ -78,7 +78,8 @@ def simulate(
     **Arguments:**
 
     - ``system``: a :class:`~jaxball.Ball`, a :class:`~jaxball.Disk`, one of :mod:`jaxball.classical`, or any other
-      :class:`~jaxball.AbstractSystem`.
+      :class:`~jaxball.AbstractSystem`. Where that is hybrid, with guards that end a mode, ``trajectory.switches`` has
+      the events.
     - ``times``: increasing, two or more. The solver chooses its own steps, and ends steps exactly at the kinks of
       actuation and force.
     - ``state``: the state at ``times[0]``; if not given, at rest at the origin with θ of free joints 0. Its kind
@@ -146,6 +147,7 @@ def simulate(
         require_one_state(system, state, contact)
     rtol, atol = checked_tolerances(rtol, atol)
     if dae and not isinstance(state, ReleasedState):
+        require_smooth(system)
         require_dae(state, solver)
     events = checked(system, events)
     method = Method(
@@ -190,9 +192,8 @@ def _run(
     """A trajectory. Dense output has room for few steps at first, because unused room costs time as well."""
 
     def trajectory_by(method: Method) -> Trajectory[Any, Any]:
-        *solved, contact = _program(method)(system, times, state, *others)
-        body = system.body if isinstance(system, BodyOnPlane) else system
-        return Trajectory.of(body, times, *solved, {}, state, contact)
+        *solved, history = _program(method)(system, times, state, *others)
+        return Trajectory.of(system.shown, times, *solved, {}, state, history)
 
     if method.dense and not is_traced(jnp.zeros(())):
         for room in (room for room in FEW_STEPS if room < method.max_steps):
@@ -216,10 +217,13 @@ def _compiled(method: Method) -> Callable[..., tuple]:
 
 def simulated(method: Method, system: AbstractSystem, times: Array, *others: Any) -> tuple:
     """The fields of a trajectory except ``system`` and ``times``, which a program could only copy."""
-    saved, *solved, course, _ = solve(method, system, times, *others)
-    if not isinstance(system, BodyOnPlane):
-        return saved, *solved, None
-    return saved.body, *solved, history(system.contact, saved, *slips(system, times, saved), *course)
+    return simulated_and_found(method, system, times, *others)[0]
+
+
+def simulated_and_found(method: Method, system: AbstractSystem, times: Array, *others: Any) -> tuple[tuple, Any]:
+    """The same fields, and what was observed."""
+    saved, *solved, record, found = solve(method, system, times, *others)
+    return (system.shown_state(saved), *solved, system.history(times, saved, record)), found
 
 
 def solve(
@@ -234,8 +238,7 @@ def solve(
     """The saved states, where and how the solve ended, its steps, the interpolant, the switches, what was observed."""
     if isinstance(method.adjoint, diffrax.RecursiveCheckpointAdjoint):
         system, times, state, rtol, atol, events = reverse_only((system, times, state, rtol, atol, events))
-    if isinstance(system, BodyOnPlane):
-        state = system.prepare().start(times[0], state)
+    state = system.start(times[0], state)
     startable, given = _startable(system, times, state, method.inside), (system, times, state)
     system, times, state, events = differentiated_where(startable, (system, times, state, events))
     packing, initial = _packed(system, times[0], state)
@@ -256,10 +259,10 @@ def solve(
         packing = unpack_parameters(parameters)[0]
         return Observers(method.observation, functools.partial(_quantities, method.observation, packing))
 
-    switching, term = None, diffrax.ODETerm(field)
-    if isinstance(system, BodyOnPlane):
-        order = float(method.solver.error_order(term) or 1)  # pyright: ignore
-        switching = Switching(rtol, atol, unpack_parameters, system.contact.room, order, approach_of(method.solver))
+    term = diffrax.ODETerm(field)
+    order = float(method.solver.error_order(term) or 1)  # pyright: ignore
+    accuracy = Accuracy(rtol, atol, order, approach_of(method.solver))
+    switching = Switching(accuracy, unpack_parameters, system.max_switches) if system.is_hybrid else NoSwitching()
     if method.dae:
         term = SwitchingMassMatrixTerm(
             dae_field,
@@ -288,16 +291,13 @@ def solve(
     states, ended = cast(Array, solution.ys), cast(Array, solution.ts)
     saved = _unpacked(packing, startable & jnp.all(jnp.isfinite(states), axis=1), times, states)
     reached, status = ended[0], status_of(solution.result)
-    course = solution.stats.get("course")
-    if course is not None:
-        status = jnp.where(course.status == int(Status.SUCCESS), status, course.status)
-        course = course.switches, unpacked_switches(packing, course.kept)
+    status, record = switching.outcome(cast(Any, solution.stats["switching"]), status, packing)
     if method.inside:
         reached, status = until_left(packing.system, times, saved, reached, status)
     status = jnp.where(startable, status, Status.IMPOSSIBLE)
     # The steps that were tried beyond that are part of what reverse mode goes through.
     spoilt = (status == int(Status.NOT_FINITE)) & isinstance(method.adjoint, diffrax.RecursiveCheckpointAdjoint)
-    saved, course = with_unknown_derivatives((saved, course), given, spoilt)
+    saved, record = with_unknown_derivatives((saved, record), given, spoilt)
     return (
         saved,
         reached,
@@ -305,7 +305,7 @@ def solve(
         cast(Array, solution.stats["num_steps"]),
         cast(Array, solution.stats["num_rejected_steps"]),
         Interpolant.of(solution, solver, packing) if method.dense else None,
-        course,
+        record,
         solution.stats.get("found"),
     )
 
@@ -333,7 +333,7 @@ def _unpacked(packing: Packing[Any, Any], known: Array, times: Array, states: Ar
     times, states = jnp.where(known, times, times[0]), jnp.where(known[:, None], states, states[0])
 
     def cut(leaf):
-        return jnp.where(known.reshape(-1, *(1,) * (leaf.ndim - 1)), leaf, jnp.nan)
+        return known_or_nothing(known.reshape(-1, *(1,) * (leaf.ndim - 1)), leaf)
 
     return jax.tree.map(cut, jax.lax.map(lambda at: packing.unpack(*at), (times, states)))
 

@@ -1,12 +1,14 @@
 """Where in a solve the mode of a system ends, and how the solve continues.
 
-Each step is checked as soon as it is taken. Where one of the guard functions, which are positive while the mode lasts,
-falls to zero within it, the step is rejected, and steps of other lengths follow until one ends there: by the secant
-method, on steps of the solver itself and not on its interpolation, so that the state is as exact as any other. The next
-step begins in the mode that follows.
+Each step is checked as soon as it is taken. Where one of the guards, which are positive while the mode lasts, falls to
+zero within it, the step is rejected, and steps of other lengths follow until one ends there: by the secant method, on
+steps of the solver itself and not on its interpolation, so that the state is as exact as any other. The next step
+begins with the state after the reset.
 """
 
-from typing import Any, NamedTuple
+import abc
+from collections.abc import Callable
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -16,56 +18,46 @@ from jaxtyping import Array, Bool, Float, Int
 from ..interface.status import Status
 from ..numerics.bracketing import Sample, between, other_end
 from ..numerics.kinks import before_kink
-from ..physics.body_on_plane import Heading
-from ..physics.modes import CAUSES, Cause, Mode
+from ..physics.hybrid import NONE, START, Accuracy, GuardedStep, Record, entry
 from ..physics.packing import Packing
-from ..solvers.base import APPROACH
 from ..solvers.dense.sampling import sampling
 
-NONE = -1  # no cause
-WINDOW = -2  # no cause either: the end of the time for which the direction of a slip was known beforehand
-NEAR = 1e-10  # of the length of a step: where it ends so close to the end of a mode, one step of Newton's is exact
-TOGETHER = 1e-6  # of the length of a step: what ends a mode at nearly the same time as something else
+NEAR = 1e-10  # of the length of a step: where it ends so close to a zero of a guard, one step of Newton's is exact
+TOGETHER = 1e-6  # of the length of a step: zeros of guards this close to each other are one event
 MOST_TRIES = 40
 LEAST = 8  # the length of a step, in units of rounding of the time
 ROOT_STEPS = 8  # of the Illinois method, to the zero of a quartic
 POWERS = sampling().powers.tolist()
-REAL = 1e-6  # a value not below this part of its size in a step is not a zero
-NOTHING = 1e-9  # a normal force below this part of its size in a step counts as zero
-GRAZING = 1e-6  # a function that falls by less than this part of its size in a step touches zero
+GRAZING = 1e-6  # a guard that falls by less than this part of its size in a step touches zero
 CLOSE = 1e-9  # switches closer to each other than this part of a run are counted as crowded
 TOO_MANY = 64  # crowded switches
-NEARLY = 3  # times the least speed of a slip: one that is slower than that may end in the next step
-SAME = 1e-9  # of a speed: what rounding may change
-PAST = 0.5  # of the least speed: a step is to end no slower than that
-TRUNCATED = 2e5  # tolerances: the most of a step's error beside the speed of a slip that ends, for its derivatives
 
 
-class Aim(NamedTuple):
-    """The end of a mode that steps are to meet, at ``target``: function ``which`` is zero between ``low`` and ``high``.
+class RootBracket(NamedTuple):
+    """A zero of guard ``which`` between ``low`` and ``high``, that the next step is to meet at ``target``.
 
-    ``x``, ``f`` and ``slope`` are those of the function where it was last seen, and ``size`` its size in the step.
+    ``x``, ``f`` and ``slope`` are those of the guard where it was evaluated last, and ``size`` its size in the step.
     """
 
-    on: Bool[Array, "*lanes"]
-    which: Int[Array, "*lanes"]
-    low: Float[Array, "*lanes"]
-    high: Float[Array, "*lanes"]
-    target: Float[Array, "*lanes"]
-    x: Float[Array, "*lanes"]
-    f: Float[Array, "*lanes"]
-    slope: Float[Array, "*lanes"]
-    size: Float[Array, "*lanes"]
-    tries: Int[Array, "*lanes"]
+    on: Bool[Array, ""]
+    which: Int[Array, ""]
+    low: Float[Array, ""]
+    high: Float[Array, ""]
+    target: Float[Array, ""]
+    x: Float[Array, ""]
+    f: Float[Array, ""]
+    slope: Float[Array, ""]
+    size: Float[Array, ""]
+    tries: Int[Array, ""]
 
     @classmethod
-    def none(cls, t: Float[Array, "*lanes"]) -> "Aim":
-        """No aim."""
+    def none(cls, t: Float[Array, ""]) -> "RootBracket":
+        """No zero."""
         no, first, zero = jnp.zeros_like(t, bool), jnp.zeros_like(t, int), jnp.zeros_like(t)
         return cls(no, first, t, t, t, t, zero, zero, zero, first)
 
-    def nearer(self, x: Float[Array, "*lanes"], f: Float[Array, "*lanes"]) -> "Aim":
-        """The aim after a step to ``x`` that found ``f`` there; halfway where a secant leads outside."""
+    def narrowed(self, x: Float[Array, ""], f: Float[Array, ""]) -> "RootBracket":
+        """The bracket after a step to ``x`` that found ``f`` there; halfway where a secant leads outside."""
         low, high = jnp.where(f > 0, x, self.low), jnp.where(f > 0, self.high, x)
         again = (self.tries > 0) & (x != self.x)
         slope = jnp.where(again, (f - self.f) / jnp.where(again, x - self.x, 1.0), self.slope)
@@ -75,364 +67,360 @@ class Aim(NamedTuple):
         return self._replace(low=low, high=high, target=target, x=x, f=f, slope=slope, tries=self.tries + 1)
 
 
-class Kept(NamedTuple):
-    """The kept switches: the first ones, as many as there is room for, in the order of time; or a single one."""
+class Rows(NamedTuple):
+    """The switches that are kept, as vectors; unused rows have the time NaN. Or one of them."""
 
-    times: Float[Array, "*room"]
-    causes: Int[Array, "*room"]
-    before: Float[Array, "*room size"]
-    after: Float[Array, "*room size"]
-    grazing: Bool[Array, "*room"]
+    times: Float[Array, "*capacity"]
+    event: Int[Array, "*capacity"]
+    before: Float[Array, "*capacity size"]
+    after: Float[Array, "*capacity size"]
+    grazing: Bool[Array, "*capacity"]
 
     @classmethod
-    def empty(cls, room: int, y: Float[Array, " size"]) -> "Kept":
-        """Room for so many of them."""
-        rows = jnp.zeros((room, y.size), y.dtype)
-        times, grazing = jnp.full(room, jnp.nan, y.dtype), jnp.zeros(room, bool)
-        return cls(times, jnp.zeros(room, int), rows, rows, grazing)
+    def empty(cls, capacity: int, y: Float[Array, " size"]) -> "Rows":
+        """Rows for so many of them."""
+        vectors, no = jnp.zeros((capacity, y.size), y.dtype), jnp.zeros(capacity, bool)
+        return cls(jnp.full(capacity, jnp.nan, y.dtype), jnp.zeros(capacity, int), vectors, vectors, no)
 
-    def having(self, place: Int[Array, ""], switch: "Kept") -> "Kept":
-        """The kept switches with one more, if there is room."""
-        there = place < self.times.shape[0]
-        index = jnp.where(there, place, 0)
+    def with_row(self, k: Int[Array, ""], switch: "Rows") -> "Rows":
+        """The rows with a switch in row ``k``, if there is one."""
+        there = k < self.times.shape[0]
+        index = jnp.where(there, k, 0)
         rows: Any = self  # within the loop, buffers of equinox
-        return Kept(*(kept.at[index].set(new, pred=there) for kept, new in zip(rows, switch, strict=True)))
+        return Rows(*(kept.at[index].set(new, pred=there) for kept, new in zip(rows, switch, strict=True)))
 
 
-class Course(NamedTuple):
-    """The state that a solve carries from mode to mode.
+class HybridCarry(NamedTuple):
+    """What a solve carries from step to step of a system with modes.
 
-    - ``pending``: the :class:`Cause` with which a mode has just ended, ``WINDOW``, or ``NONE``.
-    - ``length``: of the longest step that no end of a mode cut short, with which what follows a slip begins.
-    - ``guards``: the functions that say that the mode lasts, as the step begins; None where each step looks.
+    - ``event``: the event at the end of the last step, ``START`` before the first, or ``NONE``.
+    - ``size``: the size of the guard that fell to zero there.
+    - ``due``: the time of the next time event.
+    - ``length``: of the longest step that no event cut short.
     - ``begun``: the vector with which the first mode began.
     - ``switches``: how many there have been.
     - ``crowd``: how many in a row were too near to each other, ``last`` the time of the last.
     - ``status``: not ``SUCCESS`` where no mode can follow.
-    - ``kept``: what is kept of the switches; None where that is elsewhere.
+    - ``rows``: the switches that are kept; None where they are elsewhere.
     """
 
-    aim: Aim
-    pending: Int[Array, "*lanes"]
-    length: Float[Array, "*lanes"]
-    guards: Float[Array, "3 *lanes"] | None
-    begun: Float[Array, "size *lanes"]
-    switches: Int[Array, "*lanes"]
-    crowd: Int[Array, "*lanes"]
-    last: Float[Array, "*lanes"]
-    status: Int[Array, "*lanes"]
-    kept: Kept | None
+    bracket: RootBracket
+    event: Int[Array, ""]
+    size: Float[Array, ""]
+    due: Float[Array, ""]
+    length: Float[Array, ""]
+    begun: Float[Array, " size"]
+    switches: Int[Array, ""]
+    crowd: Int[Array, ""]
+    last: Float[Array, ""]
+    status: Int[Array, ""]
+    rows: Rows | None
 
-    @classmethod
-    def start(
-        cls, t0: Float[Array, "*lanes"], y0: Float[Array, "size *lanes"], length: Float[Array, "*lanes"]
-    ) -> "Course":
-        """The course of a solve before its first step, of ``length``."""
+
+class NextStep(NamedTuple):
+    """The next step, as it is proposed: whether the last one is kept, start and end, the memory of the controller.
+
+    ``exact`` says that it must end just there, so that nothing may round its end to that of the run.
+    """
+
+    keep: Bool[Array, ""]
+    start: Float[Array, ""]
+    end: Float[Array, ""]
+    memory: Any
+    exact: Bool[Array, ""]
+
+
+class Taken(NamedTuple):
+    """A step that was taken, from ``start`` to ``end``, where it led to ``y``; ``memory`` is that of the controller."""
+
+    start: Float[Array, ""]
+    end: Float[Array, ""]
+    y: Float[Array, " size"]
+    evaluate: Callable[[Float[Array, ""]], Float[Array, " size"]]
+    memory: Any
+
+
+class AbstractSwitching(eqx.Module):
+    """What a solve does about modes between its steps. ``args`` are the parameters of a solve."""
+
+    jumps: eqx.AbstractClassVar[bool]  # whether the field may jump from one step to the next
+
+    @abc.abstractmethod
+    def init(self, t0: Float[Array, ""], y0: Float[Array, " size"], length: Float[Array, ""]) -> Any:
+        """What is carried before the first step, of this length."""
+
+    @abc.abstractmethod
+    def goes_on(self, carry: Any) -> Bool[Array, ""] | bool:
+        """Whether a mode can follow."""
+
+    @abc.abstractmethod
+    def apply_reset(
+        self, carry: Any, step: NextStep, y: Float[Array, " size"], run: tuple[Array, Array], args: Any
+    ) -> tuple[Any, NextStep, Float[Array, " size"], Bool[Array, ""] | bool]:
+        """The next step from the state after an event, and whether there was one; ``run`` is from start to end."""
+
+    @abc.abstractmethod
+    def detect(self, carry: Any, taken: Taken, proposed: NextStep, args: Any) -> tuple[Any, NextStep]:
+        """The next step in view of the guards in the one taken, which may be rejected."""
+
+    @abc.abstractmethod
+    def first(self, carry: Any, y0: Float[Array, " size"]) -> Float[Array, " size"]:
+        """The vector with which the run began."""
+
+    @abc.abstractmethod
+    def record(self, carry: Any) -> Any:
+        """What a program writes a row of in a step, and reads none."""
+
+    @abc.abstractmethod
+    def outcome(self, carry: Any, status: Int[Array, ""], packing: Packing) -> tuple[Int[Array, ""], Any]:
+        """The status at the end of a solve, and the switches as a :class:`Record` of states."""
+
+
+class NoSwitching(AbstractSwitching):
+    """Of a system without modes."""
+
+    jumps: ClassVar[bool] = False
+
+    def init(self, t0, y0, length):
+        return ()
+
+    def goes_on(self, carry):
+        return True
+
+    def apply_reset(self, carry, step, y, run, args):
+        return carry, step, y, False
+
+    def detect(self, carry, taken, proposed, args):
+        return carry, proposed
+
+    def first(self, carry, y0):
+        return y0
+
+    def record(self, carry):
+        return ()
+
+    def outcome(self, carry, status, packing):
+        return status, None
+
+
+class Switching(AbstractSwitching):
+    """Of a hybrid system; ``unpack`` takes the parameters of a solve apart, the first of which is a packing.
+
+    ``capacity`` is how many switches are kept.
+    """
+
+    accuracy: Accuracy
+    unpack: Any = eqx.field(static=True)
+    capacity: int = eqx.field(static=True)
+
+    jumps: ClassVar[bool] = True
+
+    def init(self, t0, y0, length):
         none, success = jnp.asarray(0), jnp.asarray(int(Status.SUCCESS))
-        return cls(Aim.none(t0), jnp.asarray(int(Cause.START)), length, None, y0, none, none, t0, success, None)
+        zero, never, bracket = jnp.zeros_like(t0), jnp.full_like(t0, jnp.inf), RootBracket.none(t0)
+        rows = Rows.empty(self.capacity, y0)
+        return HybridCarry(bracket, jnp.asarray(START), zero, never, length, y0, none, none, t0, success, rows)
+
+    def goes_on(self, carry):
+        return carry.status == int(Status.SUCCESS)
+
+    def first(self, carry, y0):
+        return carry.begun
+
+    def record(self, carry):
+        return carry.rows
+
+    def outcome(self, carry, status, packing):
+        def unpacked(row: Rows) -> Record:
+            known = jnp.isfinite(row.times)
+            t = jnp.where(known, row.times, 0.0)
+            before, after = (packing.unpack_where(known, t, vector) for vector in (row.before, row.after))
+            return Record(carry.switches, row.times, row.event, before, after, row.grazing)
+
+        record = jax.lax.map(unpacked, carry.rows)._replace(count=carry.switches)
+        return jnp.where(carry.status == int(Status.SUCCESS), status, carry.status), record
+
+    # Events.
+
+    def apply_reset(self, carry, step, y, run, args):
+        happened = carry.event != NONE
+
+        def reset(carry: HybridCarry) -> _AfterReset:
+            return self._reset(carry, step.start, y, run[1] - run[0], args)
+
+        def go_on(carry: HybridCarry) -> _AfterReset:
+            nothing = Rows(step.start, carry.event, y, y, jnp.asarray(False))
+            return _AfterReset(carry, step.start, y, step.start, jnp.asarray(self.capacity), nothing)
+
+        bare = carry._replace(rows=None)
+        carry_after, t, y, earliest, row, switch = jax.lax.cond(happened, reset, go_on, bare)
+        carry = carry_after._replace(rows=carry.rows.with_row(row, switch), due=self._due(t, y, args))
+        end = jnp.minimum(jnp.maximum(step.end, earliest), jnp.minimum(carry.due, run[1]))
+        return carry, step._replace(start=t, end=end), y, happened
+
+    def _due(self, t: Float[Array, ""], y: Float[Array, " size"], args: Any) -> Float[Array, ""]:
+        packing = self._packing(args)
+        time = packing.system.time_event(t, packing.unpack(t, y))
+        return jnp.where(time > t, time, jnp.inf)
+
+    def _reset(
+        self, carry: HybridCarry, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], args: Any
+    ) -> "_AfterReset":
+        """The state that follows an event at ``t``, in a run of the length ``run``."""
+        packing, starts = self._packing(args), carry.event == START
+        done = packing.system.transition(t, packing.unpack(t, y), carry.event, self.accuracy)
+        t, after, switches = done.t, packing.pack(done.t, done.after), done.switches
+        fixed = jax.lax.stop_gradient(t)
+        crowded = switches & done.crowds & (fixed - carry.last <= CLOSE * run)
+        crowd = jnp.where(crowded, carry.crowd + 1, jnp.where(switches, 0, carry.crowd))
+        status = jnp.where(crowd > TOO_MANY, int(Status.CHATTERED), carry.status)
+        status = jnp.where(done.status == int(Status.SUCCESS), status, done.status)
+        row = jnp.where(switches, carry.switches, self.capacity)
+        grazing = jnp.abs(done.slope) * carry.length <= GRAZING * carry.size
+        switch = Rows(t, done.event, packing.pack(t, done.before), after, grazing)
+        least = LEAST * float(jnp.finfo(fixed.dtype).eps) * jnp.abs(fixed)
+        length = jnp.where(done.pauses, carry.length, least)
+        kinks = jax.lax.stop_gradient(packing.system.driving_kinks())
+        carry = carry._replace(
+            event=jnp.asarray(NONE),
+            begun=jnp.where(starts, after, carry.begun),
+            switches=carry.switches + jnp.where(switches, 1, 0),
+            crowd=crowd,
+            last=jnp.where(switches, fixed, carry.last),
+            status=status,
+        )
+        return _AfterReset(carry, t, after, before_kink(kinks, fixed, fixed + length), row, switch)
+
+    # Detection.
+
+    def detect(self, carry, taken, proposed, args):
+        def look(carry: HybridCarry) -> _Detection:
+            return self._detected(carry, taken, args)
+
+        def pass_by(carry: HybridCarry) -> _Detection:
+            no, end = jnp.zeros_like(taken.end, bool), taken.end
+            return _Detection(carry._replace(bracket=RootBracket.none(end)), no, end, jnp.full_like(end, jnp.inf))
+
+        bare = carry._replace(rows=None)
+        found, rejected, target, longest = jax.lax.cond(proposed.keep, look, pass_by, bare)
+        start = jnp.where(rejected, taken.start, proposed.start)
+        end = jnp.where(longest < proposed.end - start, start + longest, proposed.end)
+        following = NextStep(
+            keep=proposed.keep & ~rejected,
+            start=start,
+            end=jnp.where(rejected, target, end),
+            memory=_where(rejected, taken.memory, proposed.memory),
+            exact=rejected,
+        )
+        return found._replace(rows=carry.rows), following
+
+    def _detected(self, carry: HybridCarry, taken: Taken, args: Any) -> "_Detection":
+        """Whether the step ends too late for an event, and else whether there is one at its end."""
+        start, end, y, args, accuracy = jax.lax.stop_gradient((taken.start, taken.end, taken.y, args, self.accuracy))
+        times = sampling().times(start, end, sampling().nodes)
+        inner = jax.lax.stop_gradient(jax.vmap(taken.evaluate)(times[:-1]))
+        packing = self._packing(args)
+        system = packing.system
+        reference = system.step_reference(start, packing.unpack(start, inner[0]), accuracy)
+
+        def guards_at(place: tuple[Float[Array, ""], Float[Array, " size"]]) -> Float[Array, " k"]:
+            packing = self._packing(args)  # here, because a loop takes few operands faster than many
+            return packing.system.guards_in_step(place[0], packing.unpack(*place), reference)
+
+        guards = jax.lax.map(guards_at, (times, jnp.concatenate([inner, y[None]]))).T
+        rejected, bracket = _bracketed(carry.bracket, start, end, guards)
+        at_target = carry.bracket.on & (end == carry.bracket.target)
+        zero = jnp.where(at_target & ~rejected, carry.bracket.which, NONE)
+        step = GuardedStep(
+            start, end, packing.unpack(end, y), reference, guards, zero, carry.bracket.size, end == carry.due
+        )
+        event, longest = system.assess(step, accuracy)
+        carry = carry._replace(
+            bracket=bracket,
+            event=jnp.where(rejected, NONE, event),
+            size=carry.bracket.size,
+            length=jnp.where(rejected | at_target, carry.length, jnp.maximum(carry.length, end - start)),
+        )
+        return _Detection(carry, rejected, bracket.target, jnp.where(rejected, jnp.inf, longest))
+
+    def _packing(self, args: Any) -> Packing:
+        return self.unpack(args)[0]
 
 
-class Ended(NamedTuple):
-    """A step's end, if its mode lasts: the mode, whether a window ends, whether a slip may be at its end, the ``least``
-    speed of a heading, and the guards of a ``Course``.
-    """
+class _AfterReset(NamedTuple):
+    """Where the next step begins, and the ``earliest`` end that it has, with a switch for a ``row``."""
 
-    mode: Float[Array, "*lanes"]
-    window: Bool[Array, "*lanes"]
-    slow: Bool[Array, "*lanes"]
-    least: Float[Array, "*lanes"]
-    guards: Float[Array, "3 *lanes"]
+    carry: HybridCarry
+    t: Float[Array, ""]
+    y: Float[Array, " size"]
+    earliest: Float[Array, ""]
+    row: Int[Array, ""]
+    switch: Rows
 
 
-class Judged(NamedTuple):
-    """The fate of a step that the controller would accept: it is kept, or ``retried`` with an end at ``target``.
+class _Detection(NamedTuple):
+    """The fate of a step that the controller would accept: ``rejected``, for one that ends at ``target``, or accepted.
 
     ``longest`` is the longest next step.
     """
 
-    retried: Bool[Array, "*lanes"]
-    target: Float[Array, "*lanes"]
-    longest: Float[Array, "*lanes"]
-    course: Course
+    carry: HybridCarry
+    rejected: Bool[Array, ""]
+    target: Float[Array, ""]
+    longest: Float[Array, ""]
 
 
-class Settled(NamedTuple):
-    """Where the next step begins, and the ``end`` that it has at the earliest."""
-
-    t: Float[Array, ""]
-    y: Float[Array, " size"]
-    end: Float[Array, ""]
-    course: Course
-
-
-class Followed(NamedTuple):
-    """The same after a switch, with what is to be kept of it at which ``place``."""
-
-    settled: Settled
-    place: Int[Array, ""]
-    switch: Kept
-
-
-class Switching(eqx.Module):
-    """The modes of the system of a solve; ``unpack`` takes its parameters apart, the first of which is a packing.
-
-    ``room`` is how many switches are kept, ``rtol``, ``atol`` are the tolerances of the solve, and ``order`` is that of
-    the errors that its method sees. A step takes at most the part ``approach`` of the time until a slip ends.
-    """
-
-    rtol: Float[Array, ""]
-    atol: Float[Array, ""]
-    unpack: Any = eqx.field(static=True)
-    room: int = eqx.field(static=True)
-    order: float = eqx.field(static=True)
-    approach: float = eqx.field(static=True, default=APPROACH)
-
-    def begin(self, t0: Float[Array, ""], y0: Float[Array, " size"], length: Float[Array, ""]) -> Course:
-        """The course of a solve before its first step."""
-        return Course.start(t0, y0, length)._replace(kept=Kept.empty(self.room, y0))
-
-    def latest_end(self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Any) -> Float[Array, ""]:
-        """The time after ``t`` at which a step must end because a window does."""
-        state = self._packing(parameters).unravel(y)
-        ends = state.is_in(Mode.SLIDING) & (state.begun.until > t)
-        return jnp.where(ends, state.begun.until, jnp.inf)
-
-    def settled(
-        self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Any
-    ) -> Settled:
-        """What follows a mode that has ended at ``t``, in a run of the length ``run``; before a step."""
-
-        def follow(course: Course) -> Followed:
-            return self.followed(course, t, y, run, parameters)
-
-        def pass_by(course: Course) -> Followed:
-            nothing = Kept(t, course.pending, y, y, jnp.asarray(False))
-            return Followed(Settled(t, y, t, course), jnp.asarray(self.room), nothing)
-
-        kept, course = course.kept, course._replace(kept=None)
-        settled, place, switch = jax.lax.cond(course.pending == NONE, pass_by, follow, course)
-        kept = None if kept is None else kept.having(place, switch)
-        return settled._replace(course=settled.course._replace(kept=kept))
-
-    def judged(
-        self,
-        course: Course,
-        start: Float[Array, ""],
-        end: Float[Array, ""],
-        y: Float[Array, " size"],
-        interpolation: Any,
-        kept: Bool[Array, ""],
-        parameters: Any,
-    ) -> Judged:
-        """Checks a step from ``start`` to ``end``, which led to ``y``."""
-
-        def look(course: Course) -> Judged:
-            fixed = jax.lax.stop_gradient((start, end))
-            times = sampling().times(*fixed, sampling().nodes)
-            inner, constants = jax.lax.stop_gradient((jax.vmap(interpolation.evaluate)(times[:-1]), parameters))
-            heading = self.heading(fixed[0], inner[0], constants)
-            guards = jax.lax.map(lambda at: self.guards(at[0], at[1], heading, constants), (times[:-1], inner))
-            ended = self.ended(fixed[1], jax.lax.stop_gradient(y), heading, constants)
-            return looked(course, *fixed, guards.T, ended, self.share())
-
-        def pass_by(course: Course) -> Judged:
-            return passed_by(course, end)
-
-        judged = jax.lax.cond(kept, look, pass_by, course._replace(kept=None))
-        return judged._replace(course=judged.course._replace(kept=course.kept))
-
-    def share(self) -> Float[Array, ""]:
-        """The longest step of a slip that ends, over the time until its end."""
-        return share(self.order, self._tolerance(), self.approach)
-
-    def _tolerance(self) -> Float[Array, ""]:
-        return jnp.maximum(self.rtol, self.atol)
-
-    def _packing(self, parameters: Any) -> Packing:
-        return self.unpack(parameters)[0]
-
-    def heading(self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Any) -> Heading:
-        """The heading of a slip as a step begins."""
-        packing = self._packing(parameters)
-        return packing.system.heading(t, packing.unpack(t, y), self.rtol, self.atol)
-
-    def guards(self, t: Float[Array, ""], y: Float[Array, " size"], heading: Heading, parameters: Any) -> Array:
-        """The three functions that are positive while the mode lasts."""
-        packing = self._packing(parameters)
-        return packing.system.guards(t, packing.unpack(t, y), heading)
-
-    def ended(self, t: Float[Array, ""], y: Float[Array, " size"], heading: Heading, parameters: Any) -> Ended:
-        """The end of a step."""
-        packing = self._packing(parameters)
-        system, state = packing.system, packing.unpack(t, y)
-        slow = system.is_slow(t, state, heading, self.rtol, self.atol)
-        window = state.is_in(Mode.SLIDING) & (state.begun.until == t)
-        return Ended(state.mode, window, slow, heading.least, system.guards(t, state, heading))
-
-    def followed(
-        self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Any
-    ) -> Followed:
-        """The state that follows the mode that has ended."""
-        packing, cause = self._packing(parameters), course.pending
-        system, starts = packing.system, cause == int(Cause.START)
-        kinks = jax.lax.stop_gradient(system.driving_kinks())
-
-        state = packing.unpack(t, y)
-        heading = jax.lax.stop_gradient(system.heading(t, state, self.rtol, self.atol))
-        heading = heading._replace(least=heading.speed)
-        rates = jax.lax.stop_gradient(system.field(t, state))
-        values, slopes = jax.jvp(
-            lambda t, state: system.guards(t, state, heading), (t, state), (jnp.ones_like(t), rates)
-        )
-        which = jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == cause)
-        slope = jax.lax.stop_gradient(slopes[which])
-        sloping = (cause > int(Cause.START)) & (slope != 0)
-        # By this the time moves by next to nothing, and gets its derivatives: those of the zero of the function.
-        shift = jnp.where(sloping, -values[which] / jnp.where(sloping, slope, 1.0), 0.0)
-        t, before = t + shift, jax.tree.map(lambda x, rate: x + shift * rate, state, rates)
-        t, before, state, ends, lands = system.followed(t, before, cause, kinks, self._tolerance())
-        after, switches = packing.pack(t, state), jnp.where(starts, lands, ends & (cause != WINDOW))
-        fixed = jax.lax.stop_gradient(t)
-        crowded = switches & (cause != int(Cause.LANDS)) & (fixed - course.last <= CLOSE * run)
-        crowd = jnp.where(crowded, course.crowd + 1, jnp.where(switches, 0, course.crowd))
-        status = jnp.where(crowd > TOO_MANY, int(Status.CHATTERED), course.status)
-        status = jnp.where(cause == int(Cause.JAMS), int(Status.JAMMED), status)
-        place = jnp.where(switches, course.switches, self.room)
-        course = course._replace(
-            pending=jnp.asarray(NONE),
-            begun=jnp.where(starts, after, course.begun),
-            switches=course.switches + jnp.where(switches, 1, 0),
-            crowd=crowd,
-            last=jnp.where(switches, fixed, course.last),
-            status=status,
-            kept=None,
-        )
-        grazing = (cause > int(Cause.START)) & (jnp.abs(slope) * course.length <= GRAZING * course.aim.size)
-        kind = jnp.where(starts, int(Cause.LANDS), cause)
-        switch = Kept(t, kind, packing.pack(t, before), after, grazing)
-        # A slip has ended in ever shorter steps, whose length is no guide for what follows.
-        least = LEAST * float(jnp.finfo(fixed.dtype).eps) * jnp.abs(fixed)
-        length = jnp.where((cause == int(Cause.STOPS)) & ends, course.length, least)
-        return Followed(Settled(t, after, before_kink(kinks, fixed, fixed + length), course), place, switch)
-
-
-def looked(
-    course: Course,
-    start: Float[Array, "*lanes"],
-    end: Float[Array, "*lanes"],
-    before: Float[Array, "3 inner *lanes"],
-    ended: Ended,
-    share: Float[Array, "*lanes"],
-) -> Judged:
-    """The fate of a step, or of one in each lane, from the guards ``before`` its end, at nodes, and at its end."""
-    aim, guards = course.aim, jnp.concatenate([before, ended.guards[:, None]], axis=1)
-    at_aim = aim.on & (end == aim.target)
-    first = _first_end(start, end, guards, jnp.where(at_aim, aim.which, NONE))
-    # Two functions may fall to zero together; then either will do.
-    earlier = ~at_aim | (first.target < end - TOGETHER * (end - start))
+def _bracketed(
+    bracket: RootBracket, start: Float[Array, ""], end: Float[Array, ""], guards: Float[Array, "k nodes"]
+) -> tuple[Bool[Array, ""], RootBracket]:
+    """Whether a step is rejected because it goes beyond a zero of a guard, and the bracket of that zero."""
+    none = RootBracket.none(end)
+    if guards.shape[0] == 0:
+        return jnp.zeros_like(end, bool), none
+    at_target = bracket.on & (end == bracket.target)
+    first = _first_zero(start, end, guards, jnp.where(at_target, bracket.which, NONE))
+    # Two guards may fall to zero together; then either will do.
+    earlier = ~at_target | (first.target < end - TOGETHER * (end - start))
     # The quartics may have spurious zeros, and then, in a shorter step, others.
-    tries = jnp.where(at_aim, aim.tries + 1, 0)
+    tries = jnp.where(at_target, bracket.tries + 1, 0)
     first = first._replace(on=first.on & earlier & (tries < MOST_TRIES), tries=tries)
-    value = _entry(aim.which, guards[:, -1])
-    nearer = aim.nearer(end, value)
+    value = entry(bracket.which, guards[:, -1])
+    narrowed = bracket.narrowed(end, value)
     width = jnp.maximum(NEAR * (end - start), 4 * float(jnp.finfo(end.dtype).eps) * jnp.abs(end))
-    met = (jnp.abs(nearer.target - end) <= width) | (value == 0) | (aim.tries >= MOST_TRIES)
-    retried = first.on | at_aim & ~met
-    next_aim = _where(retried, _where(first.on, first, nearer), Aim.none(end))
-    cause = _cause(ended.mode, aim.which)
-    # Where friction gives way because the normal force vanishes, the body lifts off.
-    lifts = (cause == int(Cause.GIVES_WAY)) & (guards[1, -1] <= NOTHING * jnp.max(jnp.abs(guards[1]), axis=0))
-    cause = jnp.where(lifts, int(Cause.LIFTS), cause)
-    real = jnp.where(cause == int(Cause.STOPS), ended.slow, jnp.abs(value) <= REAL * aim.size)
-    switches = at_aim & ~retried & real
-    lasts = ~(retried | switches)
-    ends = jnp.where(ended.window, WINDOW, jnp.where(_nears_its_end(ended, guards[0]), int(Cause.STOPS), NONE))
-    course = course._replace(
-        aim=next_aim,
-        pending=jnp.where(switches, cause, jnp.where(lasts, ends, NONE)),
-        length=jnp.where(retried | at_aim, course.length, jnp.maximum(course.length, end - start)),
-        guards=None if course.guards is None else jnp.where(lasts[None], ended.guards, course.guards),
-    )
-    longest = jnp.where(lasts, _longest(ended, start, end, guards[0], share), jnp.inf)
-    return Judged(retried, next_aim.target, longest, course)
+    met = (jnp.abs(narrowed.target - end) <= width) | (value == 0) | (bracket.tries >= MOST_TRIES)
+    rejected = first.on | at_target & ~met
+    return rejected, _where(rejected, _where(first.on, first, narrowed), none)
 
 
-def passed_by(course: Course, end: Float[Array, "*lanes"]) -> Judged:
-    """A step that is not kept anyway."""
-    return Judged(jnp.zeros_like(end, bool), end, jnp.full_like(end, jnp.inf), course._replace(aim=Aim.none(end)))
+def _first_zero(
+    start: Float[Array, ""], end: Float[Array, ""], guards: Float[Array, "k nodes"], but: Int[Array, ""]
+) -> RootBracket:
+    """The first place in a step where a guard is not positive, ``but`` for one; before the start all were.
 
-
-def share(order: float, tolerance: Float[Array, "*lanes"], approach: float = APPROACH) -> Float[Array, "*lanes"]:
-    """The longest step of a slip that ends, over the time until its end, where the direction turns ever faster."""
-    return jnp.minimum((TRUNCATED * tolerance) ** (1 / (order + 1)), approach)
-
-
-def _nears_its_end(ended: Ended, forward: Float[Array, "nodes *lanes"]) -> Bool[Array, "*lanes"]:
-    """Whether a step has slowed down a slip that was slow when it began, so that its end may have come.
-
-    Where friction is hardly needed to hold the body, the direction of a slow slip returns to that in which it ends much
-    faster than the slip slows down. Steps are then too short to halve its speed, and would never meet a zero of the
-    guard.
+    Guards are evaluated at a few nodes, and the quartics through these values at 35 points. Everything is written with
+    whole arrays without argmax, which XLA's CPU compiler turns into slow loops.
     """
-    before, after = forward[0] + ended.least, forward[-1] + ended.least
-    was_slow = before <= (2 + SAME) * ended.least
-    return (ended.mode == int(Mode.SLIDING)) & ended.slow & was_slow & (after < before)
-
-
-def _longest(
-    ended: Ended,
-    start: Float[Array, "*lanes"],
-    end: Float[Array, "*lanes"],
-    forward: Float[Array, "nodes *lanes"],
-    share: Float[Array, "*lanes"],
-) -> Float[Array, "*lanes"]:
-    """The longest next step: infinite, except where a slip slows down.
-
-    It is a fraction of the time until the end of the slip, and goes beyond the least speed at most half way to the end,
-    because the stages of a step across the end pull in both directions, which a low-order method may not notice as an
-    error.
-    """
-    before, after = forward[0] + ended.least, forward[-1] + ended.least
-    slows = (ended.mode == int(Mode.SLIDING)) & (after > 0) & (before > after)
-    until_end = after * (end - start) / jnp.where(slows, before - after, 1.0)
-    safe = 1 - PAST * ended.least / jnp.where(slows, after, 1.0)
-    longest = until_end * jnp.where(after > NEARLY * ended.least, jnp.minimum(share, safe), safe)
-    return jnp.where(slows & (longest > 0), longest, jnp.inf)
-
-
-def _first_end(
-    start: Float[Array, "*lanes"],
-    end: Float[Array, "*lanes"],
-    seen: Float[Array, "3 nodes *lanes"],
-    but: Int[Array, "*lanes"],
-) -> Aim:
-    """The first place in a step where a function is not positive, ``but`` for one; before the start all were.
-
-    Functions are evaluated at a few nodes, and the quartics through these values at 35 points. Everything is written
-    with whole arrays without argmax, which XLA's CPU compiler turns into slow loops.
-    """
-    at, ones = sampling(), (1,) * start.ndim
-    last = at.fractions.size - 1
-    fractions = jnp.asarray(at.fractions, seen.dtype).reshape(-1, *ones)
-    index = jnp.arange(last + 1).reshape(-1, *ones)
-    columns = jnp.asarray(at.matrix, seen.dtype).T.reshape(at.nodes.size, 1, -1, *ones)
-    fine = sum(column * values[:, None] for column, values in zip(columns, jnp.moveaxis(seen, 1, 0), strict=True))
-    other = jnp.arange(3).reshape(-1, *ones) != but[None]
+    at = sampling()
+    last, count = at.fractions.size - 1, guards.shape[0]
+    fractions = jnp.asarray(at.fractions, guards.dtype)
+    index = jnp.arange(last + 1)
+    fine = sum(column * values[:, None] for column, values in zip(_columns(guards.dtype), guards.T, strict=True))
+    other = jnp.arange(count) != but
     over = (fine <= 0) & other[:, None] & (index > 0)[None]
     places = jnp.min(jnp.where(over, index[None], last + 1), axis=1)
-    place = jnp.min(places, axis=0)
-    which = jnp.where(places[0] == place, 0, jnp.where(places[1] == place, 1, 2))
-    samples = _entry(which[None], seen)
+    place = jnp.min(places)
+    which = jnp.min(jnp.where(places == place, jnp.arange(count), count))
+    samples = jnp.sum(jnp.where((jnp.arange(count) == which)[:, None], guards, 0.0), axis=0)
 
-    def fraction(k: Int[Array, "*lanes"]) -> Float[Array, "*lanes"]:
-        return jnp.sum(jnp.where(index == jnp.clip(k, 0, last)[None], fractions, 0.0), axis=0)
+    def fraction(k: Int[Array, ""]) -> Float[Array, ""]:
+        return jnp.sum(jnp.where(index == jnp.clip(k, 0, last), fractions, 0.0))
 
     low, high = fraction(place - 2), fraction(place + 1)
     root, slope = _root(samples, fraction(place - 1), fraction(place))
-    # A step has some length, even if a function was below zero by rounding at its start.
+    # A step has some length, even if a guard was below zero by rounding at its start.
     length = end - start
     least = start + LEAST * float(jnp.finfo(end.dtype).eps) * jnp.maximum(jnp.abs(start), jnp.abs(end))
-    return Aim(
+    return RootBracket(
         on=place <= last,
         which=which,
         low=start + low * length,
@@ -441,18 +429,23 @@ def _first_end(
         x=start,
         f=jnp.zeros_like(end),
         slope=slope / length,
-        size=jnp.max(jnp.abs(samples), axis=0),
+        size=jnp.max(jnp.abs(samples)),
         tries=jnp.zeros_like(which),
     )
 
 
+def _columns(dtype: Any) -> Float[Array, "nodes 1 fractions"]:
+    """For each node, the polynomial that is 1 there and 0 at the others, at the fractions of a step."""
+    return jnp.asarray(sampling().matrix, dtype).T[:, None, :]
+
+
 def _root(
-    samples: Float[Array, "nodes *lanes"], low: Float[Array, "*lanes"], high: Float[Array, "*lanes"]
-) -> tuple[Float[Array, "*lanes"], Float[Array, "*lanes"]]:
+    samples: Float[Array, " nodes"], low: Float[Array, ""], high: Float[Array, ""]
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Where the quartic through the samples falls to zero between two fractions of a step, and its slope there."""
     a0, a1, a2, a3, a4 = (sum(power * sample for power, sample in zip(row, samples, strict=True)) for row in POWERS)
 
-    def at(u: Float[Array, "*lanes"]) -> Sample:
+    def at(u: Float[Array, ""]) -> Sample:
         return Sample(u, a0 + u * (a1 + u * (a2 + u * (a3 + u * a4))))
 
     def narrowed(_, bracket: tuple[Sample, Sample]) -> tuple[Sample, Sample]:
@@ -463,18 +456,5 @@ def _root(
     return u, a1 + u * (2 * a2 + u * (3 * a3 + u * 4 * a4))
 
 
-def _entry(which: Int[Array, "*#lanes"], rows: Float[Array, "3 *lanes"]) -> Float[Array, "*lanes"]:
-    return jnp.where(which == 0, rows[0], jnp.where(which == 1, rows[1], rows[2]))
-
-
-def _cause(mode: Float[Array, "*lanes"], which: Int[Array, "*lanes"]) -> Int[Array, "*lanes"]:
-    """The cause that a guard of a mode stands for."""
-    cause = jnp.full_like(which, int(Cause.START))
-    for of_mode, causes in enumerate(CAUSES):
-        for k, one in enumerate(causes):
-            cause = jnp.where((mode == of_mode) & (which == k), int(one), cause)
-    return cause
-
-
-def _where(condition: Bool[Array, "*lanes"], first: Any, second: Any) -> Any:
+def _where(condition: Bool[Array, ""], first: Any, second: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), first, second)

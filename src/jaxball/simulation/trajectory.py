@@ -21,14 +21,14 @@ from ..numerics.arrays import Numbers, is_traced, to_array
 from ..numerics.kinks import seen_from_before
 from ..numerics.masks import differentiated_where, with_unknown_derivatives
 from ..physics.body import AbstractBody, System
-from ..physics.body_on_plane import BodyOnPlane, body_of
+from ..physics.body_on_plane import ContactHistory
 from ..physics.conditions import Problem
-from ..physics.observables import Observables, movement, movement_on_plane, observe, observe_on_plane
+from ..physics.hybrid import AbstractHistory, NoHistory, Switches
+from ..physics.observables import Observables, movement, observed
 from ..physics.packing import Packing
-from ..physics.state import BallState, DiskState, ReducedState, RotationState, State
+from ..physics.state import BallState, DiskState, ReducedState, State
 from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import find_problems, not_numbers
-from .history import ContactHistory
 from .occurrences import Occurrences
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     - ``steps``, ``rejected``: how many steps were taken in all, and how many of them were rejected.
     - ``events``: the :class:`~jaxball.Occurrences` of each event, by name.
     - ``start``: the initial state that was given, even where no solve can start from it.
-    - ``contact``: the :class:`ContactHistory` of a run with a law of contact: its modes and switches.
+    - ``history``: of a hybrid system, its switches from mode to mode; ``switches`` and ``contact`` read it.
     - ``scenario``: the :class:`~jaxball.Scenario`, with the settings of the solve, where one was simulated or the
       trajectory was read from a file of its run; else None. It is not part of the pytree, and is lost in
       transformations.
@@ -111,7 +111,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     interpolant: Interpolant[AnyState] | None = None
     events: dict[str, Occurrences] = eqx.field(default_factory=dict)
     start: Any = None
-    contact: ContactHistory | None = None
+    history: AbstractHistory = eqx.field(default_factory=NoHistory)
     # No field and so no part of the pytree: what a transformation returns need not be of the scenario.
     scenario: ClassVar["Scenario | None"] = None
 
@@ -127,6 +127,16 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         These take longer than a tenth of a short run.
         """
         return jax.tree.unflatten(_outline(), fields)
+
+    @property
+    def switches(self) -> Switches:
+        """The switches of a hybrid system from mode to mode: when, and the states before and after."""
+        return self.history.switches
+
+    @property
+    def contact(self) -> ContactHistory | None:
+        """The history of a run with a law of contact, with its modes and switches; None without such a law."""
+        return self.history if isinstance(self.history, ContactHistory) else None
 
     @property
     def ok(self) -> bool:
@@ -152,10 +162,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
             return list(not_numbers(self.system))
         if status not in (Status.IMPOSSIBLE, Status.LEFT_SHELL, Status.NOT_FINITE):
             return []
-        system, start, states = self.system, self.start, self.state
-        if self.contact is not None and isinstance(system, AbstractBody):
-            system, states = self.contact.on_plane(system, states)
-            start = system.prepare().start(to_array(times[0]), start)
+        system, states = self.history.as_solved(self.system, self.state)
+        start = system.start(to_array(times[0]), self.start)
         return find_problems(system, start, times, states if status == Status.LEFT_SHELL else None)
 
     def message_of(self, problems: Sequence[str]) -> str:
@@ -196,10 +204,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         one of another system, which may have ``laws``.
         """
         body = self._body("The observables")
-        if self.contact is not None:
-            plane, states = self.contact.on_plane(body, self.state)
-            return self._evaluated(_observe_all_on_plane, plane, states)
-        return self._evaluated(_observe_all, body, self.state)
+        return self._evaluated(_observe_all, *self.history.as_solved(body, self.state))
 
     def measured(self, sensors: "Mapping[str, AbstractSensor]") -> dict[str, Array]:
         """The readings of sensors at every saved time, by name; NaN at times that the solve did not reach.
@@ -216,8 +221,9 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
 
         body = self._body("The sensors")
         require_sensors(sensors, body)
-        system, states = (body, self.state) if self.contact is None else self.contact.on_plane(body, self.state)
-        found = self._evaluated(functools.partial(_measure_all, dict(sensors)), system, states)
+        found = self._evaluated(
+            functools.partial(_measure_all, dict(sensors)), *self.history.as_solved(body, self.state)
+        )
         return {name: found[name] for name in sensors}  # in their order, which JAX does not keep
 
     @property
@@ -345,9 +351,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         if isinstance(self.state, BallState | DiskState):
             z = np.atleast_1d(np.asarray(self.state.z)[-1])
             lines.append("  z at the end: " + ", ".join(f"{value:.12g}" for value in z))
-        if self.contact is not None:
-            lines += [f"  {line}" for line in self.contact.lines]
-        return "\n".join(lines)
+        return "\n".join([*lines, *(f"  {line}" for line in self.history.lines)])
 
     def _of_many(self) -> str:
         """A batch in a few lines: how many runs, how they ended, and how many steps they took."""
@@ -373,28 +377,20 @@ def _outline() -> Any:
 
 @programs.filter_jit
 def _observe_all(system, times, state, reached) -> Observables:
-    return _at_each(lambda system, t, x: observe(system, t, _placed(x)), system, times, state, reached)
+    def seen(system, t, x):
+        return observed(system.shown, t, movement(system, t, x))
 
-
-@programs.filter_jit
-def _observe_all_on_plane(plane, times, states, reached) -> Observables:
-    return _at_each(observe_on_plane, plane, times, states, reached)
+    return _at_each(seen, system, times, state, reached)
 
 
 @programs.filter_jit
 def _measure_all(sensors, system, times, states, reached) -> dict[str, Array]:
     def measured(system, t, x):
-        on_plane = isinstance(system, BodyOnPlane)
-        moves = movement_on_plane(system, t, x) if on_plane else movement(system, t, _placed(x))
-        body = system.body if on_plane else system
+        moves = movement(system, t, x)
         known = jnp.all(jnp.isfinite(moves.state.Omega))
-        return {name: jnp.where(known, one.reading(body, t, moves), jnp.nan) for name, one in sensors.items()}
+        return {name: jnp.where(known, one.reading(system.shown, t, moves), jnp.nan) for name, one in sensors.items()}
 
     return _at_each(measured, system, times, states, reached)
-
-
-def _placed(state: Any) -> Any:
-    return state.in_space() if isinstance(state, RotationState) else state
 
 
 @programs.filter_jit
@@ -427,7 +423,7 @@ def _evaluate(interpolant, t, start, reached, status, given) -> Any:
         inside = jnp.clip(t, start, reached)
         x = interpolant.solution.evaluate(inside)
         known = (t == inside) & jnp.all(jnp.isfinite(x)) & (status != Status.IMPOSSIBLE)
-        state = body_of(interpolant.packing.system, interpolant.packing.unpack_where(known, inside, x))[1]
+        state = interpolant.packing.system.shown_state(interpolant.packing.unpack_where(known, inside, x))
         return with_unknown_derivatives(state, given)
 
     return jax.vmap(one)(t) if t.ndim else one(t)

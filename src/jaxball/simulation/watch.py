@@ -16,10 +16,9 @@ from ..interface.arguments import require
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.arrays import is_traced
-from ..numerics.masks import with_unknown_derivatives
+from ..numerics.masks import known_or_nothing, with_unknown_derivatives
 from ..numerics.modes import once
 from ..physics.body import AbstractBody
-from ..physics.body_on_plane import body_of
 from ..physics.packing import Packing
 from ..solvers.dense.crossings import Crossings, Kind, crossings
 from ..solvers.dense.steps import Steps
@@ -58,7 +57,7 @@ def stop(events: Mapping[str, AbstractEvent], unpack: Callable[[Array], tuple[Pa
 
     def levels(t, x, parameters):
         packing, events = unpack(parameters)
-        system, state = body_of(packing.system, packing.unpack(t, x))
+        system, state = packing.system.shown, packing.system.shown_state(packing.unpack(t, x))
         return lambda name: events[name].value(system, t, state)
 
     def limit(t, x, parameters, *, t0, **_):
@@ -120,7 +119,7 @@ def _locate(trajectory: Trajectory[Any, Any], events: dict[str, AbstractEvent], 
     status = jnp.where(touched, int(Status.EVENT), status)
 
     def cut(leaf):
-        return jnp.where((times <= reached).reshape(-1, *(1,) * (leaf.ndim - 1)), leaf, jnp.nan)
+        return known_or_nothing((times <= reached).reshape(-1, *(1,) * (leaf.ndim - 1)), leaf)
 
     occurrences = _occurrences(packing, located, started, reached)
     given = (trajectory.system, trajectory.times, trajectory.start)
@@ -132,7 +131,7 @@ def _crossings(steps: Steps, packing: Packing, events: dict[str, AbstractEvent])
     """Those of all events, by name; together, so that what their functions have in common is computed once."""
 
     def values(t, x):
-        system, state = body_of(packing.system, packing.unpack(t, x))
+        system, state = packing.system.shown, packing.system.shown_state(packing.unpack(t, x))
         return jnp.stack([event.value(system, t, state) for event in events.values()])
 
     kinds = [Kind(event.direction, event.from_start, event.room) for event in events.values()]
@@ -149,7 +148,7 @@ def _occurrences(
     )
     known = (times <= reached) & started
     whole = jax.lax.map(lambda at: packing.unpack_where(*at), (known, times, vectors))
-    _, states = body_of(packing.system, whole)
+    states = packing.system.shown_state(whole)
     occurrences, begin = {}, 0
     for name, one in located.items():
         part = slice(begin, begin + one.times.size)

@@ -13,7 +13,6 @@ import tomli_w
 from jaxtyping import Float, Int
 
 from ..ensemble import REDUCTIONS, AbstractReduction, Drift, Integral, Maximum, Minimum
-from ..ensemble.runge_kutta import fits
 from ..interface.wording import did_you_mean
 from ..physics.body import AbstractBody
 from ..scenario import Scenario, ScenarioError, read_document
@@ -21,7 +20,6 @@ from ..scenario.errors import each_of, raise_first, tried
 from ..scenario.imports import imported
 from ..scenario.own import own_class, trying_class
 from ..scenario.paths import check_number, with_numbers
-from ..scenario.solvers import SOLVERS
 from ..scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
 from ..scenario.table import Key, read_list, read_one_of, read_table
 from ..scenario.values import Choice, Flag, Integer, Text, key_error, shown, unread
@@ -67,20 +65,9 @@ def read_finds(values: Any, template: Scenario) -> tuple[Find, ...]:
     names = [find.name for find in finds]
     if len(set(names)) < len(names):
         raise key_error("find", "a list of different names", shown(names))
-    if finds and not solved_in_lanes(template):
-        raise StudyError(
-            "Key `find` must be empty for an implicit solver, `dae`, `project` or `step_to_times`, with which runs are "
-            "not computed in lanes, but it is not."
-        )
     for find in finds:
         find.reduction()
     return finds
-
-
-def solved_in_lanes(template: Scenario) -> bool:
-    """Whether the rows of a study are computed in lanes."""
-    plain = template.step_to_times or template.dae or template.project
-    return not plain and fits(SOLVERS[template.solver]())
 
 
 def _read_find(value: Any, path: str, template: Scenario) -> Find:

@@ -34,9 +34,9 @@ from ..options import (
 )
 
 if TYPE_CHECKING:
+    from ...physics.body_on_plane import ContactHistory
     from ...scenario import Scenario
     from ...simulation.events import AbstractEvent
-    from ...simulation.history import ContactHistory
     from ...simulation.trajectory import Trajectory
 
 # Bytes for each time, measured for balls and disks: of a run, and of its observables for files and figures.

@@ -1,0 +1,242 @@
+"""What a solve and a system with modes tell each other: steps within a mode, transitions, and the switches of a run.
+
+In the terms of hybrid systems (R. Goebel, R. G. Sanfelice, A. R. Teel, Hybrid dynamical systems, Princeton University
+Press 2012), the state flows along a field while all guards are positive. Where one of them falls to zero there is an
+event, and a reset map takes the state before it to the state after it. The time of an event is a function of the start
+and of all parameters, and has their derivatives, so that derivatives of what follows are those of the saltation matrix.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..interface.printing import Printed, is_single, shown
+from ..numerics.modes import once
+
+NONE = -1  # no event
+START = -2  # the start of a run
+ZERO = 1e-6  # a guard below this part of its size in a step is zero
+MOST_SHOWN = 8  # switches in a summary; `lines` of the switches has all
+
+
+class Accuracy(NamedTuple):
+    """How accurate a solve is: its tolerances, and the ``order`` of the errors that its method sees.
+
+    Close to a singularity of the solution, such as the end of a slip, a step takes at most the part ``approach`` of the
+    time that is left.
+    """
+
+    rtol: Float[Array, ""]
+    atol: Float[Array, ""]
+    order: float
+    approach: float
+
+    @property
+    def tolerance(self) -> Float[Array, ""]:
+        """The larger of the tolerances."""
+        return jnp.maximum(self.rtol, self.atol)
+
+
+class GuardedStep(NamedTuple):
+    """A step within a mode, as a solve has just taken it.
+
+    - ``start``, ``end``: the times.
+    - ``state``: the state at its end.
+    - ``reference``: the result of ``step_reference`` at its start.
+    - ``guards``: at a few times of the step, the first of which is its start and the last its end.
+    - ``zero``: the guard that is zero at the end, or ``NONE``; ``size``: the size of that guard in the step.
+    - ``timed``: whether it ends at a time event.
+    """
+
+    start: Float[Array, ""]
+    end: Float[Array, ""]
+    state: Any
+    reference: Any
+    guards: Float[Array, "k nodes"]
+    zero: Int[Array, ""]
+    size: Float[Array, ""]
+    timed: Bool[Array, ""]
+
+    @property
+    def is_zero(self) -> Bool[Array, ""]:
+        """Whether that guard is zero; polynomials through a few values have spurious zeros, too."""
+        return (self.zero != NONE) & (jnp.abs(entry(self.zero, self.guards[:, -1])) <= ZERO * self.size)
+
+
+class Assessment(NamedTuple):
+    """The ``event`` at the end of a step, or ``NONE``, and the ``longest`` next step."""
+
+    event: Int[Array, ""]
+    longest: Float[Array, ""]
+
+
+class Transition(NamedTuple):
+    """What happens at an event: its time, the states before and after it.
+
+    - ``event``: as it is recorded.
+    - ``slope``: the rate of the guard, by which it is seen whether that touches zero rather than crossing it; infinite
+      without a guard.
+    - ``switches``: whether it counts as a switch. ``crowds``: whether too many of these in a row in almost no time end
+      the run.
+    - ``pauses``: whether the steps before it were short because of it, and say nothing about the next.
+    - ``status``: a ``Status``, ``SUCCESS`` unless nothing can follow.
+    """
+
+    t: Float[Array, ""]
+    before: Any
+    after: Any
+    event: Int[Array, ""]
+    slope: Float[Array, ""]
+    switches: Bool[Array, ""]
+    crowds: Bool[Array, ""]
+    pauses: Bool[Array, ""]
+    status: Int[Array, ""]
+
+
+def entry(which: Int[Array, ""], values: Float[Array, " k"]) -> Float[Array, ""]:
+    """One of several numbers; 0 for none. Not by indexing, which XLA's CPU compiler turns into slow loops."""
+    return jnp.sum(jnp.where(jnp.arange(values.shape[0]) == which, values, 0.0))
+
+
+def at_zero(
+    guards: Callable[[Float[Array, ""], Any], Float[Array, " k"]],
+    t: Float[Array, ""],
+    state: Any,
+    rates: Any,
+    which: Int[Array, ""],
+    applies: Bool[Array, ""] | bool = True,
+) -> tuple[Float[Array, ""], Any, Float[Array, ""]]:
+    """The time and the state at the zero of guard ``which`` that is next to nothing away, and the rate of the guard.
+
+    By one step of Newton's method along the ``rates`` of the state, which changes next to nothing, but has the
+    first derivatives of the zero. Where it does not apply or there is no such guard, time and state are unchanged.
+    """
+    rates = jax.lax.stop_gradient(rates)
+    along = jax.tree.map(lambda x, rate: rate if _flows(x) else np.zeros(jnp.shape(x), jax.dtypes.float0), state, rates)
+    values, slopes = jax.jvp(guards, (t, state), (jnp.ones_like(t), along))
+    slope = jax.lax.stop_gradient(entry(which, slopes))
+    applies &= (which >= 0) & (which < values.shape[0])
+    sloping = applies & (slope != 0)
+    shift = jnp.where(sloping, -entry(which, values) / jnp.where(sloping, slope, 1.0), 0.0)
+    shift = once("runs with events of a hybrid system", shift)
+    moved = jax.tree.map(lambda x, rate: x + shift * rate if _flows(x) else x, state, rates)
+    return t + shift, moved, jnp.where(applies, slope, jnp.inf)
+
+
+def _flows(leaf: Any) -> bool:
+    """Whether a part of a state is a number with a rate; integers only change at events."""
+    return jnp.issubdtype(jnp.result_type(leaf), jnp.inexact)
+
+
+class Record(NamedTuple):
+    """The switches of a run as a solve keeps them, the first ones in the order of time; unused rows have the time NaN.
+
+    ``count`` is how many there were, and ``grazing`` says that a guard touched zero rather than crossing it.
+    """
+
+    count: Int[Array, ""]
+    times: Float[Array, "*switches"]
+    event: Int[Array, "*switches"]
+    before: Any
+    after: Any
+    grazing: Bool[Array, "*switches"]
+
+
+class AbstractHistory(Printed):
+    """What a run records besides its states at the saved times: the switches from mode to mode."""
+
+    switches: eqx.AbstractVar[Any]  # with at least `count`, `times`, `before`, `after` and `grazing`
+
+    @property
+    def lines(self) -> list[str]:
+        """The history in words, of one trajectory."""
+        return []
+
+    def at_rows(self, rows: slice) -> "AbstractHistory":
+        """The history at some of the saved times, with all switches."""
+        return self
+
+    def as_solved(self, system: Any, states: Any) -> tuple[Any, Any]:
+        """The system that was solved, and its states, where a trajectory shows a part of them: ``states``."""
+        return system, states
+
+
+class Switches(Printed):
+    """The events of a run at which the mode of a system changed, in the order of time.
+
+    - ``count``: how many there were. The arrays hold the first ``max_switches`` of the system; where there are fewer,
+      the rest is NaN or −1.
+    - ``times``: when, shape (max_switches,).
+    - ``event``: the index of the guard that fell to zero, or the number of guards for a time event, shape
+      (max_switches,).
+    - ``before``, ``after``: the states before and after the reset, with a leading axis.
+    - ``grazing``: whether the guard touched zero rather than crossing it, so that derivatives mean little, shape
+      (max_switches,).
+
+    Times and states are differentiable.
+    """
+
+    count: Int[Array, "*batch"]
+    times: Float[Array, "*batch switches"]
+    event: Int[Array, "*batch switches"]
+    before: Any
+    after: Any
+    grazing: Bool[Array, "*batch switches"]
+
+    @classmethod
+    def of(cls, record: Record, **others: Any) -> "Switches":
+        """Those of one run, or of several as a leading axis; ``others`` are further fields, by name."""
+        known = jnp.isfinite(record.times)
+        fields = {"before": record.before, "after": record.after} | others
+        event = jnp.where(known, record.event, NONE)
+        return cls(count=record.count, times=record.times, event=event, grazing=record.grazing & known, **fields)
+
+    def __repr__(self) -> str:
+        return "\n".join(["Switches", *(f"  {line}" for line in self.lines)]) if is_single(self.count) else shown(self)
+
+    @property
+    def lines(self) -> list[str]:
+        """A line for each switch that was kept. For one trajectory, not for a batch."""
+        count, kept = int(self.count), self.times.shape[-1]
+        times, grazing = (np.asarray(column)[:count] for column in (self.times, self.grazing))
+        lines = [
+            f"t = {float(t):.10g}: {self.words(k)}{', grazing' if grazing[k] else ''}" for k, t in enumerate(times)
+        ]
+        return [*lines, *([f"{count - kept} more, {self.remedy}"] if count > kept else [])] or ["none"]
+
+    def words(self, k: int) -> str:
+        """What happened at switch ``k``."""
+        return f"event {int(np.asarray(self.event)[k])}"
+
+    @property
+    def remedy(self) -> str:
+        """How to keep more of them."""
+        return "which a larger `max_switches` of the system would keep"
+
+
+class History(AbstractHistory):
+    """The history of a system with guards: its ``switches``."""
+
+    switches: Switches
+
+    @property
+    def lines(self) -> list[str]:
+        count, lines = int(self.switches.count), self.switches.lines
+        changed = "never switched" if count == 0 else "switched once" if count == 1 else f"switched {count:,} times"
+        few = lines[:MOST_SHOWN] if count else []
+        rest = [f"  and {count - len(few):,} more"] if count > len(few) else []
+        return [f"its mode {changed}", *(f"  {line}" for line in few), *rest]
+
+
+class NoHistory(AbstractHistory):
+    """The history of a system without modes."""
+
+    @property
+    def switches(self) -> Switches:
+        none, no = jnp.zeros((0,)), jnp.zeros((0,), bool)
+        return Switches(jnp.asarray(0), none, none.astype(int), None, None, no)
