@@ -7,9 +7,6 @@ alike and take the same steps. What a run with more masses takes longer should b
 times what their moments take longer than those of 3; and a method that evaluates less often should gain by it.
 """
 
-import argparse
-from pathlib import Path
-
 import harness
 
 PARTS = (1, 10, 100)
@@ -19,13 +16,11 @@ LOOP = 1000
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, help="where to write the measurements")
-    options = parser.parse_args()
+    options = harness.parser(__doc__ or "").parse_args()
     harness.set_up_jax(cpu_settings=True)
     content = {
         "benchmark": "the paper's ball with every mass whole, and split into ten and into a hundred",
-        **harness.description("jaxball", "jax", "jaxlib", "diffrax", "equinox"),
+        **harness.description(),
         **measure(),
     }
     print(f"{'Masses':>6}  {'Solver':8}{'Tolerance':>10}{'Evaluations':>12}{'Error':>9}{'Time':>11}{'Build':>8}")
@@ -40,8 +35,7 @@ def main() -> None:
             f"takes {1e6 * row['run_longer']:.0f} us longer than with the fewest, and its moments "
             f"{1e6 * row['moments_longer']:.0f} us."
         )
-    if options.json:
-        harness.write_json(options.json, content)
+    harness.write_json(options.json, content)
 
 
 def measure() -> dict:

@@ -11,9 +11,6 @@ core, a run's time for each evaluation of the right-hand side in each lane is se
 control, of steps that evaluate no more than the moments, and of steps that evaluate nothing.
 """
 
-import argparse
-from pathlib import Path
-
 import harness
 import numpy as np
 import perturbed
@@ -22,6 +19,7 @@ SHORTEST, LONGEST = 2.0, 20.0
 COARSEST, FINEST = 1e-4, 1e-10
 TOLERANCE = 1e-10
 TARGET = 0.85
+SPLIT = 10  # parts of each mass
 # Steps of equal length in a loop, by what is evaluated at each stage: names in ``lane_costs``.
 PARTS = {
     "right_hand_side": "steps without control",
@@ -31,11 +29,11 @@ PARTS = {
 
 
 def main() -> None:
-    options = _options()
+    options = harness.parser(__doc__ or "", rows=10_000, rounds=5).parse_args()
     harness.set_up_jax(cpu_settings=True)
     content = {
         "benchmark": "runs of different lengths in refilled lanes, and runs with 3 and 30 masses",
-        **harness.description("jaxball", "jax", "jaxlib", "diffrax", "equinox"),
+        **harness.description(),
         "spread": [spread(options.rows, tolerances) for tolerances in (False, True)],
         "masses": masses(options.rows, options.rounds),
     }
@@ -46,8 +44,7 @@ def main() -> None:
             f"{met} {TARGET:.0%}; without refilling {found['without_refilling']:.1%}."
         )
     _print_masses(content["masses"])
-    if options.json:
-        harness.write_json(options.json, content)
+    harness.write_json(options.json, content)
 
 
 def spread(rows: int, tolerances: bool) -> dict:
@@ -80,7 +77,7 @@ def spread(rows: int, tolerances: bool) -> dict:
 def masses(rows: int, rounds: int) -> list[dict]:
     """For 3 and 30 masses: steps, seconds, and nanoseconds of an evaluation in a lane, in runs and in their parts."""
     import lane_costs
-    from many_masses import SPLIT, split
+    from many_masses import split
 
     from jaxball import paper
 
@@ -126,14 +123,6 @@ def _print_masses(rows: list[dict]) -> None:
 
 def _log_uniform(random: np.random.Generator, low: float, high: float, rows: int) -> np.ndarray:
     return np.exp(random.uniform(np.log(low), np.log(high), rows))
-
-
-def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rows", type=int, default=10_000, help="how many runs")
-    parser.add_argument("--rounds", type=int, default=5, help="turns of every call; the best counts")
-    parser.add_argument("--json", type=Path, help="where to write the measurements")
-    return parser.parse_args()
 
 
 if __name__ == "__main__":

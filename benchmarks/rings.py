@@ -7,9 +7,7 @@ should be the evaluations of the right-hand side times what their sums take long
 evaluation should cost in proportion to their number, beside what it costs without any.
 """
 
-import argparse
 import time
-from pathlib import Path
 
 import harness
 
@@ -19,13 +17,11 @@ END, LOOP = 20.0, 1000
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, help="where to write the measurements")
-    options = parser.parse_args()
+    options = harness.parser(__doc__ or "").parse_args()
     harness.set_up_jax(cpu_settings=True)
     content = {
         "benchmark": "a ball with rotors that are rings of point masses",
-        **harness.description("jaxball", "jax", "jaxlib", "diffrax", "equinox"),
+        **harness.description(),
         "rows": measure(),
     }
     for row in content["rows"]:
@@ -39,8 +35,7 @@ def main() -> None:
     sums = 1e6 * (many["sums_time"] - few["sums_time"]) * many["evaluations"]
     print(f"A run with {many['masses']} masses takes {more:.0f} us longer than one with {few['masses']}; ", end="")
     print(f"their sums alone take {sums:.0f} us longer.")
-    if options.json:
-        harness.write_json(options.json, content)
+    harness.write_json(options.json, content)
 
 
 def measure() -> list[dict]:
