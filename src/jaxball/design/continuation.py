@@ -19,7 +19,7 @@ import scipy.sparse.linalg
 from jaxtyping import Array, Float
 
 from ..numerics.bracketing import Sample, between, other_end
-from .problem.variables import DesignError
+from .problem.space import DesignError
 
 # The numbers of Newton corrections at which a step is neither too short nor too long, and at which it has failed.
 EASY, MOST_CORRECTIONS = 4, 8

@@ -7,14 +7,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, PyTree
+from jaxtyping import Array, Bool, Float
 
-from ..interface.arguments import require_callable, require_value
+from ..interface.arguments import require_value
 from ..numerics.arrays import Numbers, numbers
 from ..numerics.norms import ROUNDING, norm
 from ..physics.imbalance import imbalance
 from .problem.plane import AbstractCurve, off_e1, place, places
-from .problem.requirements import AbstractObjective, AbstractRunningObjective, Requirement
+from .problem.requirements import AbstractObjective, AbstractRunningObjective, OfFunction, Requirement
 from .problem.run import Run
 
 # The least speed at which a piece of the path counts, in mean speeds along the curve: a ball at rest has no path.
@@ -350,7 +350,7 @@ class MassesNearCentre(AbstractRunningObjective):
         return jnp.sum(run.masses.chi**2, axis=(-2, -1)) / run.length**2
 
 
-class FunctionObjective(AbstractObjective):
+class FunctionObjective(OfFunction, AbstractObjective):
     """function(run, parameters), one number for the whole run.
 
     **Arguments:**
@@ -361,19 +361,13 @@ class FunctionObjective(AbstractObjective):
     - ``weight``: its factor in the sum of objectives.
     """
 
-    function: Callable[[Run, PyTree], Float[Array, ""]] = eqx.field(static=True)
-    parameters: PyTree = None
-
-    def __check_init__(self):
-        require_callable("function", self.function, "run", "parameters")
-
     def __call__(self, run: Run):
         value = self.function(run, self.parameters)
         require_value("function", value, ())
         return value
 
 
-class FunctionRunningObjective(AbstractRunningObjective):
+class FunctionRunningObjective(OfFunction, AbstractRunningObjective):
     """The mean over the run of function(run, parameters), where each value depends only on its own time.
 
     **Arguments:**
@@ -383,12 +377,6 @@ class FunctionRunningObjective(AbstractRunningObjective):
     - ``parameters``: arrays, in any PyTree, passed to it.
     - ``weight``: its factor in the sum of objectives.
     """
-
-    function: Callable[[Run, PyTree], Float[Array, " t"]] = eqx.field(static=True)
-    parameters: PyTree = None
-
-    def __check_init__(self):
-        require_callable("function", self.function, "run", "parameters")
 
     def integrand(self, run: Run):
         values = self.function(run, self.parameters)

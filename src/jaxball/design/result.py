@@ -5,7 +5,6 @@ import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 import tomli_w
 from jaxtyping import Float
@@ -18,7 +17,7 @@ from .constraints import discs_to_avoid
 from .files import TABLE, problem_of, read_control
 from .objectives import target_path
 from .problem.requirements import Requirement
-from .problem.variables import DesignError
+from .problem.space import DesignError
 from .search.design import SCENARIO
 
 COPY = "problem.toml"
@@ -145,12 +144,8 @@ def _problem(document: dict[str, Any], folder: Path) -> tuple[str, Scenario, lis
         return control.title, scenario, _requirements(control.problem)
     title, problem, *_ = problem_of(document, folder)
     space = problem.space
-    return title, space.scenario_of(_start(space)), _requirements(problem)
+    return title, space.scenario_of(space.values(space.start)), _requirements(problem)
 
 
 def _requirements(problem: Any) -> list[Requirement]:
     return [*problem.objectives.values(), *problem.constraints.values()]
-
-
-def _start(space: Any) -> Float[np.ndarray, " n"]:
-    return np.asarray(space.numbers(jnp.asarray(space.start)))

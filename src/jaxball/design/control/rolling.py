@@ -22,7 +22,7 @@ from ...physics.state import BallState, DiskState
 from ..objectives import FollowTrajectory
 from ..problem.requirements import AbstractRunningConstraint, AbstractRunningObjective, require_reachable
 from ..problem.run import Run
-from ..problem.variables import DesignError
+from ..problem.space import DesignError
 from .inputs import MotorIndex, inputs, motor_limits, with_free_joints, with_inputs, with_schedules
 from .problem import AbstractControlProblem
 

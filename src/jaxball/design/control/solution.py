@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 
 from ...solvers.tableau import gauss
 from ..continuation import newton, solver
-from ..problem.variables import DesignError
+from ..problem.space import DesignError
 from .collocation import SHARP, Collocation, Unknowns
 from .problem import AbstractControlProblem, Path
 from .rolling import rolling
