@@ -78,12 +78,7 @@ class Row:
 
 @dataclass
 class Measured:
-    """The rows of one problem, and a sentence for everything that was left out.
-
-    **Arguments:**
-
-    - ``rows``, ``left_out``: a list each.
-    """
+    """The ``rows`` of one problem, and sentences for what was ``left_out``."""
 
     rows: list[Row] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)

@@ -59,11 +59,7 @@ class AbstractEquations(abc.ABC):
 
 
 class FunctionEquations(AbstractEquations):
-    """The equations function(y, λ) = 0, with dense derivatives by JAX.
-
-    **Arguments:**
-
-    - ``function``: of (y, λ), from shape (n,) to shape (n,).
+    """The equations ``function`` (y, λ) = 0, of shape (n,) like y, with dense derivatives by JAX.
 
     **Example:**
 
@@ -151,11 +147,9 @@ def newton(
 
 
 class Fold(NamedTuple):
-    """A turning point: dλ/ds = 0. It lies between the points ``after`` and ``after + 1`` of its branch.
+    """A turning point: dλ/ds = 0, at ``y``, shape (n,), and λ = ``parameter``.
 
-    **Arguments:**
-
-    - ``y``, ``parameter``: its position: y, shape (n,), and λ.
+    It lies between the points ``after`` and ``after + 1`` of its branch.
     """
 
     after: int

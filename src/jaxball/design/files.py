@@ -19,8 +19,7 @@ from ..physics.system import AbstractSystem
 from ..scenario import read_document
 from ..scenario.body import rolling_state
 from ..scenario.errors import ScenarioError, each_of, raise_first, tried
-from ..scenario.functions import FUNCTION, trying
-from ..scenario.own import Open, names_own
+from ..scenario.own import FUNCTION, Open, names_own, trying
 from ..scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
 from ..scenario.table import Family, Key, Keys, Module, join, keys_of, member_of, read_family, read_list, read_table
 from ..scenario.values import (
@@ -113,7 +112,6 @@ def curves(plane: Plane) -> Family:
         "through": Module(
             Through,
             {"points": Key(plane.places)},
-            build=lambda points: Through(points),
             attributes={"points": "through"},
             check=_check_points,
         ),
@@ -313,11 +311,7 @@ class ProblemFile(NamedTuple):
 
 
 def load_problem(source: str | Path) -> ProblemFile:
-    """The problem of a file.
-
-    **Arguments:**
-
-    - ``source``: the path of a problem file.
+    """The problem of the file at the path ``source``.
 
     **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when there is no such file, when it is not TOML, and
     when a key of it or of its scenario is misspelt, missing or wrong.
@@ -328,11 +322,7 @@ def load_problem(source: str | Path) -> ProblemFile:
 
 
 def read_problem(text: str, folder: str | Path = ".") -> ProblemFile:
-    """The problem that the text of a file describes; a scenario file is looked for relative to ``folder``.
-
-    **Arguments:**
-
-    - ``text``: the content of a problem file.
+    """The problem that the ``text`` of a file describes; a scenario file is looked for relative to ``folder``.
 
     **Raises:** as :func:`load_problem`.
     """

@@ -107,11 +107,9 @@ class Result(NamedTuple):
 
 
 def load_result(folder: str | Path) -> Result:
-    """The design in a folder that ``jaxball design --out`` wrote; the best so far, if the search is not finished.
+    """The design in a ``folder`` that ``jaxball design --out`` wrote; the best so far, if the search is not finished.
 
-    **Arguments:**
-
-    - ``folder``: the folder, with its ``problem.toml`` and ``design.toml``.
+    It has ``problem.toml`` and ``design.toml``.
 
     **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, where there is no such folder, and where one of the
     files cannot be read or its scenario cannot be run.

@@ -2,13 +2,12 @@
 
 import abc
 import math
-from collections.abc import Callable
 from typing import TYPE_CHECKING, cast
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Array, Float
 
 from ..interface.arguments import require, require_function
 from ..interface.printing import Printed
@@ -18,6 +17,7 @@ from ..numerics.piecewise import PiecewisePolynomial, periodic_cubic_spline
 from ..numerics.trigonometry import sine_cosine
 from ..numerics.vectors import dot
 from .frames import AbstractFrame, MatrixFrame
+from .functions import OfFunction
 
 
 class AbstractRail(Printed):
@@ -61,7 +61,7 @@ class AbstractRail(Printed):
         return jax.vmap(self.prepare())(theta)
 
 
-class FunctionRail(AbstractRail):
+class FunctionRail(OfFunction, AbstractRail):
     """ζ(θ) = function(θ, parameters), for any function that JAX can trace.
 
     ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again.
@@ -85,8 +85,6 @@ class FunctionRail(AbstractRail):
     [0.2  0.   0.02] [1.  0.  0.2] [0. 0. 1.]
     """
 
-    function: Callable[[Float[Array, ""], PyTree], Float[Array, "3"]] = eqx.field(static=True)
-    parameters: PyTree = None
     closed_after: float | None = eqx.field(static=True, default=None)
 
     def __check_init__(self):
@@ -130,7 +128,15 @@ class Tube(AbstractRail):
 ORIGIN = (0.0, 0.0, 0.0)
 
 
-class AbstractPlanarRail(AbstractRail):
+class AbstractClosedRail(AbstractRail):
+    """A closed rail; θ runs over 2π."""
+
+    @property
+    def period(self) -> float:
+        return 2 * math.pi
+
+
+class AbstractPlanarRail(AbstractClosedRail):
     """ζ(θ) = centre + B (x(θ), 0, y(θ)), with B the matrix of ``frame``; θ runs over 2π."""
 
     if TYPE_CHECKING:  # to a type checker, fields declared here would come before `radius` among the arguments
@@ -150,10 +156,6 @@ class AbstractPlanarRail(AbstractRail):
         # A sum over an axis, because XLA's CPU compiler computes that once, and other sums wherever they are used.
         B = self.frame.matrix()
         return self.centre + jnp.sum(B[:, ::2] * jnp.stack(self.planar(theta))[None], axis=1)
-
-    @property
-    def period(self) -> float:
-        return 2 * math.pi
 
     @property
     def samples(self) -> int:
@@ -291,7 +293,7 @@ class BernoulliEight(AbstractPlanarRail):
         return x, x * sine
 
 
-class FourierRail(AbstractRail):
+class FourierRail(AbstractClosedRail):
     """ζ(θ) = centre + Σ_k ( cosine_k cos kθ + sine_k sin kθ ), k = 1 … K.
 
     **Arguments:**
@@ -328,10 +330,6 @@ class FourierRail(AbstractRail):
         return self.centre + jnp.sum(self.cosine * cosine[:, None] + self.sine * sine[:, None], axis=0)
 
     @property
-    def period(self) -> float:
-        return 2 * math.pi
-
-    @property
     def samples(self) -> int:
         return 32 * self.cosine.shape[-2]
 
@@ -339,7 +337,7 @@ class FourierRail(AbstractRail):
 SAMPLES_PER_PIECE = 16
 
 
-class SplineRail(AbstractRail):
+class SplineRail(AbstractClosedRail):
     """The closed cubic spline that passes ``points`` at θ = 0, 2π/n, 4π/n, …
 
     ζ and ζ′ are smooth and ζ″ is continuous, so the motion of a mass has no jump of acceleration.
@@ -380,25 +378,17 @@ class SplineRail(AbstractRail):
         return self.prepare()(theta)
 
     @property
-    def period(self) -> float:
-        return 2 * math.pi
-
-    @property
     def samples(self) -> int:
         return SAMPLES_PER_PIECE * self.points_on_rail.shape[-2]
 
 
-class PreparedSplineRail(AbstractRail):
+class PreparedSplineRail(AbstractClosedRail):
     """A :class:`SplineRail` whose coefficients are known."""
 
     curve: PiecewisePolynomial
 
     def __call__(self, theta: Float[Array, ""]) -> Float[Array, "3"]:
         return self.curve(jnp.mod(theta, self.period))
-
-    @property
-    def period(self) -> float:
-        return 2 * math.pi
 
     @property
     def samples(self) -> int:

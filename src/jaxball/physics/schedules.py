@@ -1,11 +1,10 @@
 """Schedules θ(t): where a mass is on its rail, prescribed in closed form."""
 
 import abc
-from collections.abc import Callable
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Array, Float
 
 from ..interface.arguments import require_function
 from ..interface.printing import Printed
@@ -13,6 +12,7 @@ from ..numerics.arrays import Numbers, a_number, default_dtype, numbers, to_arra
 from ..numerics.calculus import two_derivatives
 from ..numerics.harmonics import HarmonicSeries
 from ..numerics.piecewise import PiecewisePolynomial, clamped_cubic_spline
+from .functions import OfFunction
 
 
 class AbstractSchedule(Printed):
@@ -46,7 +46,7 @@ class AbstractSchedule(Printed):
         return self.advanced(to_array(theta) - self.prepare()(to_array(t)))
 
 
-class FunctionSchedule(AbstractSchedule):
+class FunctionSchedule(OfFunction, AbstractSchedule):
     """θ(t) = theta + function(t, parameters), for any function that JAX can differentiate twice.
 
     ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again. Give the times
@@ -70,8 +70,6 @@ class FunctionSchedule(AbstractSchedule):
     (0.0, 2.0, -4.0)
     """
 
-    function: Callable[[Float[Array, ""], PyTree], Float[Array, ""]] = eqx.field(static=True)
-    parameters: PyTree = None
     theta: Float[Array, "*group"] = eqx.field(converter=numbers("theta"), default=0.0)
     kink_times: Float[Array, "*group kinks"] = eqx.field(converter=numbers("kink_times", ("kinks",)), default=())
 
@@ -120,7 +118,7 @@ class Sinusoids(AbstractSchedule):
     **Arguments:**
 
     - ``theta``: the constant, rad on a closed rail and length in a tube.
-    - ``amplitude``: in the same unit, shape (terms,).
+    - ``amplitude``: in the same unit, shape (terms,); no sinusoids if not given.
     - ``frequency``: rad/time, shape (terms,).
     - ``phase``: rad, shape (terms,); zero if not given.
     - ``rate``: the constant part of θ̇, the same per time.
@@ -142,8 +140,8 @@ class Sinusoids(AbstractSchedule):
     def __init__(
         self,
         theta: Numbers,
-        amplitude: Numbers,
-        frequency: Numbers,
+        amplitude: Numbers | None = None,
+        frequency: Numbers = (),
         phase: Numbers | None = None,
         rate: Numbers = 0.0,
     ):
@@ -172,7 +170,18 @@ class PiecewiseSchedule(AbstractSchedule):
         return self.curve.breaks
 
 
-class PiecewiseAcceleration(AbstractSchedule):
+class AbstractPiecewise(AbstractSchedule):
+    """A schedule that becomes a piecewise polynomial."""
+
+    @abc.abstractmethod
+    def prepare(self) -> PiecewiseSchedule:
+        """Its polynomials."""
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        return self.prepare()(t)
+
+
+class PiecewiseAcceleration(AbstractPiecewise):
     """θ̈(t) as a piecewise polynomial, integrated twice exactly.
 
     On times[j] ≤ t < times[j + 1], θ̈ = Σ_k accelerations[j, k] (t − times[j])ᵏ; before the first
@@ -231,9 +240,6 @@ class PiecewiseAcceleration(AbstractSchedule):
             )
         )
 
-    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
-        return self.prepare()(t)
-
     def advanced(self, by: Float[Array, ""]) -> "PiecewiseAcceleration":
         return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
 
@@ -241,7 +247,7 @@ class PiecewiseAcceleration(AbstractSchedule):
         return self.times
 
 
-class Pulse(AbstractSchedule):
+class Pulse(AbstractPiecewise):
     """θ̈ = height until ``hold``, then falling linearly to zero at ``end``; zero before ``start``.
 
     The defaults are ``eq_prescribed_u_ball``: u = 1 on [0, .1] and 2 − 10 t on [.1, .2]. Section 4
@@ -291,9 +297,6 @@ class Pulse(AbstractSchedule):
             )
         )
 
-    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
-        return self.prepare()(t)
-
     def advanced(self, by: Float[Array, ""]) -> "Pulse":
         return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
 
@@ -301,7 +304,7 @@ class Pulse(AbstractSchedule):
         return jnp.stack([self.start, self.hold, self.end])
 
 
-class Waypoints(AbstractSchedule):
+class Waypoints(AbstractPiecewise):
     """The smooth schedule that takes ``angles`` at ``times``: a cubic spline with θ̈ continuous.
 
     Before the first waypoint and after the last, the mass moves at the constant rate ``end_rates`` (by default at
@@ -347,9 +350,6 @@ class Waypoints(AbstractSchedule):
                 coefficients=jnp.concatenate([first[None], inner, last[None]]),
             )
         )
-
-    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
-        return self.prepare()(t)
 
     def advanced(self, by: Float[Array, ""]) -> "Waypoints":
         return eqx.tree_at(lambda s: s.angles, self, self.angles + by)

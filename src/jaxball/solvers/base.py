@@ -148,12 +148,7 @@ SENTENCES: list[tuple[Any, str]] = [
 
 
 def explain(result: diffrax.RESULTS) -> str:
-    """A sentence on how a solve by a solver of this package ended, for ``solution.result``; empty for success.
-
-    **Arguments:**
-
-    - ``result``: ``solution.result`` of diffrax.
-    """
+    """A sentence on how a solve by a solver of this package ended, for its ``result`` by diffrax; empty for success."""
     for known, sentence in SENTENCES:
         if bool(result == known):
             return sentence

@@ -291,13 +291,7 @@ GROWTH = 4.0
 
 
 class Optimiser:
-    """Solves a program step by step; each step advances a :class:`Progress`.
-
-    **Arguments:**
-
-    - ``program``: what is minimised, and under which constraints.
-    - ``settings``: those of the search.
-    """
+    """Minimises a ``program`` with these ``settings``, step by step; each step advances a :class:`Progress`."""
 
     def __init__(self, program: AbstractProgram, settings: Settings):
         self.program, self.settings = program, settings

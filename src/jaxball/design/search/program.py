@@ -277,14 +277,10 @@ def starting_points(space: DesignSpace, settings: Settings) -> Float[np.ndarray,
 
 @dataclasses.dataclass(frozen=True)
 class Shooting(AbstractProgram):
-    """A problem whose runs are simulated in ``intervals`` pieces with equal numbers of samples.
+    """A ``problem`` whose runs are simulated in ``intervals`` pieces with equal numbers of samples.
 
     The unknowns y are those of the design space and, ball by ball, the components of the state at each joint, where a
     piece after the first starts. Continuity is the last constraint.
-
-    **Arguments:**
-
-    - ``problem``: the problem to solve.
 
     **Raises:** :class:`DesignError` where the steps between save times cannot be divided equally.
     """

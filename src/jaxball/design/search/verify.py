@@ -57,12 +57,9 @@ class Verified(NamedTuple):
 
 
 def verify(problem: Problem, y: Float[np.ndarray, " n"]) -> Verified:
-    """A design evaluated with a solver of another family and on samples ten times as fine.
+    """The design of ``problem`` with the unknowns ``y``, shape (n,), evaluated by other means.
 
-    **Arguments:**
-
-    - ``problem``: the problem with its objectives and constraints.
-    - ``y``: the unknowns of the design, shape (n,).
+    They are a solver of another family and samples ten times as fine.
     """
     other, solver = _other_solve(problem)
     designed, finer, most = jax.tree.map(np.asarray, _compared(problem)(jnp.asarray(y)))
@@ -228,12 +225,7 @@ def check_gradient(optimiser: Optimiser, y: Float[np.ndarray, " n"], seed: int =
 
 
 def require_good(check: GradientCheck) -> None:
-    """Raises a :class:`DesignError` where a gradient cannot be trusted.
-
-    **Arguments:**
-
-    - ``check``: what :func:`check_gradient` returns.
-    """
+    """Raises a :class:`DesignError` where the ``check`` of a gradient says that it cannot be trusted."""
     if not check.good:
         raise DesignError(
             f"The gradient must agree with differences to {DIFFERENCES_AGREE:g} and with forward mode to "
