@@ -89,7 +89,7 @@ def means(solution: Solution) -> dict[str, float]:
 
 
 def least_curvature(solution: Solution) -> float:
-    """The smallest eigenvalue of the Lagrangian's second derivative at a ``solution``, by controls that keep conditions.
+    """The smallest eigenvalue of the Lagrangian's second derivative of a ``solution`` by controls that keep conditions.
 
     Inequalities count with the curvature of their barrier. Where the barrier is small, only changes along active
     constraints matter, because changes across them are costly.
