@@ -4,9 +4,9 @@ Operations are counted in the program of the right-hand side, element by element
 """
 
 import collections
-import time
 from typing import NamedTuple
 
+import harness
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -114,10 +114,4 @@ def describe_device() -> dict:
 
 
 def _best(function, *arguments) -> float:
-    jax.block_until_ready(function(*arguments))
-    times = []
-    for _ in range(5):
-        start = time.perf_counter()
-        jax.block_until_ready(function(*arguments))
-        times.append(time.perf_counter() - start)
-    return min(times)
+    return harness.interleaved_best({"": lambda: jax.block_until_ready(function(*arguments))}, rounds=5)[""]

@@ -1,14 +1,14 @@
 """Common to multistep methods, which choose their order together with the step: their step-size controllers."""
 
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import optimistix as optx
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Array, Float, Int, PyTree
 
 from .base import FlatProblem
 
@@ -25,6 +25,19 @@ class PlannedError(eqx.Module):
     growth: Float[Array, ""]
     shrink: Float[Array, ""]
     controller: type = eqx.field(static=True)
+
+
+class Plan(NamedTuple):
+    """The plan after a step.
+
+    - ``order``: that of the next step.
+    - ``growth``: the next step over this one, if this one is accepted.
+    - ``shrink``: the same if it is rejected.
+    """
+
+    order: Int[Array, ""]
+    growth: Float[Array, ""]
+    shrink: Float[Array, ""]
 
 
 class PairedNorm(eqx.Module):
@@ -204,6 +217,10 @@ class AbstractMultistep(diffrax.AbstractImplicitSolver, diffrax.AbstractAdaptive
                 f"one, where the solver is {name}, which chooses its order together with the step, but it is a "
                 "different one."
             )
+
+    def planned(self, size: Float[Array, ""], plan: Plan) -> PlannedError:
+        """What the controller is passed about a step with an error of this size."""
+        return PlannedError(size, plan.growth, plan.shrink, self.controller_cls)
 
     def sizes(
         self, problem: FlatProblem, x1: Float[Array, " n"], errors: Float[Array, "rows n"]

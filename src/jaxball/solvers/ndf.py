@@ -27,7 +27,7 @@ from .diagonal import diagonally_implicit
 from .differences import products
 from .interpolation import BackwardPolynomial
 from .mass import mass_term
-from .multistep import AbstractMultistep, NDFController, PlannedError, checked_order
+from .multistep import AbstractMultistep, NDFController, Plan, checked_order
 from .stages import FROM_CONTROLLER, AbstractStageIteration, Memory, SimplifiedNewton, Stages
 
 # The next step over the one that would have an error of 1, by the estimate.
@@ -40,19 +40,6 @@ LONGEST_SHRUNK = 0.9
 SHORTEST, LONGEST_AGAIN = 0.2, 0.8
 # After an iteration that did not converge.
 GIVEN_UP = 0.3
-
-
-class Plan(NamedTuple):
-    """The plan after a step.
-
-    - ``order``: that of the next step.
-    - ``growth``: the next step over this one, if this one is accepted.
-    - ``shrink``: the same if it is rejected.
-    """
-
-    order: Int[Array, ""]
-    growth: Float[Array, ""]
-    shrink: Float[Array, ""]
 
 
 def plan(errors: Float[Array, "3"], order: Int[Array, ""], equal: Int[Array, ""], highest: int) -> Plan:
@@ -232,9 +219,8 @@ class NDF(AbstractMultistep):
         sizes = self.sizes(problem, after[0], self._errors(problem, state.order, last))
         size, result = outcome(stages, sizes[1:2], t0, t1, NO_FAULT if fault is None else fault)
         moved, following = self._after(problem, state, stages, (after, last), sizes)
-        error = PlannedError(size[0], following.growth, following.shrink, self.controller_cls)
         dense = {"y0": problem.unravel(problem.x0), "terms": jax.vmap(problem.unravel)(after[1:])}
-        return problem.unravel(after[0]), error, dense, moved, result
+        return problem.unravel(after[0]), self.planned(size[0], following), dense, moved, result
 
     def _solved(
         self, problem: FlatProblem, t1: Float[Array, ""], before: Float[Array, "rows n"], state: NDFState
