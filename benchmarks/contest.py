@@ -3,8 +3,8 @@
 import argparse
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
+import harness
 import numpy as np
 import perturbed
 from turns import Contender, Seats
@@ -98,9 +98,6 @@ def _row(contender: Contender, tolerance: float, seconds: float, found: np.ndarr
 
 def parser(description: str, rows: int, tolerances: Sequence[float], rounds: int) -> argparse.ArgumentParser:
     """The arguments of a contest, with these defaults."""
-    found = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
-    found.add_argument("--rows", type=int, default=rows, help="how many runs")
+    found = harness.parser(description, rows=rows, rounds=rounds)
     found.add_argument("--tolerances", type=float, nargs="+", default=tolerances)
-    found.add_argument("--rounds", type=int, default=rounds, help="turns of every contender; the best counts")
-    found.add_argument("--json", type=Path, help="where to write the measurements")
     return found

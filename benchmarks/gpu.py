@@ -36,15 +36,14 @@ def main() -> None:
     harness.set_up_jax(cpu_settings=False)
     content = {
         "benchmark": "copies of the paper's ball with perturbed q and Omega on a GPU, from t = 0 to 20",
-        **harness.description("jaxball", "jax", "jaxlib", "diffrax", "equinox", "heyoka"),
+        **harness.description("heyoka"),
         "cores": cores,
         "device": device,
         **measured,
         "at_equal_error": work_precision.at_equal_error(measured["rows"], OURS, GOALS),
     }
     report(content)
-    if options.json:
-        harness.write_json(options.json, content)
+    harness.write_json(options.json, content)
 
 
 def why_no_gpu() -> str:

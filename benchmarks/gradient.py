@@ -9,7 +9,6 @@ With `--mode forward` the settings of XLA are those for forward mode, and a thou
 import argparse
 import importlib
 from collections.abc import Callable
-from pathlib import Path
 
 import harness
 import numpy as np
@@ -24,7 +23,6 @@ OURS = {
 PLAIN = "jaxball, no derivatives"
 STARTS = 1000
 PEERS = {"heyoka, variational equations": "heyoka", "CasADi, CVODES": "casadi"}
-PACKAGES = ("jaxball", "jax", "jaxlib", "diffrax", "equinox", "heyoka", "casadi")
 
 
 def main() -> None:
@@ -45,15 +43,14 @@ def main() -> None:
     ]
     content = {
         "benchmark": "the derivatives of z1(20) of the paper's ball with respect to ten parameters",
-        **harness.description(*PACKAGES),
+        **harness.description("heyoka", "casadi"),
         "exact": exact.tolist(),
         "rows": rows,
     }
     report(rows)
     if options.mode == "forward":
         content["starts"] = _starts(options.rounds)
-    if options.json:
-        harness.write_json(options.json, content)
+    harness.write_json(options.json, content)
 
 
 def report(rows: list[dict]) -> None:
@@ -122,10 +119,8 @@ def _error(found: np.ndarray, exact: np.ndarray) -> float:
 
 
 def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = harness.parser(__doc__ or "", rounds=10)
     parser.add_argument("--mode", choices=OURS, default="reverse", help="how derivatives are computed")
-    parser.add_argument("--rounds", type=int, default=10, help="turns of every contender")
-    parser.add_argument("--json", type=Path, help="where to write the measurements")
     return parser.parse_args()
 
 

@@ -1,5 +1,6 @@
 """What every benchmark needs: settings, interleaved timing, the machine's description, JSON."""
 
+import argparse
 import json
 import os
 import statistics
@@ -26,15 +27,27 @@ def set_up_jax(cpu_settings: bool, gpu: bool = False) -> None:
         cpu.prepare()
 
 
+COUNTS = {"rows": "how many runs", "rounds": "turns of every contender; the best or the median counts"}
+
+
+def parser(about: str, **counts: int) -> argparse.ArgumentParser:
+    """The arguments of a script that is ``about`` this: ``--json``, and counts with their defaults."""
+    found = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name, default in counts.items():
+        found.add_argument(f"--{name}", type=int, default=default, help=COUNTS[name])
+    found.add_argument("--json", type=Path, help="where to write the measurements")
+    return found
+
+
 def description(*packages: str) -> dict[str, object]:
-    """The machine, the settings of XLA, and the versions of Python and of those ``packages`` there are."""
+    """The machine, the settings of XLA, and the versions of Python, jaxball and those ``packages`` there are."""
     # Imported here, because it imports JAX, which is to be set up before.
     from jaxball.bench.machine import machine, versions
 
     return {
         "machine": machine(),
         "XLA_FLAGS": os.environ.get("XLA_FLAGS", ""),
-        "versions": versions(packages),
+        "versions": versions(("jaxball", "jax", "jaxlib", "diffrax", "equinox", *packages)),
     }
 
 
@@ -79,6 +92,7 @@ def interleaved_best(calls: dict[Any, Callable], rounds: int) -> dict[Any, float
     return best
 
 
-def write_json(path: Path | str, content: dict) -> None:
-    """Writes ``content`` as readable JSON."""
-    Path(path).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+def write_json(path: Path | None, content: dict) -> None:
+    """Writes ``content`` as readable JSON, if there is a path."""
+    if path is not None:
+        path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")

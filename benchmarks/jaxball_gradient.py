@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from peers.paper_numbers import parameters
+from peers import parameters
 
 import jaxball
 from jaxball import Ball, BallState, paper, simulate

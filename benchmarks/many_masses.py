@@ -7,9 +7,6 @@ alike and take the same steps. What a run with more masses takes longer should b
 times what their moments take longer than those of 3; and a method that evaluates less often should gain by it.
 """
 
-import argparse
-from pathlib import Path
-
 import harness
 
 PARTS = (1, 10, 100)
@@ -19,13 +16,11 @@ LOOP = 1000
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, help="where to write the measurements")
-    options = parser.parse_args()
+    options = harness.parser(__doc__ or "").parse_args()
     harness.set_up_jax(cpu_settings=True)
     content = {
         "benchmark": "the paper's ball with every mass whole, and split into ten and into a hundred",
-        **harness.description("jaxball", "jax", "jaxlib", "diffrax", "equinox"),
+        **harness.description(),
         **measure(),
     }
     print(f"{'Masses':>6}  {'Solver':8}{'Tolerance':>10}{'Evaluations':>12}{'Error':>9}{'Time':>11}{'Build':>8}")
@@ -40,8 +35,7 @@ def main() -> None:
             f"takes {1e6 * row['run_longer']:.0f} us longer than with the fewest, and its moments "
             f"{1e6 * row['moments_longer']:.0f} us."
         )
-    if options.json:
-        harness.write_json(options.json, content)
+    harness.write_json(options.json, content)
 
 
 def measure() -> dict:
@@ -49,6 +43,8 @@ def measure() -> dict:
 
     Times are in seconds; errors are those of (q, Omega, z) at t = 20.
     """
+    from jaxball_ball import TIMES, evaluations
+
     from jaxball import paper
     from jaxball.paper import reference
 
@@ -63,7 +59,7 @@ def measure() -> dict:
             "masses": balls[parts].n_masses,
             "solver": solver,
             "tolerance": tolerance,
-            "evaluations": evaluations(balls[parts], solver, tolerance),
+            "evaluations": evaluations(solver_named(solver), balls[parts], TIMES, rtol=tolerance, atol=tolerance),
             "error": float(max(abs(call() - exact))),
             "time": medians[parts, solver, tolerance],
             "build_time": build_times[parts, solver, tolerance],
@@ -121,36 +117,13 @@ def run(ball, solver: str, tolerance: float):
 
 def moments_loop(ball):
     """A compiled loop that does nothing but evaluate the moments ``LOOP`` times."""
-    import jax
     import jax.numpy as jnp
-    from jax.flatten_util import ravel_pytree
+    from jaxball_ball import loop
 
     from jaxball.physics.moments import velocity_moments
 
-    @jax.jit
-    def loop(ball):
-        parameters, unpack = ravel_pytree(ball.prepare())
-        nothing = jnp.zeros(0)
-
-        def at(t):
-            return ravel_pytree(velocity_moments(unpack(parameters), t, (nothing, nothing)))[0]
-
-        return jax.lax.fori_loop(0, LOOP, lambda k, total: total + at(20 * k / LOOP), at(jnp.asarray(0.0)))
-
-    return lambda: jax.block_until_ready(loop(ball))
-
-
-def evaluations(ball, solver: str, tolerance: float) -> int:
-    """How often a run evaluates the right-hand side."""
-    from jaxball_ball import TIMES
-
-    from jaxball import simulate
-    from jaxball.paper.reproduce.experiments import Counter, CountingSolver
-
-    counter = Counter()
-    method = CountingSolver(solver_named(solver), counter)
-    simulate(ball, TIMES, solver=method, rtol=tolerance, atol=tolerance, throw=True)
-    return counter.read()
+    nothing = jnp.zeros(0)
+    return loop(LOOP, lambda t, ball: velocity_moments(ball, t, (nothing, nothing)), ball.prepare())
 
 
 if __name__ == "__main__":

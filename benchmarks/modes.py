@@ -8,9 +8,6 @@ a step costs, and the number of steps what modes add to that. Balls without mass
 be, and the paper's ball with its three masses.
 """
 
-import argparse
-from pathlib import Path
-
 import harness
 import numpy as np
 
@@ -22,7 +19,7 @@ SPREAD = 0.1  # of the offsets
 
 
 def main() -> None:
-    options = _options()
+    options = harness.parser(__doc__ or "", rows=10_000, rounds=3).parse_args()
     harness.set_up_jax(cpu_settings=True)
     from jaxball import Ball, load_scenario
 
@@ -37,10 +34,8 @@ def main() -> None:
             f"{row['switches']:7.1f} switches"
             f"{row['lane_step']:8.2f} us a lane's step, efficiency {row['efficiency']:.0%}, {row['failed']} failed"
         )
-    if options.json:
-        packages = ("jaxball", "jax", "jaxlib", "diffrax", "equinox")
-        content = {"benchmark": "runs of several modes in lanes", **harness.description(*packages), "rows": rows}
-        harness.write_json(options.json, content)
+    content = {"benchmark": "runs of several modes in lanes", **harness.description(), "rows": rows}
+    harness.write_json(options.json, content)
 
 
 def measured(body, rows: int, rounds: int) -> list[dict]:
@@ -97,14 +92,6 @@ def _row(name: str, ensemble, seconds: float, rows: int) -> dict:
         "efficiency": float(ensemble.efficiency),
         "failed": int(np.sum(np.asarray(run.status) != 0)),
     }
-
-
-def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rows", type=int, default=10_000, help="how many runs")
-    parser.add_argument("--rounds", type=int, default=3, help="turns of every call; the best counts")
-    parser.add_argument("--json", type=Path, help="where to write the measurements")
-    return parser.parse_args()
 
 
 if __name__ == "__main__":

@@ -7,9 +7,7 @@ should be the evaluations of the right-hand side times what their sums take long
 evaluation should cost in proportion to their number, beside what it costs without any.
 """
 
-import argparse
 import time
-from pathlib import Path
 
 import harness
 
@@ -19,13 +17,11 @@ END, LOOP = 20.0, 1000
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, help="where to write the measurements")
-    options = parser.parse_args()
+    options = harness.parser(__doc__ or "").parse_args()
     harness.set_up_jax(cpu_settings=True)
     content = {
         "benchmark": "a ball with rotors that are rings of point masses",
-        **harness.description("jaxball", "jax", "jaxlib", "diffrax", "equinox"),
+        **harness.description(),
         "rows": measure(),
     }
     for row in content["rows"]:
@@ -39,12 +35,15 @@ def main() -> None:
     sums = 1e6 * (many["sums_time"] - few["sums_time"]) * many["evaluations"]
     print(f"A run with {many['masses']} masses takes {more:.0f} us longer than one with {few['masses']}; ", end="")
     print(f"their sums alone take {sums:.0f} us longer.")
-    if options.json:
-        harness.write_json(options.json, content)
+    harness.write_json(options.json, content)
 
 
 def measure() -> list[dict]:
     """Times in seconds, one row for each case: of a run, an evaluation, its sums, and of compiling a run."""
+    from jaxball_ball import evaluations
+
+    from jaxball.simulation.arguments import DEFAULT_SOLVER
+
     robots = {case: robot(*case) for case in CASES}
     builds = {case: built(*robots[case]) for case in CASES}
     calls = {("run", case): call for case, (call, _) in builds.items()}
@@ -58,7 +57,7 @@ def measure() -> list[dict]:
             "run_time": medians["run", case],
             "evaluation_time": medians["evaluation", case] / LOOP,
             "sums_time": medians["sums", case] / LOOP,
-            "evaluations": evaluations(*robots[case]),
+            "evaluations": evaluations(DEFAULT_SOLVER, robots[case][0], (0.0, END), robots[case][1]),
             "build_time": builds[case][1],
         }
         for case in CASES
@@ -92,14 +91,13 @@ def evaluations_loop(ball, state):
 
 def sums_loop(ball, state):
     """The same of the sums over masses in it: moments, and the joints' inertia and its rate."""
+    import jax.numpy as jnp
+
+    from jaxball.physics.coupling import inertia, inertia_rate
+    from jaxball.physics.linkage import linkages
+    from jaxball.physics.moments import velocity_moments
 
     def sums(ball, t, state):
-        import jax.numpy as jnp
-
-        from jaxball.physics.coupling import inertia, inertia_rate
-        from jaxball.physics.linkage import linkages
-        from jaxball.physics.moments import velocity_moments
-
         links = linkages(ball, t, (state.theta, state.thetadot, state.thetadot))
         r, Gamma, nothing = ball.radius, state.Gamma, jnp.zeros((3, 3))
         at = velocity_moments(ball, t, (state.theta, state.thetadot), links)
@@ -110,32 +108,12 @@ def sums_loop(ball, state):
 
 def _loop(ball, state, function):
     import jax
-    import jax.numpy as jnp
-    from jax.flatten_util import ravel_pytree
+    from jaxball_ball import loop
 
-    @jax.jit
-    def loop(ball, state):
-        parameters, unpack = ravel_pytree((ball.prepare(), state))
+    def moved(t, ball, state):
+        return function(ball, t, jax.tree.map(lambda leaf: leaf + 1e-3 * t, state))
 
-        def at(t):
-            prepared, state = unpack(parameters)
-            moved = jax.tree.map(lambda leaf: leaf + 1e-3 * t, state)
-            return ravel_pytree(function(prepared, t, moved))[0]
-
-        return jax.lax.fori_loop(0, LOOP, lambda k, total: total + at(END * k / LOOP), at(jnp.asarray(0.0)))
-
-    return lambda: jax.block_until_ready(loop(ball, state))
-
-
-def evaluations(ball, state) -> int:
-    """How often a run by the default settings evaluates the right-hand side."""
-    from jaxball import simulate
-    from jaxball.paper.reproduce.experiments import Counter, CountingSolver
-    from jaxball.simulation.arguments import DEFAULT_SOLVER
-
-    counter = Counter()
-    simulate(ball, (0.0, END), state, solver=CountingSolver(DEFAULT_SOLVER, counter), throw=True)
-    return counter.read()
+    return loop(LOOP, moved, ball.prepare(), state)
 
 
 if __name__ == "__main__":

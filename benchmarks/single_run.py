@@ -7,7 +7,6 @@ another process without the command line's CPU settings.
 """
 
 import argparse
-import importlib
 import json
 import math
 import subprocess
@@ -18,9 +17,7 @@ from pathlib import Path
 import harness
 import numpy as np
 
-# The module in peers/ and the packages it needs.
-PEERS = {"numba_ball": ("numba", "numbalsoda"), "heyoka_ball": ("heyoka",)}
-PACKAGES = ("jaxball", "jax", "jaxlib", "diffrax", "equinox", "numba", "numbalsoda", "heyoka")
+NUMBALSODA, HEYOKA = "numbalsoda DOP853", "heyoka Taylor"  # contenders of ``jaxball bench``
 GOAL = 1e-9
 TYPED, COMPILED, BY_XLA = "jaxball, simulate(ball, times)", "jaxball, jaxball.jit", "jaxball, jax.jit"
 OURS = (TYPED, COMPILED, BY_XLA)
@@ -30,10 +27,10 @@ DEFAULT_TOLERANCE = 1e-10
 def main() -> None:
     options = _options()
     harness.set_up_jax(options.cpu_settings)
-    rows = measure(list(PEERS) if options.cpu_settings else ["numba_ball"])
+    rows = measure([NUMBALSODA, HEYOKA] if options.cpu_settings else [NUMBALSODA])
     content = {
         "benchmark": "the paper's ball from t = 0 to 20, kinks stepped to; error of q, Omega, z at t = 20",
-        **harness.description(*PACKAGES),
+        **harness.description("numba", "numbalsoda", "heyoka"),
         "rows": rows,
         "ratios": ratios(rows),
     }
@@ -43,8 +40,7 @@ def main() -> None:
     report("With the command line's CPU settings", content)
     content["without_cpu_settings"] = _without_settings()
     report("Without them", content["without_cpu_settings"])
-    if options.json:
-        harness.write_json(options.json, content)
+    harness.write_json(options.json, content)
 
 
 def measure(peers: list[str]) -> list[dict]:
@@ -59,20 +55,21 @@ def measure(peers: list[str]) -> list[dict]:
     contenders |= {(COMPILED, tolerance): call for tolerance, call in jaxball_ball.compiled().items()}
     contenders |= {(BY_XLA, tolerance): call for tolerance, call in jaxball_ball.compiled(jax.jit).items()}
     build = {name: jaxball_ball.compile_time(contenders[name, DEFAULT_TOLERANCE]) for name in OURS}
-    for module in peers:
-        name, build_time, calls = _peer(module)
-        contenders |= {(name, tolerance): call for tolerance, call in calls.items()}
-        build[name] = build_time
+    states = dict(contenders)
+    for name in peers:
+        build[name], runs = _peer(name)
+        contenders |= {(name, tolerance): run.solve for tolerance, run in runs.items()}
+        states |= {(name, tolerance): lambda run=run: run.outcome().state for tolerance, run in runs.items()}
     medians = harness.interleaved_medians(contenders)
     return [
         {
             "solver": name,
             "tolerance": tolerance,
             "time": medians[name, tolerance],
-            "error": _error(call(), exact),
+            "error": _error(state(), exact),
             "build_time": build[name],
         }
-        for (name, tolerance), call in contenders.items()
+        for (name, tolerance), state in states.items()
     ]
 
 
@@ -106,21 +103,21 @@ def report(title: str, content: dict) -> None:
         print(f"{name:70}{ratio:6.2f}")
 
 
-def _peer(module: str) -> tuple[str, float, dict]:
-    """A peer's name, the time to build one program, and its solvers; none where it is not installed."""
-    try:
-        for package in PEERS[module]:
-            importlib.import_module(package)
-    except ModuleNotFoundError as missing:
-        print(f"Left out: {module}, because {harness.not_installed(missing.name)}.")
-        return module, 0.0, {}
+def _peer(name: str) -> tuple[float, dict]:
+    """The time in which a peer builds one program, and its runs by their tolerances; none where it is not installed."""
+    from jaxball_ball import TOLERANCES
 
-    def build():
-        peer = importlib.import_module(f"peers.{module}")
-        return peer.PACKAGE, peer.solvers(), peer.PROGRAMS
+    from jaxball.bench.contenders import ALL
+    from jaxball.bench.problems import BALL
 
-    build_time, (name, calls, programs) = harness.timed(build)
-    return name, build_time / programs, calls
+    contender = ALL[name]
+    missing = contender.family.missing()
+    if missing is not None:
+        print(f"Left out: {name}, because {missing}; {contender.family.remedy}.")
+        return 0.0, {}
+    program = contender.program(BALL)
+    seconds, runs = harness.timed(lambda: {tolerance: program.run(tolerance) for tolerance in TOLERANCES})
+    return program.build_time + seconds / len(TOLERANCES), runs
 
 
 def _error(final, exact) -> float:
@@ -140,8 +137,7 @@ def _without_settings() -> dict:
 
 
 def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, help="where to write the measurements")
+    parser = harness.parser(__doc__ or "")
     parser.add_argument("--no-cpu-settings", dest="cpu_settings", action="store_false", help=argparse.SUPPRESS)
     parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
     return parser.parse_args()

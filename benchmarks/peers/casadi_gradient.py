@@ -5,18 +5,13 @@ from collections.abc import Callable
 import casadi
 import numpy as np
 
-from .paper_equations import rates
-from .paper_numbers import LEGS, ball_numbers, initial_state, parameters, with_parameters
+from jaxball.bench.contenders.casadi_ import METHODS, compiling
+from jaxball.bench.problem import Piece
+from jaxball.bench.problems.rolling import BALL, ball_equations
 
-PLACE = -2  # z1 in the state
-OPTIONS = {
-    "linear_multistep_method": "adams",
-    "nonlinear_solver_iteration": "functional",
-    "max_num_steps": 100_000,
-    "jit": True,
-    "compiler": "shell",
-    "jit_options": {"compiler": "gcc", "flags": ["-O3", "-march=native"]},
-}
+from . import PLACE, parameters, with_parameters
+
+CVODES, OPTIONS = METHODS["CVODES Adams"]
 
 
 def solvers(tolerances: tuple[float, ...]) -> dict[float, Callable[[], np.ndarray]]:
@@ -26,22 +21,19 @@ def solvers(tolerances: tuple[float, ...]) -> dict[float, Callable[[], np.ndarra
 
 def _solver(tolerance: float) -> Callable[[], np.ndarray]:
     values = parameters()
-    p, x = casadi.MX.sym("p", len(values)), casadi.MX(initial_state(ball_numbers()))
-    start = 0.0
-    for leg in LEGS:
-        x = _leg(leg, start, tolerance)(x0=x, p=p)["xf"]
-        start = leg[0]
-    each = casadi.MX.eye(len(values))
-    derivatives = [casadi.jtimes(x[PLACE], p, each[:, k]) for k in range(len(values))]
-    function = casadi.Function("z1", [p], [casadi.vertcat(x[PLACE], *derivatives)])
+    p, x = casadi.MX.sym("p", len(values)), casadi.MX(BALL.initial)
+    with compiling() as compiled:
+        options = OPTIONS | compiled | {"reltol": tolerance, "abstol": tolerance, "max_num_steps": 100_000}
+        for piece in BALL.pieces:
+            leg = casadi.integrator("leg", CVODES, _equations(piece), piece.start, piece.end, options)
+            x = leg(x0=x, p=p)["xf"]
+        each = casadi.MX.eye(len(values))
+        derivatives = [casadi.jtimes(x[PLACE], p, each[:, k]) for k in range(len(values))]
+        function = casadi.Function("z1", [p], [casadi.vertcat(x[PLACE], *derivatives)])
     return lambda: np.ravel(function(values).full())
 
 
-def _leg(leg: tuple[float, float, float], start: float, tolerance: float):
-    end, constant, slope = leg
-    numbers, state = ball_numbers(), initial_state(ball_numbers())
-    t, x, p = casadi.SX.sym("t"), casadi.SX.sym("x", len(state)), casadi.SX.sym("p", len(parameters()))
-    free = with_parameters(numbers, casadi.vertsplit(p))
-    rhs = casadi.vertcat(*rates(free, casadi.vertsplit(x), constant + slope * t, casadi))
-    options = OPTIONS | {"reltol": tolerance, "abstol": tolerance}
-    return casadi.integrator("leg", "cvodes", {"t": t, "x": x, "p": p, "ode": rhs}, start, end, options)
+def _equations(piece: Piece) -> dict[str, casadi.SX]:
+    t, x, p = casadi.SX.sym("t"), casadi.SX.sym("x", len(BALL.initial)), casadi.SX.sym("p", len(parameters()))
+    rates = ball_equations(with_parameters(casadi.vertsplit(p)))
+    return {"t": t, "x": x, "p": p, "ode": casadi.vertcat(*rates(t, casadi.vertsplit(x), piece.parameters, casadi))}

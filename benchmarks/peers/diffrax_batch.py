@@ -11,10 +11,10 @@ import numpy as np
 from perturbed import states
 from turns import Compiled
 
-from .paper_numbers import LEGS, BallNumbers, ball_numbers
+from jaxball.bench.problems.rolling import BALL, PAPER, BallNumbers, push
+from jaxball.bench.translate import jax_parameters
 
-NUMBERS = ball_numbers()
-END = LEGS[-1][0]
+NUMBERS = BallNumbers(*map(np.asarray, PAPER))
 
 
 class Batch(Compiled):
@@ -33,8 +33,8 @@ def solve(x, tolerance):
     return diffrax.diffeqsolve(
         diffrax.ODETerm(right_hand_side),
         diffrax.Dopri8(),
-        0.0,
-        END,
+        BALL.start,
+        BALL.end,
         0.01,
         x,
         args=NUMBERS,
@@ -44,17 +44,16 @@ def solve(x, tolerance):
 
 def right_hand_side(t, x, numbers: BallNumbers):
     """f of ``rolling_ball_ode_f``."""
-    n = len(numbers.theta)
+    n = len(numbers.u)
     theta, thetadot, q, Omega = x[:n], x[n : 2 * n], x[2 * n : 2 * n + 4], x[2 * n + 4 : 2 * n + 7]
-    (rise, height, _), (fall, start, slope), _ = LEGS
-    u = jnp.where(t < rise, height, jnp.where(t < fall, start + slope * t, 0.0))
+    u = push(t, jax_parameters(BALL)(t))
     rotation = matrix(q)
     Gamma = rotation[2]
     kappa = acceleration(numbers, theta, thetadot, u, Omega, Gamma)
     omega = rotation @ Omega
     scalar, vector = q[0], q[1:]
     qdot = 0.5 * jnp.concatenate([-(vector @ Omega)[None], scalar * Omega + jnp.cross(vector, Omega)])
-    zdot = numbers.r * jnp.stack([omega[1], -omega[0]])
+    zdot = jnp.stack([omega[1], -omega[0]])
     return jnp.concatenate([thetadot, jnp.broadcast_to(u, (n,)), qdot, kappa, zdot])
 
 
@@ -64,9 +63,9 @@ def acceleration(numbers: BallNumbers, theta, thetadot, u, Omega, Gamma):
     zeta = jnp.concatenate([numbers.zeta0[None], numbers.u * c + numbers.v * s])
     slope = jnp.concatenate([jnp.zeros((1, 3)), numbers.v * c - numbers.u * s])
     rate = jnp.concatenate([jnp.zeros(1), thetadot])[:, None]
-    arm = numbers.r * Gamma + zeta
+    arm = Gamma + zeta
     turned = jnp.cross(Omega, jnp.cross(Omega, zeta) + 2 * rate * slope)
-    force = numbers.g * Gamma + turned + u * slope - rate**2 * zeta
+    force = Gamma + turned + u * slope - rate**2 * zeta
     torque = jnp.sum(numbers.m[:, None] * jnp.cross(arm, force), axis=0)
     squares = jnp.sum(arm**2, axis=1)[:, None, None] * jnp.eye(3)
     A = jnp.diag(numbers.d) + jnp.sum(numbers.m[:, None, None] * (squares - arm[:, :, None] * arm[:, None, :]), axis=0)

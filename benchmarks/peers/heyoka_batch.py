@@ -11,8 +11,8 @@ import numpy as np
 from harness import timed
 from perturbed import states
 
-from .heyoka_ball import right_hand_side
-from .paper_numbers import LEGS, ball_numbers
+from jaxball.bench.problems.rolling import BALL
+from jaxball.bench.translate import heyoka_system
 
 LANES = 8
 
@@ -49,7 +49,7 @@ class Share:
         hk.llvm_state.set_diskcache_enabled(False)  # so that the build time is one of building
         self.rows, self.start = len(x), start
         self.x = np.ascontiguousarray(np.concatenate([x, np.repeat(x[-1:], -len(x) % LANES, axis=0)]).T)
-        self.equations = right_hand_side(ball_numbers())
+        self.equations = heyoka_system(BALL.rates, len(BALL.initial), len(BALL.pieces[0].parameters))
         self.built = {}
 
     def build(self, tolerance: float) -> float:
@@ -70,9 +70,9 @@ class Share:
         for k in range(0, found.shape[1], LANES):
             integrator.set_time(0.0)
             integrator.state[:] = self.x[:, k : k + LANES]
-            for end, constant, slope in LEGS:
-                integrator.pars[0], integrator.pars[1] = constant, slope
-                integrator.propagate_until(end)
+            for piece in BALL.pieces:
+                integrator.pars[:] = np.reshape(piece.parameters, (-1, 1))
+                integrator.propagate_until(piece.end)
             found[:, k : k + LANES] = integrator.state
         return begun, time.monotonic(), found[-9:, : self.rows].T
 

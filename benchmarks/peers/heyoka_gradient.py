@@ -6,10 +6,10 @@ from typing import Any
 import heyoka as hk
 import numpy as np
 
-from .heyoka_ball import right_hand_side
-from .paper_numbers import LEGS, ball_numbers, initial_state, parameters, with_parameters
+from jaxball.bench.problems.rolling import BALL, ball_equations
+from jaxball.bench.translate import heyoka_system
 
-PLACE = -2  # z1 in the state
+from . import PLACE, parameters, with_parameters
 
 
 def solvers(tolerances: tuple[float, ...]) -> dict[float, Callable[[], np.ndarray]]:
@@ -26,23 +26,22 @@ def exact(digits: int = 30) -> list[str]:
 
 
 def _solver(tolerance: Any, numbers_as: Callable[[Any], np.ndarray]) -> Callable[[], np.ndarray]:
-    numbers, values = ball_numbers(), parameters()
-    free = [hk.par[2 + k] for k in range(len(values))]
-    plain = right_hand_side(with_parameters(numbers, free))
-    x, nothing = numbers_as(initial_state(numbers)), numbers_as([0.0, 0.0])
+    values, pushes = parameters(), len(BALL.pieces[0].parameters)
+    free = [hk.par[pushes + k] for k in range(len(values))]
+    plain = heyoka_system(ball_equations(with_parameters(free)), len(BALL.initial), pushes)
     variational = hk.var_ode_sys(plain, args=free, order=1)
-    kind = type(tolerance)
+    x, given = numbers_as(BALL.initial), [*numbers_as([0.0] * pushes), *numbers_as(values)]
     integrator = hk.taylor_adaptive(
-        variational, x, tol=tolerance, pars=[*nothing, *numbers_as(values)], fp_type=kind, compact_mode=True
+        variational, x, tol=tolerance, pars=given, fp_type=type(tolerance), compact_mode=True
     )
     start, derivatives = integrator.state.copy(), integrator.get_vslice(order=1, component=len(plain) + PLACE)
 
     def solve() -> np.ndarray:
         integrator.time = numbers_as([0.0])[0]
         integrator.state[:] = start
-        for end, constant, slope in LEGS:
-            integrator.pars[:2] = numbers_as([constant, slope])
-            integrator.propagate_until(numbers_as([end])[0])
+        for piece in BALL.pieces:
+            integrator.pars[:pushes] = numbers_as(piece.parameters)
+            integrator.propagate_until(numbers_as([piece.end])[0])
         return np.append(integrator.state[len(plain) + PLACE], integrator.state[derivatives])
 
     return solve

@@ -5,16 +5,9 @@ import numpy as np
 from perturbed import states
 from turns import Compiled
 
-from .numba_ball import run
-
-
-@numba.njit(parallel=True)
-def run_all(x, tolerance):
-    """x(20) of each row."""
-    found = np.empty_like(x)
-    for i in numba.prange(x.shape[0]):
-        found[i] = run(x[i], tolerance)
-    return found
+from jaxball.bench.contenders import MAX_STEPS
+from jaxball.bench.contenders.numbalsoda_ import Legs, advance, right_hand_side
+from jaxball.bench.problems.rolling import BALL
 
 
 class Batch(Compiled):
@@ -22,7 +15,17 @@ class Batch(Compiled):
 
     def __init__(self, q: np.ndarray, Omega: np.ndarray, cores: int):
         numba.set_num_threads(cores)
-        self.x = states(q, Omega)
+        one, self.x, self.legs, self.rates = advance("DOP853"), states(q, Omega), Legs.of(BALL), right_hand_side(BALL)
+
+        @numba.njit(parallel=True)
+        def run_all(address, x, ends, data, tolerance):
+            found = np.empty_like(x)
+            for i in numba.prange(x.shape[0]):
+                # A copy, because the evaluations are counted in it.
+                found[i] = one(address, x[i], ends, data.copy(), tolerance, tolerance, MAX_STEPS)[0]
+            return found
+
+        self.run_all = run_all
 
     def final(self, tolerance: float) -> np.ndarray:
-        return run_all(self.x, tolerance)[:, -9:]
+        return self.run_all(self.rates.address, self.x, *self.legs, tolerance)[:, -9:]

@@ -89,6 +89,12 @@ def test_evaluations_are_reported_and_grow_with_the_tolerance(name):
     assert 0 < coarse < fine
 
 
+def test_compiling_leaves_no_files(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    outcome("CasADi CVODES BDF", CIRCLE)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_explicit_methods_report_neither_jacobians_nor_decompositions():
     work = outcome("SciPy RK45", CIRCLE).work
     assert (work.jacobians, work.decompositions) == (None, None)

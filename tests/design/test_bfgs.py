@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxball.design import AbstractProgram, Bounds, ConstraintLayout, Evaluation, Merit, Optimiser, Settings
-from jaxball.design.search.minimise import bfgs, newton
+from jaxball.design.search.optimise import bfgs, newton
 from jaxball.design.search.program import METHODS, Multipliers, augmented_lagrangian, by_gauss_newton
 
 

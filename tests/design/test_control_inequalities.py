@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 from jaxball.design import DesignError, control
 from jaxball.design.control import solution as module
-from jaxball.design.control.terms import multiplier, slack
+from jaxball.design.control.collocation import multiplier, slack
 
 from .double_integrator import Double
 

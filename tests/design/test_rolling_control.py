@@ -13,7 +13,7 @@ import pytest
 import jaxball
 from jaxball import cli, design
 from jaxball.design import control
-from jaxball.design.control.terms import multiplier
+from jaxball.design.control.collocation import multiplier
 from jaxball.design.files import read_control
 
 END, PLACE = 8.0, 1.0

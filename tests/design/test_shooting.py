@@ -10,7 +10,7 @@ import pytest
 
 from jaxball import cli, design
 from jaxball.design.search.optimise import load_progress, save_progress
-from jaxball.design.search.shooting import CONTINUITY
+from jaxball.design.search.program import CONTINUITY
 from tests.design.documents import builtin
 from tests.design.test_design import PROBLEM
 from tests.design.test_robust import problem as robust

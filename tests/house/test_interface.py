@@ -119,11 +119,18 @@ def public():
 
 
 def test_every_argument_is_documented():
-    """Where help() shows a class, it shows what its ``__init__`` says as well."""
-    missing = {}
+    """Where help() shows a class, it shows what its ``__init__`` says as well.
+
+    What a whole family takes, as objectives their weight, the contract says that they are derived from.
+    """
+    missing, contracts = (
+        {},
+        {id(found) for _, found in public() if inspect.isclass(found) and inspect.isabstract(found)},
+    )
     for name, found in public():
         own = vars(found).get("__init__") if inspect.isclass(found) else None
-        text = (found.__doc__ or "") + (getattr(own, "__doc__", None) or "")
+        family = [base for base in inspect.getmro(found)[1:] if id(base) in contracts] if inspect.isclass(found) else []
+        text = "".join(one.__doc__ or "" for one in (found, *family)) + (getattr(own, "__doc__", None) or "")
         unnamed = [one for one in inspect.signature(found).parameters if f"``{one}``" not in text]
         if unnamed:
             missing[name] = unnamed

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from jaxball.design.families import PLANE, constraints_of, objectives_of
+from jaxball.design.files import PLANE, constraints_of, objectives_of
 from jaxball.scenario import ScenarioError
 from jaxball.scenario.body import SENSORS
 from jaxball.scenario.mechanisms import JOINT_FORCES, JOINTS

@@ -9,7 +9,7 @@ import optimistix as optx
 from jaxball.solvers import Adams, AdamsController
 from jaxball.solvers.adams import AdamsState
 from jaxball.solvers.differences import folded
-from jaxball.solvers.multistep_controller import PairedNorm
+from jaxball.solvers.multistep import PairedNorm
 
 ROWS = 13
 # Tolerances that say nothing: the order is given.

@@ -8,7 +8,7 @@ import optimistix as optx
 
 from jaxball.solvers import NDF, NDFController
 from jaxball.solvers.backward_differences import HIGHEST
-from jaxball.solvers.multistep_controller import PairedNorm
+from jaxball.solvers.multistep import PairedNorm
 
 ROWS = 8
 KAPPAS = ("ndf", "bdf")

@@ -20,7 +20,7 @@ from jaxball.solvers import (
     StepToKinks,
     SwitchingMassMatrixTerm,
     explain,
-    newton,
+    stages,
 )
 from jaxball.solvers.multistep import controller_class
 
@@ -66,7 +66,7 @@ def factorisations(monkeypatch):
         return inverses(*matrices)
 
     for name in ("inverses", "complex_inverses"):
-        monkeypatch.setattr(newton, name, functools.partial(counted, getattr(newton, name)))
+        monkeypatch.setattr(stages, name, functools.partial(counted, getattr(stages, name)))
     return count
 
 

@@ -1,12 +1,13 @@
 """Times, errors and work of contenders that solve one problem."""
 
+import functools
 import itertools
 import math
 import statistics
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -56,28 +57,28 @@ class Row:
     solver: str
     family: str
     tolerance: float
-    failure: str
-    error: float | None
-    time: float | None
-    quartiles: tuple[float, float] | None
-    repeats: int
-    build_time: float
-    state: tuple[float, ...] | None
-    steps: int | None
-    rejected: int | None
-    evaluations: int | None
-    jacobians: int | None
-    decompositions: int | None
+    failure: str = ""
+    error: float | None = None
+    time: float | None = None
+    quartiles: tuple[float, float] | None = None
+    repeats: int = 0
+    build_time: float = 0.0
+    state: tuple[float, ...] | None = None
+    steps: int | None = None
+    rejected: int | None = None
+    evaluations: int | None = None
+    jacobians: int | None = None
+    decompositions: int | None = None
+
+    @classmethod
+    def of(cls, problem: Problem, contender: Contender, tolerance: float, build_time: float, **found: Any) -> "Row":
+        """The row of a solve, with what was ``found``; without more than a ``failure`` it has no error and no times."""
+        return cls(problem.name, contender.name, contender.family.name, tolerance, build_time=build_time, **found)
 
 
 @dataclass
 class Measured:
-    """The rows of one problem, and a sentence for everything that was left out.
-
-    **Arguments:**
-
-    - ``rows``, ``left_out``: a list each.
-    """
+    """The ``rows`` of one problem, and sentences for what was ``left_out``."""
 
     rows: list[Row] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
@@ -140,7 +141,7 @@ def _build(
         try:
             entry = _entry(contender, program, tolerance)
         except Exception as error:
-            failures.append(failed(problem, contender, tolerance, program.build_time, cause(error)))
+            failures.append(Row.of(problem, contender, tolerance, program.build_time, failure=cause(error)))
             continue
         if entry.once > settings.limit:
             leave_out(
@@ -173,47 +174,23 @@ def time_in_turns(entries: Sequence[_Entry], budget: float) -> None:
 
 
 def _row(problem: Problem, entry: _Entry) -> Row:
+    of = functools.partial(Row.of, problem, entry.contender, entry.tolerance, entry.build_time)
     try:
         outcome = entry.run.outcome()
     except Exception as error:
-        return failed(problem, entry.contender, entry.tolerance, entry.build_time, cause(error))
+        return of(failure=cause(error))
     finite = bool(np.isfinite(outcome.state).all())
     failure = outcome.failure or ("" if finite else "the final state is not finite")
     if failure:
-        return failed(problem, entry.contender, entry.tolerance, entry.build_time, failure)
+        return of(failure=failure)
     low, _, high = statistics.quantiles(entry.times, n=4, method="inclusive")
-    return Row(
-        problem=problem.name,
-        solver=entry.contender.name,
-        family=entry.contender.family.name,
-        tolerance=entry.tolerance,
-        failure="",
+    return of(
         error=problem.error(outcome.state),
         time=statistics.median(entry.times),
         quartiles=(low, high),
         repeats=len(entry.times),
-        build_time=entry.build_time,
         state=tuple(map(float, outcome.state)),
         **vars(outcome.work),
-    )
-
-
-def failed(problem: Problem, contender: Contender, tolerance: float, build_time: float, failure: str) -> Row:
-    """A row that says how the solve failed, without error and times."""
-    numbers = dict.fromkeys(("steps", "rejected", "evaluations", "jacobians", "decompositions"))
-    return Row(
-        problem=problem.name,
-        solver=contender.name,
-        family=contender.family.name,
-        tolerance=tolerance,
-        failure=failure,
-        error=None,
-        time=None,
-        quartiles=None,
-        repeats=0,
-        build_time=build_time,
-        state=None,
-        **numbers,
     )
 
 

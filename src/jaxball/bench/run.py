@@ -25,12 +25,7 @@ ABOUT = "The achieved error and the time of solvers on initial value problems; t
 
 
 class Plan(NamedTuple):
-    """The solvers and problems to measure, and the settings.
-
-    **Arguments:**
-
-    - ``problems``, ``contenders``, ``settings``: lists of both, and the settings of the measurement.
-    """
+    """The ``problems`` and ``contenders`` to measure, and the ``settings`` of the measurement."""
 
     problems: list[Problem]
     contenders: list[Contender]
@@ -38,12 +33,9 @@ class Plan(NamedTuple):
 
 
 def plan(problem_names: Sequence[str] = (), solver_names: Sequence[str] = (), *, quick: bool = False) -> Plan:
-    """The problems and solvers with these names; without names all of them, or the quick ones.
+    """The problems and solvers with the names in ``problem_names`` and ``solver_names``.
 
-    **Arguments:**
-
-    - ``problem_names``, ``solver_names``: which; all if empty.
-    - ``quick``: whether to use the quick ones.
+    Without names they are all, or the few that are ``quick``.
 
     **Raises:** :class:`SelectionError` for a name that no problem or solver has.
     """
@@ -72,11 +64,7 @@ class SelectionError(ValueError):
 
 
 def select_problems(known: Mapping[str, Problem], names: Sequence[str]) -> list[Problem]:
-    """The problems with these names, in the order of ``known``; all if there are no names.
-
-    **Arguments:**
-
-    - ``names``: of problems.
+    """The problems with these ``names``, in the order of ``known``; all if there are no names.
 
     **Raises:** :class:`SelectionError` for a name that no problem has.
     """
@@ -85,14 +73,10 @@ def select_problems(known: Mapping[str, Problem], names: Sequence[str]) -> list[
 
 
 def select_contenders(names: Sequence[str], known: Mapping[str, Contender] = ALL) -> list[Contender]:
-    """The contenders with these names, in the order of ``known``; all if there are no names.
+    """The contenders with these ``names``, in the order of ``known``; all if there are no names.
 
     A name may also consist of whole words of one, or be the package: "RadauIIA" selects all of its stage numbers, and
     "SciPy" all of SciPy.
-
-    **Arguments:**
-
-    - ``names``: of contenders, or words of these.
 
     **Raises:** :class:`SelectionError` for a name that no contender has.
     """
@@ -129,12 +113,7 @@ def _suggestion(name: str, known: Iterable[str]) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Bench:
-    """The measurements, problem by problem; ``interrupted`` if the user stopped it before the end.
-
-    **Arguments:**
-
-    - ``results``: by the name of a problem.
-    """
+    """The ``results``, by the name of a problem; ``interrupted`` if the user stopped it before the end."""
 
     results: dict[str, Measured]
     interrupted: bool
@@ -148,15 +127,11 @@ class Bench:
 def bench(
     problems: Sequence[Problem], contenders: Sequence[Contender], settings: Settings, out: Path, echo: Echo = print
 ) -> Bench:
-    """Measures ``contenders`` on ``problems``, and writes the results to the folder ``out``.
+    """Measures ``contenders`` on ``problems`` with ``settings``, and writes the results to the folder ``out``.
 
     After each problem ``results.json`` and ``table.md`` are rewritten and the problem's diagram is drawn, so that an
-    interruption with Ctrl-C, after which this returns, loses at most one problem.
-
-    **Arguments:**
-
-    - ``settings``: those of the measurement.
-    - ``echo``: called with each line of progress.
+    interruption with Ctrl-C, after which this returns, loses at most one problem. ``echo`` is called with each line of
+    progress.
 
     **Raises:** :class:`~jaxball.results.OutputError` when a file cannot be written.
     """

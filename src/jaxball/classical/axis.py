@@ -1,17 +1,16 @@
 """The vector ξ(t), fixed or moving in the body, to which Ω is orthogonal in Suslov's problem."""
 
 import abc
-from collections.abc import Callable
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Array, Float
 
 from ..interface.arguments import require_function
 from ..interface.printing import Printed
-from ..numerics.arrays import Numbers, a_number, default_dtype, numbers, require_shape, to_array
+from ..numerics.arrays import Numbers, a_number, default_dtype, require_shape, to_array
 from ..numerics.harmonics import HarmonicSeries
+from ..physics.functions import OfKinkedFunction
 
 
 class AbstractAxis(Printed):
@@ -69,7 +68,7 @@ class HarmonicAxis(AbstractAxis):
         return self.series(t)
 
 
-class FunctionAxis(AbstractAxis):
+class FunctionAxis(OfKinkedFunction, AbstractAxis):
     """ξ(t) = function(t, parameters), for any function that JAX can trace.
 
     ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again. Give the times
@@ -91,15 +90,8 @@ class FunctionAxis(AbstractAxis):
     [0. 0. 1.]
     """
 
-    function: Callable[[Float[Array, ""], PyTree], Float[Array, "3"]] = eqx.field(static=True)
-    parameters: PyTree = None
-    kink_times: Float[Array, " kinks"] = eqx.field(converter=numbers("kink_times", ("kinks",)), default=())
-
     def __check_init__(self):
         require_function("function", self.function, (3,), t=a_number(), parameters=self.parameters)
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
         return self.function(t, self.parameters)
-
-    def kinks(self) -> Float[Array, " kinks"]:
-        return self.kink_times

@@ -2,9 +2,9 @@
 
 ``problem`` defines what is designed: a scenario with variables, whose runs have ``objectives`` and ``constraints``,
 also for slightly perturbed balls. ``search`` solves it, and verifies the design by other means. ``control`` finds
-motions of any shape, by equations and their ``continuation``. ``files``, with the ``families`` of its tables, reads
-problems of both kinds, ``report`` describes what was found, and ``result`` loads it. ``identify`` finds a body's
-parameters from its path. Only the command line uses this package.
+motions of any shape, by equations and their ``continuation``. ``files`` reads problems of both kinds, ``report``
+describes what was found, and ``result`` loads it. ``identify`` finds a body's parameters from its path. Only the
+command line uses this package.
 """
 
 from ..interface.names import interface as _interface
@@ -71,18 +71,24 @@ from .problem.requirements import (
     AbstractRunningObjective as AbstractRunningObjective,
 )
 from .problem.run import Run as Run, Solve as Solve, run_of as run_of
-from .problem.space import Candidate as Candidate, DesignSpace as DesignSpace
-from .problem.variables import Bounds as Bounds, DesignError as DesignError, Variable as Variable
-from .result import Result as Result, load_result as load_result
-from .search.check import (
-    GradientCheck as GradientCheck,
-    check_gradient as check_gradient,
-    require_good as require_good,
+from .problem.space import (
+    Bounds as Bounds,
+    Candidate as Candidate,
+    DesignError as DesignError,
+    DesignSpace as DesignSpace,
+    Variable as Variable,
 )
+from .result import Result as Result, load_result as load_result
 from .search.design import Design as Design, design as design
 from .search.optimise import Merit as Merit, Optimiser as Optimiser, Progress as Progress
-from .search.program import AbstractProgram as AbstractProgram, Settings as Settings
-from .search.shooting import Shooting as Shooting
-from .search.verify import Verified as Verified, perturbed as perturbed, verify as verify
+from .search.program import AbstractProgram as AbstractProgram, Settings as Settings, Shooting as Shooting
+from .search.verify import (
+    GradientCheck as GradientCheck,
+    Verified as Verified,
+    check_gradient as check_gradient,
+    perturbed as perturbed,
+    require_good as require_good,
+    verify as verify,
+)
 
 __all__, __dir__ = _interface(globals(), "control")

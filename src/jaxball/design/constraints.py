@@ -1,20 +1,19 @@
 """Constraints that a design must fulfil: on the contact, the masses, their rails, and users' own."""
 
 import abc
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Array, Float
 
-from ..interface.arguments import require_callable
 from ..numerics.arrays import numbers
 from ..numerics.norms import norm, room
 from .objectives import AvoidObstacles, depths
 from .problem.plane import corner, off_e1, places
-from .problem.requirements import AbstractConstraint, AbstractRunningConstraint, Requirement
+from .problem.requirements import AbstractConstraint, AbstractRunningConstraint, OfFunction, Requirement
 from .problem.run import Run
 
 # A determinant below this is that of parallel lines.
@@ -292,7 +291,7 @@ def _of_end(end, start, along, size) -> Float[Array, ""]:
     return norm(end - start - share * along)
 
 
-class FunctionConstraint(AbstractConstraint):
+class FunctionConstraint(OfFunction, AbstractConstraint):
     """function(run, parameters) ≤ 0, of any shape.
 
     **Arguments:**
@@ -302,17 +301,11 @@ class FunctionConstraint(AbstractConstraint):
     - ``parameters``: arrays, in any PyTree, passed to it.
     """
 
-    function: Callable[[Run, PyTree], Float[Array, "..."]] = eqx.field(static=True)
-    parameters: PyTree = None
-
-    def __check_init__(self):
-        require_callable("function", self.function, "run", "parameters")
-
     def __call__(self, run: Run):
         return self.function(run, self.parameters)
 
 
-class FunctionRunningConstraint(AbstractRunningConstraint):
+class FunctionRunningConstraint(OfFunction, AbstractRunningConstraint):
     """function(run, parameters) ≤ 0 at each time, where the value depends only on that time.
 
     **Arguments:**
@@ -321,12 +314,6 @@ class FunctionRunningConstraint(AbstractRunningConstraint):
       needs its second derivatives.
     - ``parameters``: arrays, in any PyTree, passed to it.
     """
-
-    function: Callable[[Run, PyTree], Float[Array, "t ..."]] = eqx.field(static=True)
-    parameters: PyTree = None
-
-    def __check_init__(self):
-        require_callable("function", self.function, "run", "parameters")
 
     def __call__(self, run: Run):
         return self.function(run, self.parameters)

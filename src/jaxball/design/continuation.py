@@ -19,7 +19,7 @@ import scipy.sparse.linalg
 from jaxtyping import Array, Float
 
 from ..numerics.bracketing import Sample, between, other_end
-from .problem.variables import DesignError
+from .problem.space import DesignError
 
 # The numbers of Newton corrections at which a step is neither too short nor too long, and at which it has failed.
 EASY, MOST_CORRECTIONS = 4, 8
@@ -59,11 +59,7 @@ class AbstractEquations(abc.ABC):
 
 
 class FunctionEquations(AbstractEquations):
-    """The equations function(y, λ) = 0, with dense derivatives by JAX.
-
-    **Arguments:**
-
-    - ``function``: of (y, λ), from shape (n,) to shape (n,).
+    """The equations ``function`` (y, λ) = 0, of shape (n,) like y, with dense derivatives by JAX.
 
     **Example:**
 
@@ -151,11 +147,9 @@ def newton(
 
 
 class Fold(NamedTuple):
-    """A turning point: dλ/ds = 0. It lies between the points ``after`` and ``after + 1`` of its branch.
+    """A turning point: dλ/ds = 0, at ``y``, shape (n,), and λ = ``parameter``.
 
-    **Arguments:**
-
-    - ``y``, ``parameter``: its position: y, shape (n,), and λ.
+    It lies between the points ``after`` and ``after + 1`` of its branch.
     """
 
     after: int

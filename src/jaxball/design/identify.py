@@ -18,8 +18,7 @@ from ..physics.body import Disk
 from ..scenario.solvers import SOLVERS
 from .problem.plane import places
 from .problem.run import Solve, run_of
-from .problem.space import DesignSpace
-from .problem.variables import DesignError
+from .problem.space import DesignError, DesignSpace
 
 # A combination of parameters that is uncertain by this fraction of its scale counts as undetermined.
 UNCERTAIN = 0.5

@@ -7,14 +7,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, PyTree
+from jaxtyping import Array, Bool, Float
 
-from ..interface.arguments import require_callable, require_value
+from ..interface.arguments import require_value
 from ..numerics.arrays import Numbers, numbers
 from ..numerics.norms import ROUNDING, norm
 from ..physics.imbalance import imbalance
 from .problem.plane import AbstractCurve, off_e1, place, places
-from .problem.requirements import AbstractObjective, AbstractRunningObjective, Requirement
+from .problem.requirements import AbstractObjective, AbstractRunningObjective, OfFunction, Requirement
 from .problem.run import Run
 
 # The least speed at which a piece of the path counts, in mean speeds along the curve: a ball at rest has no path.
@@ -28,7 +28,6 @@ class ReachPlace(AbstractObjective):
     **Arguments:**
 
     - ``place``: length, (z1, z2) for a ball, z for a disk.
-    - ``weight``: its factor in the sum of objectives.
     """
 
     place: Float[Array, "2"] = eqx.field(converter=place("place"))
@@ -48,12 +47,7 @@ class ReachPlace(AbstractObjective):
 
 
 class ReachPose(AbstractObjective):
-    """sin² of half the angle between the orientation at the end and ``versor``: 1 − (q·q*)² / (|q| |q*|)².
-
-    **Arguments:**
-
-    - ``weight``: its factor in the sum of objectives.
-    """
+    """sin² of half the angle between the orientation at the end and ``versor``: 1 − (q·q*)² / (|q| |q*|)²."""
 
     versor: Float[Array, "4"] = eqx.field(converter=numbers("versor", (4,)))
 
@@ -69,12 +63,7 @@ class ReachPose(AbstractObjective):
 
 
 class StopAtRest(AbstractObjective):
-    """T / (M g r) at the end, the kinetic energy of shell and masses: zero where all are at rest.
-
-    **Arguments:**
-
-    - ``weight``: its factor in the sum of objectives.
-    """
+    """T / (M g r) at the end, the kinetic energy of shell and masses: zero where all are at rest."""
 
     def __call__(self, run: Run):
         return run.observables.kinetic_energy[-1] / (run.weight * run.length)
@@ -85,10 +74,6 @@ class Balanced(AbstractObjective):
 
     On a level plane this is its horizontal distance from the geometric centre, on a slope its distance along the plane
     from the vertical through the contact point.
-
-    **Arguments:**
-
-    - ``weight``: its factor in the sum of objectives.
     """
 
     def __call__(self, run: Run):
@@ -101,12 +86,7 @@ class Balanced(AbstractObjective):
 
 
 class GoFar(AbstractObjective):
-    """−|z(end) − z(start)| / r: as far as possible.
-
-    **Arguments:**
-
-    - ``weight``: its factor in the sum of objectives.
-    """
+    """−|z(end) − z(start)| / r: as far as possible."""
 
     def __call__(self, run: Run):
         return -norm(run.z[-1] - run.z[0]) / run.length
@@ -116,12 +96,7 @@ class GoFar(AbstractObjective):
 
 
 class Duration(AbstractObjective):
-    """The duration of the run, in units of √(r/g), if its end is a variable.
-
-    **Arguments:**
-
-    - ``weight``: its factor in the sum of objectives.
-    """
+    """The duration of the run, in units of √(r/g), if its end is a variable."""
 
     def __call__(self, run: Run):
         return (run.times[-1] - run.times[0]) / run.time_unit
@@ -144,7 +119,6 @@ class FollowTrajectory(AbstractRunningObjective):
     **Arguments:**
 
     - ``curve``: an :class:`AbstractCurve`.
-    - ``weight``: its factor in the sum of objectives.
     """
 
     curve: AbstractCurve
@@ -190,7 +164,6 @@ class FollowCurve(AbstractObjective):
 
     - ``curve``: an :class:`AbstractCurve`.
     - ``samples``: the number of points of the curve.
-    - ``weight``: its factor in the sum of objectives.
     """
 
     curve: AbstractCurve
@@ -226,7 +199,6 @@ class LargestDistance(FollowCurve):
 
     - ``curve``: an :class:`AbstractCurve`.
     - ``samples``: the number of points of the curve.
-    - ``weight``: its factor in the sum of objectives.
     """
 
     def __call__(self, run: Run):
@@ -252,7 +224,6 @@ class AvoidObstacles(AbstractRunningObjective):
 
     - ``centres``: of the discs, length, shape (k, 2).
     - ``radii``: length, shape (k,).
-    - ``weight``: its factor in the sum of objectives.
     """
 
     centres: Float[Array, "k 2"] = eqx.field(converter=places("centres"))
@@ -289,24 +260,14 @@ def _floor(run: Run, curve: Float[Array, "q 2"]) -> Float[Array, " steps"]:
 
 
 class AccelerationEffort(AbstractRunningObjective):
-    """The mean of Σ θ̈² over the masses on rails, in units of g²/r², as in the authors' papers on control.
-
-    **Arguments:**
-
-    - ``weight``: its factor in the sum of objectives.
-    """
+    """The mean of Σ θ̈² over the masses on rails, in units of g²/r², as in the authors' papers on control."""
 
     def integrand(self, run: Run):
         return jnp.sum(run.on_rails.thetaddot**2, axis=-1) * run.time_unit**4
 
 
 class PowerEffort(AbstractRunningObjective):
-    """The mean of Σ P² over the masses, P = F·χ̇ the power of a mass's actuator, in units of M g √(g r).
-
-    **Arguments:**
-
-    - ``weight``: its factor in the sum of objectives.
-    """
+    """The mean of Σ P² over the masses, P = F·χ̇ the power of a mass's actuator, in units of M g √(g r)."""
 
     def integrand(self, run: Run):
         power = jnp.sum(run.forces * run.masses.chidot, axis=-1)
@@ -315,42 +276,27 @@ class PowerEffort(AbstractRunningObjective):
 
 
 class ForceEffort(AbstractRunningObjective):
-    """The mean of Σ (F·τ)² over the masses, F·τ the force on a mass along its rail, in units of M g.
-
-    **Arguments:**
-
-    - ``weight``: its factor in the sum of objectives.
-    """
+    """The mean of Σ (F·τ)² over the masses, F·τ the force on a mass along its rail, in units of M g."""
 
     def integrand(self, run: Run):
         return jnp.sum(run.forces_along**2, axis=-1) / run.weight**2
 
 
 class JointEffort(AbstractRunningObjective):
-    """The mean of Σ Q² over the joints of mechanisms, a torque in units of M g r and a force in units of M g.
-
-    **Arguments:**
-
-    - ``weight``: its factor in the sum of objectives.
-    """
+    """The mean of Σ Q² over the joints of mechanisms, a torque in units of M g r and a force in units of M g."""
 
     def integrand(self, run: Run):
         return jnp.sum((run.joint_efforts / run.effort_units[None]) ** 2, axis=-1)
 
 
 class MassesNearCentre(AbstractRunningObjective):
-    """The mean of Σ |χ|² / r² over the point masses: it keeps them from the ends of straight tubes.
-
-    **Arguments:**
-
-    - ``weight``: its factor in the sum of objectives.
-    """
+    """The mean of Σ |χ|² / r² over the point masses: it keeps them from the ends of straight tubes."""
 
     def integrand(self, run: Run):
         return jnp.sum(run.masses.chi**2, axis=(-2, -1)) / run.length**2
 
 
-class FunctionObjective(AbstractObjective):
+class FunctionObjective(OfFunction, AbstractObjective):
     """function(run, parameters), one number for the whole run.
 
     **Arguments:**
@@ -358,14 +304,7 @@ class FunctionObjective(AbstractObjective):
     - ``function``: of (run, parameters), to one number; ``run`` has ``times``, ``state``, ``observables``, ``system``,
       and the units ``length`` and ``weight``.
     - ``parameters``: arrays, in any PyTree, passed to it.
-    - ``weight``: its factor in the sum of objectives.
     """
-
-    function: Callable[[Run, PyTree], Float[Array, ""]] = eqx.field(static=True)
-    parameters: PyTree = None
-
-    def __check_init__(self):
-        require_callable("function", self.function, "run", "parameters")
 
     def __call__(self, run: Run):
         value = self.function(run, self.parameters)
@@ -373,7 +312,7 @@ class FunctionObjective(AbstractObjective):
         return value
 
 
-class FunctionRunningObjective(AbstractRunningObjective):
+class FunctionRunningObjective(OfFunction, AbstractRunningObjective):
     """The mean over the run of function(run, parameters), where each value depends only on its own time.
 
     **Arguments:**
@@ -381,14 +320,7 @@ class FunctionRunningObjective(AbstractRunningObjective):
     - ``function``: of (run, parameters), to an array, shape (t,), of the times of the run. In optimal control it is
       called for one time after the other, and t is 1.
     - ``parameters``: arrays, in any PyTree, passed to it.
-    - ``weight``: its factor in the sum of objectives.
     """
-
-    function: Callable[[Run, PyTree], Float[Array, " t"]] = eqx.field(static=True)
-    parameters: PyTree = None
-
-    def __check_init__(self):
-        require_callable("function", self.function, "run", "parameters")
 
     def integrand(self, run: Run):
         values = self.function(run, self.parameters)

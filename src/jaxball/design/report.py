@@ -55,8 +55,7 @@ def write_report(design: Design, title: str, folder: Path, source: Source | None
     parts += [_objectives(design), _constraints(design), _variables(design), *_checks(design)]
     try:
         before, after = (
-            space.scenario_of(numbers).simulate(dense=True)
-            for numbers in (np.asarray(space.numbers(jnp.asarray(space.start))), design.numbers)
+            space.scenario_of(numbers).simulate(dense=True) for numbers in (space.values(space.start), design.numbers)
         )
         parts += [*_distances(design, before, after), _along(after)]
         parts.append(_figure_links(_figures(design, before, after), folder, after.system, title))
@@ -231,10 +230,9 @@ def _constraints(design: Design) -> list[str]:
 
 def _variables(design: Design) -> list[str]:
     space = design.problem.space
-    start = np.asarray(space.numbers(jnp.asarray(space.start)))
     rows = [
         [", ".join(f"`{path}`" for path in one.paths), f"{old:.8g}", f"{new:.12g}", bounds(one.lower, one.upper)]
-        for one, old, new in zip(space.variables, start, design.numbers, strict=True)
+        for one, old, new in zip(space.variables, space.values(space.start), design.numbers, strict=True)
     ]
     return _table(["variable", "start", "found", "bounds"], rows)
 

@@ -5,7 +5,6 @@ import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 import tomli_w
 from jaxtyping import Float
@@ -18,7 +17,7 @@ from .constraints import discs_to_avoid
 from .files import TABLE, problem_of, read_control
 from .objectives import target_path
 from .problem.requirements import Requirement
-from .problem.variables import DesignError
+from .problem.space import DesignError
 from .search.design import SCENARIO
 
 COPY = "problem.toml"
@@ -108,11 +107,9 @@ class Result(NamedTuple):
 
 
 def load_result(folder: str | Path) -> Result:
-    """The design in a folder that ``jaxball design --out`` wrote; the best so far, if the search is not finished.
+    """The design in a ``folder`` that ``jaxball design --out`` wrote; the best so far, if the search is not finished.
 
-    **Arguments:**
-
-    - ``folder``: the folder, with its ``problem.toml`` and ``design.toml``.
+    It has ``problem.toml`` and ``design.toml``.
 
     **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, where there is no such folder, and where one of the
     files cannot be read or its scenario cannot be run.
@@ -145,12 +142,8 @@ def _problem(document: dict[str, Any], folder: Path) -> tuple[str, Scenario, lis
         return control.title, scenario, _requirements(control.problem)
     title, problem, *_ = problem_of(document, folder)
     space = problem.space
-    return title, space.scenario_of(_start(space)), _requirements(problem)
+    return title, space.scenario_of(space.values(space.start)), _requirements(problem)
 
 
 def _requirements(problem: Any) -> list[Requirement]:
     return [*problem.objectives.values(), *problem.constraints.values()]
-
-
-def _start(space: Any) -> Float[np.ndarray, " n"]:
-    return np.asarray(space.numbers(jnp.asarray(space.start)))

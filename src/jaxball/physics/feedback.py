@@ -1,16 +1,17 @@
 """Feedback laws: θ̈ = u(t, state) for the masses and joints whose θ̈ is not given otherwise."""
 
 import abc
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Array, Float
 
 from ..interface.arguments import require_callable, require_each, traceable
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, default_dtype, numbers, require_shape
+from .functions import OfKinkedFunction
 from .schedules import AbstractSchedule
 from .signals import AbstractSignal, as_signal
 from .state import State
@@ -42,7 +43,7 @@ class AbstractLaw(Printed):
         return self
 
 
-class FunctionLaw(AbstractLaw):
+class FunctionLaw(OfKinkedFunction, AbstractLaw):
     """u(t, state) = function(t, state, parameters), for any function that JAX can trace.
 
     ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again.
@@ -65,19 +66,12 @@ class FunctionLaw(AbstractLaw):
     Array([-1.5, -6. ], dtype=float64)
     """
 
-    function: Callable[[Float[Array, ""], State, PyTree], Float[Array, " driven"]] = eqx.field(static=True)
-    parameters: PyTree = None
-    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=numbers("kink_times", ("kinks",)), default=())
-
     def __check_init__(self):
         require_callable("function", self.function, "t", "state", "parameters")
 
     def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
         with traceable("function", self.function):
             return self.function(t, state, self.parameters)
-
-    def kinks(self) -> Float[Array, " kinks"]:
-        return self.kink_times
 
 
 class FollowSchedules(AbstractLaw):

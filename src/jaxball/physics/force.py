@@ -1,19 +1,18 @@
 """External loads on the body, in space axes: forces Fe(t) at the geometric centre, and wrenches."""
 
 import abc
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Array, Float
 
 from ..interface.arguments import require_callable, require_function, require_value
 from ..interface.printing import Printed
-from ..numerics.arrays import Numbers, a_number, default_dtype, numbers, require_shape, to_array
+from ..numerics.arrays import Numbers, a_number, default_dtype, require_shape, to_array
 from ..numerics.harmonics import HarmonicSeries
 from ..numerics.vectors import apply
+from .functions import OfKinkedFunction
 
 
 class BodyMotion(NamedTuple):
@@ -140,7 +139,7 @@ class HarmonicForce(AbstractForce):
         return self.series(t)
 
 
-class FunctionForce(AbstractForce):
+class FunctionForce(OfKinkedFunction, AbstractForce):
     """Fe(t) = function(t, parameters), for any function that JAX can trace.
 
     ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again.
@@ -161,21 +160,14 @@ class FunctionForce(AbstractForce):
     Array([0.3, 0. , 0. ], dtype=float64)
     """
 
-    function: Callable[[Float[Array, ""], PyTree], Float[Array, "3"]] = eqx.field(static=True)
-    parameters: PyTree = None
-    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=numbers("kink_times", ("kinks",)), default=())
-
     def __check_init__(self):
         require_function("function", self.function, (3,), t=a_number(), parameters=self.parameters)
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
         return self.function(t, self.parameters)
 
-    def kinks(self) -> Float[Array, " kinks"]:
-        return self.kink_times
 
-
-class FunctionWrench(AbstractWrench):
+class FunctionWrench(OfKinkedFunction, AbstractWrench):
     """The force, or :class:`~jaxball.Wrench`, function(t, motion, parameters): wind, drag, a magnet.
 
     ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again.
@@ -199,19 +191,12 @@ class FunctionWrench(AbstractWrench):
     0.5
     """
 
-    function: Callable[[Float[Array, ""], BodyMotion, PyTree], Float[Array, "3"] | Wrench] = eqx.field(static=True)
-    parameters: PyTree = None
-    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=numbers("kink_times", ("kinks",)), default=())
-
     def __check_init__(self):
         require_callable("function", self.function, "t", "motion", "parameters")
 
     def wrench(self, t: Float[Array, ""], motion: BodyMotion) -> Wrench:
         given = self.function(t, motion, self.parameters)
         return _checked("function", given if isinstance(given, Wrench) else Wrench(given))
-
-    def kinks(self) -> Float[Array, " kinks"]:
-        return self.kink_times
 
 
 def require_wrench(name: str, force: AbstractWrench, coordinates: int) -> None:

@@ -5,20 +5,20 @@ not depend on rails.
 """
 
 import abc
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Array, Float
 
 from ..interface.arguments import require, require_function
 from ..interface.printing import Printed
 from ..numerics.arrays import a_number, default_dtype, numbers, require_shape
 from ..numerics.calculus import two_derivatives
 from ..numerics.harmonics import HarmonicSeries
+from .functions import OfKinkedFunction
 from .rails import AbstractRail
 from .schedules import AbstractSchedule
 
@@ -202,7 +202,7 @@ class Oscillating(AbstractPrescribedMotion):
         return self.path(t)
 
 
-class Free(AbstractPrescribedMotion):
+class Free(OfKinkedFunction, AbstractPrescribedMotion):
     """Any free motion χ(t) = function(t, parameters), on a surface or in the volume.
 
     ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again. Give the times
@@ -224,15 +224,8 @@ class Free(AbstractPrescribedMotion):
     [0.    0.5   0.157]
     """
 
-    function: Callable[[Float[Array, ""], PyTree], Float[Array, "3"]] = eqx.field(static=True)
-    parameters: PyTree = None
-    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=numbers("kink_times", ("kinks",)), default=())
-
     def __check_init__(self):
         require_function("function", self.function, (3,), t=a_number(), parameters=self.parameters)
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
         return self.function(t, self.parameters)
-
-    def kinks(self) -> Float[Array, " kinks"]:
-        return self.kink_times

@@ -90,29 +90,19 @@ class Actuation(NamedTuple):
     law: Callable[[tuple[AbstractSchedule, ...]], AbstractLaw] | None
 
 
-def _prescribed() -> Actuation:
-    return Actuation(None, None)
-
-
-def _integrated(masses=None) -> Actuation:
-    return Actuation(masses, FollowSchedules)
-
-
-def _servo(stiffness, damping, masses=None) -> Actuation:
-    return Actuation(masses, lambda targets: Servo(targets, stiffness, damping))
-
-
-def _linear(**factors: Any) -> Actuation:
-    return Actuation(None, lambda targets: LinearLaw(**factors))
-
-
 _WHICH = Key(Indices(empty=True), None)
 _GAINS = Key(Numbers((None,), NOT_NEGATIVE))
 FORMS: Family = {
-    "prescribed": Module(type(None), {}, build=_prescribed),
-    "integrated": Module(FollowSchedules, {"masses": _WHICH}, build=_integrated),
-    "servo": Module(Servo, {"stiffness": _GAINS, "damping": _GAINS, "masses": _WHICH}, build=_servo),
-    "linear": Module(LinearLaw, LINEAR, build=_linear),
+    "prescribed": Module(type(None), {}, build=lambda: Actuation(None, None)),
+    "integrated": Module(
+        FollowSchedules, {"masses": _WHICH}, build=lambda masses=None: Actuation(masses, FollowSchedules)
+    ),
+    "servo": Module(
+        Servo,
+        {"stiffness": _GAINS, "damping": _GAINS, "masses": _WHICH},
+        build=lambda masses=None, **gains: Actuation(masses, lambda targets: Servo(targets, **gains)),
+    ),
+    "linear": Module(LinearLaw, LINEAR, build=lambda **factors: Actuation(None, lambda targets: LinearLaw(**factors))),
 }
 
 

@@ -17,10 +17,9 @@ from ..physics.released import ReleasedState
 from ..physics.resistance import SMOOTHING, AbstractResistance, Resistance
 from ..physics.system import AbstractState
 from ..sensors import AbstractSensor, Accelerometer, Encoder, Gyroscope, Tachometer
-from .functions import FUNCTION, trying
 from .mechanisms import MOTIONS, read_motion, write_motion
 from .motions import FRAME, HARMONIC_FORCE, SCHEDULE
-from .own import Open, names_own, read_own, trying_class
+from .own import FUNCTION, Open, names_own, read_own, trying, trying_class
 from .table import (
     Family,
     Key,

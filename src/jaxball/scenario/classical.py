@@ -21,7 +21,7 @@ from ..numerics.arrays import to_array
 from ..physics.conditions import Condition
 from ..physics.system import AbstractState, AbstractSystem
 from .initial import read_orientation
-from .motions import SERIES, WAVES_IN_SPACE, check_lengths, series_of
+from .motions import SERIES, WAVES_IN_SPACE, check_lengths, given_waves
 from .own import Open, module_of, trying_class
 from .table import Key, Module, join, read_one_of, read_table, write_member, write_table
 from .values import NOT_ALL_ZERO, POSITIVE, Nested, Numbers, key_error, require_condition
@@ -30,15 +30,10 @@ INERTIA = {"inertia": Key(Numbers((3,), POSITIVE))}
 PARTICLE_MASS = {"mass": Key(Numbers(rule=POSITIVE), 1.0)}
 
 
-def _axis(**keys: Any) -> HarmonicAxis:
-    series = series_of(**keys)
-    return HarmonicAxis(series.constant, series.amplitude, series.frequency, series.phase)
-
-
 _AXIS = Module(
     HarmonicAxis,
     {"constant": Key(Numbers((3,))), **WAVES_IN_SPACE},
-    build=_axis,
+    build=lambda **keys: HarmonicAxis(**given_waves(**keys)),
     attributes=SERIES,
     check=check_lengths,
 )

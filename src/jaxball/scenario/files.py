@@ -99,11 +99,7 @@ CLASSICAL_KEYS = {
 
 
 def load_scenario(source: str | Path) -> Scenario:
-    """The scenario of a file, or the built-in one of that name.
-
-    **Arguments:**
-
-    - ``source``: the path of a file, or the name of a built-in scenario.
+    """The scenario of a file, or the built-in one, whose path or name is ``source``.
 
     **Raises:** :class:`ScenarioError`, with one sentence, when there is no such file or name, when it is not TOML, and
     when a key is misspelt, missing, of the wrong type or shape, or has an impossible value.
@@ -123,11 +119,7 @@ def load_scenario(source: str | Path) -> Scenario:
 
 
 def read_scenario(text: str) -> Scenario:
-    """The scenario that the text of a file describes.
-
-    **Arguments:**
-
-    - ``text``: the content of a scenario file.
+    """The scenario that the ``text`` of a file describes.
 
     **Raises:** :class:`ScenarioError`, with one sentence, when the text is not TOML, or a key is misspelt, missing, of
     the wrong type or shape, or has an impossible value.
@@ -148,11 +140,7 @@ def read_scenario(text: str) -> Scenario:
 
 
 def read_document(document: dict[str, Any]) -> Scenario:
-    """The scenario that a parsed file describes; the document is not changed.
-
-    **Arguments:**
-
-    - ``document``: a scenario file as parsed by :mod:`tomllib`.
+    """The scenario that a ``document`` describes, a file as parsed by :mod:`tomllib`, which is not changed.
 
     **Raises:** :class:`ScenarioError` as :func:`read_scenario`.
 
@@ -195,22 +183,23 @@ def read_contents(document: dict[str, Any]) -> Contents:
     kind = str(document.get("kind"))
     if kind not in BODIES:
         read_table(document, "", KEYS)
-    read, errors = tried(
-        lambda: read_table(document, "", KEYS),
-        lambda: "body" in document and read_shell(document["body"], "body", kind),
-        lambda: _read_surroundings(document, kind),
-        lambda: read_contact(document["contact"], "contact") if "contact" in document else None,
-        lambda: "time" in document and read_times(document["time"], "time"),
-        lambda: read_table(document.get("solve", {}), "solve", SOLVE),
-        lambda: read_masses(document.get("masses", []), "masses", not is_linear(document.get("actuation"))),
-        lambda: read_mechanisms(document.get("mechanisms", []), "mechanisms"),
-        lambda: read_initial(document.get("initial", {}), "initial", kind),
-        lambda: read_sensors(document.get("sensors", {}), "sensors"),
-    )
-    parts = _Parts(kind, *read)
-    if parts.make_a_body:
+    readers = {
+        "table": lambda: read_table(document, "", KEYS),
+        "shell": lambda: read_shell(document["body"], "body", kind) if "body" in document else None,
+        "surroundings": lambda: _read_surroundings(document, kind),
+        "contact": lambda: read_contact(document["contact"], "contact") if "contact" in document else None,
+        "times": lambda: read_times(document["time"], "time") if "time" in document else None,
+        "solve": lambda: read_table(document.get("solve", {}), "solve", SOLVE),
+        "masses": lambda: read_masses(document.get("masses", []), "masses", not is_linear(document.get("actuation"))),
+        "mechanisms": lambda: read_mechanisms(document.get("mechanisms", []), "mechanisms"),
+        "initial": lambda: read_initial(document.get("initial", {}), "initial", kind),
+        "sensors": lambda: read_sensors(document.get("sensors", {}), "sensors"),
+    }
+    read, errors = tried(*readers.values())
+    parts = dict(zip(readers, read, strict=True))
+    if all(parts[name] is not None for name in ("table", "shell", "times", "masses", "mechanisms", "initial")):
         # Errors elsewhere must not hide errors in the body.
-        made, later = tried(lambda: _contents(parts, "contact" in document))
+        made, later = tried(lambda: _contents(kind, "contact" in document, **parts))
         if not errors and not later:
             return made[0]
         errors += later
@@ -218,31 +207,25 @@ def read_contents(document: dict[str, Any]) -> Contents:
     raise AssertionError("A part that could not be read has an error.")
 
 
-class _Parts(NamedTuple):
-    """The contents of the tables of a file; None, or False, for a table that cannot be read or is missing."""
+def _contents(
+    kind: str,
+    has_contact_law: bool,
+    *,
+    table: Any,
+    shell: Any,
+    surroundings: Any,
+    contact: Contact | None,
+    times: SaveTimes,
+    solve: Any,
+    masses: Any,
+    mechanisms: Any,
+    initial: Any,
+    sensors: Any,
+) -> Contents:
+    """The contents of a file whose parts fit together; None stands for a part that cannot be read or is missing.
 
-    kind: str
-    table: dict[str, Any] | None
-    shell: dict[str, Any] | None
-    surroundings: dict[str, Any] | None
-    contact: Contact | None
-    times: SaveTimes | None
-    solve: dict[str, Any] | None
-    masses: list[Any] | None
-    mechanisms: list[Any] | None
-    initial: dict[str, Any] | None
-    sensors: dict[str, AbstractSensor] | None
-
-    @property
-    def make_a_body(self) -> bool:
-        """Whether all parts of a body and its initial state could be read."""
-        rest = self.masses, self.mechanisms, self.initial
-        return bool(self.table and self.shell and self.times) and all(part is not None for part in rest)
-
-
-def _contents(parts: Any, has_contact_law: bool) -> Contents:
-    """The contents of a file whose parts fit together; ``has_contact_law`` says whether there is a law of contact."""
-    kind, table, shell, surroundings, contact, times, solve, masses, mechanisms, initial, sensors = parts
+    ``has_contact_law`` says whether there is a law of contact, read or not.
+    """
     start, surroundings = times.start, surroundings or {}
     shell_and_ground = {**shell, "ground": surroundings.get("ground")}
     masses = balanced(masses, mechanisms, shell_and_ground, initial, "initial", kind, start)
@@ -292,11 +275,7 @@ def _read_classical(document: dict[str, Any]) -> Contents:
 
 
 def write_scenario(scenario: Scenario) -> str:
-    """The text of a file that describes the scenario; reading it gives the same numbers, bit for bit.
-
-    **Arguments:**
-
-    - ``scenario``: the scenario to write.
+    """The text of a file that describes ``scenario``; reading it gives the same numbers, bit for bit.
 
     **Raises:** :class:`ScenarioError` for what a file cannot hold: Python functions, and states other
     than that of a ball with a versor and of a disk.

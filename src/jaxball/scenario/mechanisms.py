@@ -31,6 +31,7 @@ from .own import Open
 from .table import (
     Family,
     Key,
+    Keys,
     Module,
     join,
     keys_of,
@@ -218,11 +219,6 @@ JOINTS: Family = {
 }
 
 
-def read_joint(values: Any, path: str) -> ReadJoint:
-    """A joint of any kind."""
-    return read_family(values, path, JOINTS)
-
-
 def write_joint(joint: AbstractJoint, target: AbstractSchedule | None, path: str) -> dict[str, Any]:
     """The table of a joint, with the ``target`` that a law gives it."""
     kind, table = write_member(joint, path, _GEOMETRY)
@@ -249,21 +245,16 @@ _CARRIED = Module(
 )
 
 
-def _read_joints(values: Any, path: str) -> list[ReadJoint]:
-    return read_list(values, path, read_joint)
-
-
-def _read_carried(values: Any, path: str) -> list[CarriedMass]:
-    return read_list(values, path, _CARRIED.read)
-
-
-def _written(tables: Any, path: str) -> Any:
-    return tables
+def _tables(read: Callable[[Any, str], Any], tables: Mapping[str, Keys]) -> Key:
+    """A list of tables, each read by ``read``, and written where the whole is."""
+    return Key(
+        Nested(lambda values, path: read_list(values, path, read), lambda item, path: item, "a list of tables", tables)
+    )
 
 
 MECHANISM = {
-    "joints": Key(Nested(_read_joints, _written, "a list of tables", keys_of(JOINTS))),
-    "masses": Key(Nested(_read_carried, _written, "a list of tables", {"": _CARRIED.keys})),
+    "joints": _tables(lambda values, path: read_family(values, path, JOINTS), keys_of(JOINTS)),
+    "masses": _tables(_CARRIED.read, {"": _CARRIED.keys}),
 }
 
 

@@ -63,19 +63,16 @@ _CHOICES = {name: frame.keys for name, frame in _FRAMES.items()}
 def read_frame(values: Any, path: str) -> AbstractFrame:
     """A frame by spherical angles, a versor or a rotation matrix."""
     name, table = read_one_of(values, path, _CHOICES)
-    if name == "azimuth":
-        return SphericalFrame(**table)
-    if name == "versor":
-        return VersorFrame(table["versor"])
-    B = table["matrix"]
-    xp = namespace(B)
-    require(
-        xp.allclose(B.T @ B, np.eye(3), rtol=0, atol=ORTHONORMAL) & (xp.linalg.det(B) > 0),
-        join(path, "matrix"),
-        "a rotation matrix, whose columns are orthonormal and whose determinant is 1",
-        lambda: str(B.tolist()),
-    )
-    return MatrixFrame(B)
+    if name == "matrix":
+        B = table["matrix"]
+        xp = namespace(B)
+        require(
+            xp.allclose(B.T @ B, np.eye(3), rtol=0, atol=ORTHONORMAL) & (xp.linalg.det(B) > 0),
+            join(path, "matrix"),
+            "a rotation matrix, whose columns are orthonormal and whose determinant is 1",
+            lambda: str(B.tolist()),
+        )
+    return _FRAMES[name].make(table)
 
 
 def write_frame(frame: AbstractFrame, path: str) -> dict[str, Any] | None:
@@ -110,44 +107,30 @@ def check_lengths(table: dict[str, Any], path: str) -> None:
             )
 
 
-def series_of(constant, amplitude, frequency, phase, powers=None) -> HarmonicSeries:
-    """A series of which a file may leave out the phases, every sinusoid, or the powers."""
-    still = len(frequency) == 0
-    return HarmonicSeries(constant, None if still else amplitude, frequency, None if len(phase) == 0 else phase, powers)
-
-
-def _force(**keys: Any) -> HarmonicForce:
-    series = series_of(**keys)
-    return HarmonicForce(series.constant, series.amplitude, series.frequency, series.phase, series.powers)
-
-
-def _oscillating(**keys: Any) -> Oscillating:
-    return Oscillating(series_of(**keys))
-
-
-def _sinusoids(theta, rate, **waves: Any) -> Sinusoids:
-    series = series_of(theta, **waves)
-    return Sinusoids(theta, series.amplitude, series.frequency, series.phase, rate)
+def given_waves(amplitude, frequency, phase, **others: Any) -> dict[str, Any]:
+    """The arguments of a series of which a file may leave out the phases, or every sinusoid."""
+    waves = {"amplitude": amplitude if len(frequency) else None, "phase": phase if len(phase) else None}
+    return {**others, **waves, "frequency": frequency}
 
 
 HARMONIC_FORCE = Module(
     HarmonicForce,
     {"constant": Key(Numbers((3,)), (0.0, 0.0, 0.0)), **WAVES_IN_SPACE, **POWERS},
-    build=_force,
+    build=lambda **keys: HarmonicForce(**given_waves(**keys)),
     attributes={**SERIES, "powers": "series.powers"},
     check=check_lengths,
 )
 OSCILLATING = Module(
     Oscillating,
     {"constant": Key(Numbers((3,))), **WAVES_IN_SPACE, **POWERS},
-    build=_oscillating,
+    build=lambda **keys: Oscillating(HarmonicSeries(**given_waves(**keys))),
     attributes=PATH,
     check=check_lengths,
 )
 SINUSOIDS = Module(
     Sinusoids,
     {"theta": Key(Numbers(dimension=ANGLE)), "rate": Key(Numbers(dimension=RATE), 0.0), **WAVES},
-    build=_sinusoids,
+    build=lambda **keys: Sinusoids(**given_waves(**keys)),
     attributes={**SERIES, "theta": "series.constant"},
     check=check_lengths,
 )
@@ -172,10 +155,6 @@ def _check_points(table: dict[str, Any], path: str) -> None:
         raise key_error(join(path, "points"), "a list of three points or more", f"one of {n}")
 
 
-def _spline(points) -> SplineRail:
-    return SplineRail(points)
-
-
 def _check_rail(rail: AbstractRail) -> None:
     require_function("rail", rail.__call__, (3,), theta=a_number())
 
@@ -187,13 +166,7 @@ _RAILS: Family = {
     "bernoulli-eight": Module(BernoulliEight, {"half_width": Key(SIZE), **PLACE}),
     "tube": Module(Tube, {"direction": Key(Numbers((3,), NOT_ALL_ZERO)), "centre": CENTRE}),
     "fourier": Module(FourierRail, {"cosine": Key(ROWS), "sine": Key(ROWS), "centre": CENTRE}, check=_check_harmonics),
-    "spline": Module(
-        SplineRail,
-        {"points": Key(ROWS)},
-        build=_spline,
-        attributes={"points": "points_on_rail"},
-        check=_check_points,
-    ),
+    "spline": Module(SplineRail, {"points": Key(ROWS)}, attributes={"points": "points_on_rail"}, check=_check_points),
 }
 RAILS = Open(AbstractRail, _RAILS, _check_rail)
 

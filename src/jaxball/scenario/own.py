@@ -1,7 +1,8 @@
-"""Classes of users in a file: ``kind = "my_module:MyRail"``, and the arguments of the class as keys.
+"""Functions and classes of users in a file: ``function = "my_module:force"``, ``kind = "my_module:MyRail"``.
 
-A family of kinds that is :class:`Open` takes every subclass of its contract under the name from which it can be
-imported, so that a class needs no registration: what makes it readable is its contract.
+Numbers are passed to a function as its parameters, and to a class as its arguments, which are keys. A family of kinds
+that is :class:`Open` takes every subclass of its contract under the name from which it can be imported, so that a class
+needs no registration: what makes it readable is its contract.
 """
 
 import contextlib
@@ -11,12 +12,83 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import jax
+import numpy as np
+
 from ..numerics.arrays import to_array
 from .errors import ScenarioError, key_error, shown
-from .functions import Parameters
 from .imports import imported, is_python_name, name_of
 from .table import REQUIRED, Key, Module, OpenFamily, join
 from .values import Kind, Numbers, require_conditions
+
+
+@contextlib.contextmanager
+def trying(path: str) -> Iterator[None]:
+    """Turns whatever a function raises within this block into an error of the key at ``path`` that names it."""
+    try:
+        yield
+    except ScenarioError:
+        raise
+    except Exception as error:
+        sentence, own = " ".join(str(error).split()).rstrip("."), "Argument `function` "
+        if sentence.startswith(own):
+            raise ScenarioError(f"Key `{path}` {sentence.removeprefix(own)}.") from None
+        raise ScenarioError(
+            f"Key `{path}` must name a function that fits here, but it raises {_raised(error)}."
+        ) from error
+
+
+def _raised(error: Exception) -> str:
+    sentence = " ".join(str(error).split()).rstrip(".")
+    return f"{type(error).__name__}: {sentence}" if sentence else type(error).__name__
+
+
+@dataclass(frozen=True)
+class Function:
+    """A function that can be imported."""
+
+    words: str = 'a function that can be imported, as "module:function"'
+
+    def read(self, value: Any, path: str) -> Callable[..., Any]:
+        if not isinstance(value, str):
+            raise key_error(path, self.words, shown(value))
+        return imported(path, value)
+
+    def write(self, value: Any, path: str) -> str:
+        name = name_of(value, path)
+        if name is not None:
+            return name
+        called = f"{getattr(value, '__module__', '')}:{getattr(value, '__qualname__', '')}"
+        raise ScenarioError(
+            f"Key `{path}` must be a function that can be imported to be written to a file, but {called} cannot be; "
+            "keep its scenario as a Python script."
+        )
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """The parameters of a function: a number, a list of numbers, or a table of these by name."""
+
+    words: str = "a number, a list of numbers, or a table of these"
+
+    def read(self, value: Any, path: str) -> Any:
+        """Arrays, one or a dictionary of them."""
+        if isinstance(value, dict):
+            return {name: self.read(item, join(path, name)) for name, item in value.items()}
+        depth, inner = 0, value
+        while isinstance(inner, list):
+            depth, inner = depth + 1, inner[0] if inner else None
+        return to_array(Numbers((None,) * depth).read(value, path))
+
+    def write(self, value: Any, path: str) -> Any:
+        if isinstance(value, dict) and all(isinstance(name, str) for name in value):
+            return {name: self.write(item, join(path, name)) for name, item in value.items()}
+        if not jax.tree_util.all_leaves([value]):
+            raise key_error(path, f"{self.words} to be written to a file", f"a {type(value).__name__}")
+        return np.asarray(value, dtype=float).tolist()
+
+
+FUNCTION = {"function": Key(Function()), "parameters": Key(Parameters(), None)}
 
 
 @dataclass(frozen=True)
@@ -145,8 +217,6 @@ def trying_class(path: str, named: str) -> Iterator[None]:
     except ScenarioError:
         raise
     except Exception as error:
-        sentence = " ".join(str(error).split()).rstrip(".")
-        raised = f"{type(error).__name__}: {sentence}" if sentence else type(error).__name__
         raise ScenarioError(
-            f"Key `{path}` must name a class that these keys can make, but {shown(named)} raises {raised}."
+            f"Key `{path}` must name a class that these keys can make, but {shown(named)} raises {_raised(error)}."
         ) from error

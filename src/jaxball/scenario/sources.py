@@ -27,11 +27,7 @@ def builtin_scenarios() -> tuple[str, ...]:
 
 
 def builtin_text(name: str) -> str:
-    """The text of a built-in scenario's file, comments included.
-
-    **Arguments:**
-
-    - ``name``: of a built-in scenario.
+    """The text of the file of the built-in scenario ``name``, comments included.
 
     **Raises:** :class:`ScenarioError` when there is none of that name.
 
@@ -50,11 +46,7 @@ def builtin_text(name: str) -> str:
 
 
 def builtin_title(name: str) -> str:
-    """The title of a built-in scenario.
-
-    **Arguments:**
-
-    - ``name``: of a built-in scenario.
+    """The title of the built-in scenario ``name``.
 
     **Example:**
 
@@ -97,11 +89,7 @@ def naming_scenario(value: Any, what: str, error: type[ScenarioError]) -> Iterat
 
 
 def scenario_text(source: str | Path) -> str:
-    """The text of a scenario file, or of the built-in scenario of that name.
-
-    **Arguments:**
-
-    - ``source``: the path of a file, or the name of a built-in scenario.
+    """The text of the scenario file at the path ``source``, or of the built-in scenario of that name.
 
     **Raises:** :class:`ScenarioError` when there is no such file or name.
     """

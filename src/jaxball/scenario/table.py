@@ -36,7 +36,7 @@ class Module:
     - ``type``: its class, by which it is recognised for writing.
     - ``keys``: the keys of its table.
     - ``build``: makes the object from the values of the keys; the class itself if not given.
-    - ``attributes``: where the object holds a key's value, if not under the same name.
+    - ``attributes``: where the object holds a key's value, if not under the same name; without ``build``, the argument.
     - ``check``: raises for values that do not fit each other, given the values and the path.
     """
 
@@ -51,8 +51,14 @@ class Module:
         table = read_table(values, path, self.keys)
         if self.check is not None:
             self.check(table, path)
-        arguments = {name: value for name, value in table.items() if value is not None}
-        return (self.build or self.type)(**arguments)
+        return self.make(table)
+
+    def make(self, table: Mapping[str, Any]) -> Any:
+        """The object with the values of its keys."""
+        given = {name: value for name, value in table.items() if value is not None}
+        if self.build is not None:
+            return self.build(**given)
+        return self.type(**{self.attributes.get(name, name): value for name, value in given.items()})
 
     def write(self, item: Any, path: str) -> dict[str, Any]:
         """The table that describes an object."""

@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..compat import while_loop
 from ..solvers.dense.continuous import DenseOutput, has_one_tableau
-from ..solvers.multistep_controller import AbstractMultistepController
+from ..solvers.multistep import AbstractMultistepController
 from .observers import Observers, Step
 from .switching import AbstractSwitching, NextStep, NoSwitching, Taken
 

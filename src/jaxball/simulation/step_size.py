@@ -10,8 +10,7 @@ from jaxtyping import Array, Float, PyTree
 
 from ..physics.system import AbstractSystem
 from ..solvers import StepToKinks
-from ..solvers.multistep import AbstractMultistep
-from ..solvers.multistep_controller import AbstractMultistepController
+from ..solvers.multistep import AbstractMultistep, AbstractMultistepController
 
 
 def by_tolerances(

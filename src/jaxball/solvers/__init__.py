@@ -5,30 +5,30 @@ They are for any problem of diffrax, and contain nothing specific to mechanics.
 
 from ..interface.names import interface as _interface
 from .adams import Adams as Adams
-from .consistency import InitialValues as InitialValues, consistent_initial_values as consistent_initial_values
-from .errors import (
+from .base import explain as explain
+from .collocation import (
     AbstractErrorEstimate as AbstractErrorEstimate,
     EmbeddedError as EmbeddedError,
+    Gauss as Gauss,
+    RadauIIA as RadauIIA,
     StepError as StepError,
     TailError as TailError,
 )
-from .fixed_point import FixedPoint as FixedPoint
-from .gauss import Gauss as Gauss
+from .consistency import InitialValues as InitialValues, consistent_initial_values as consistent_initial_values
+from .diagonal import TRBDF2 as TRBDF2, Trapezoidal as Trapezoidal
 from .kinks import StepToKinks as StepToKinks
 from .mass import (
     AbstractMassTerm as AbstractMassTerm,
     MassMatrixTerm as MassMatrixTerm,
     SwitchingMassMatrixTerm as SwitchingMassMatrixTerm,
 )
-from .multistep_controller import AdamsController as AdamsController, NDFController as NDFController
+from .multistep import AdamsController as AdamsController, NDFController as NDFController
 from .ndf import NDF as NDF
-from .newton import SimplifiedNewton as SimplifiedNewton
-from .outcome import explain as explain
-from .projection import Projected as Projected
-from .radau import RadauIIA as RadauIIA
-from .stages import AbstractStageIteration as AbstractStageIteration
-from .tr_bdf2 import TRBDF2 as TRBDF2
-from .trapezoidal import Trapezoidal as Trapezoidal
-from .wrapping import AbstractWrappingSolver as AbstractWrappingSolver
+from .stages import (
+    AbstractStageIteration as AbstractStageIteration,
+    FixedPoint as FixedPoint,
+    SimplifiedNewton as SimplifiedNewton,
+)
+from .wrapping import AbstractWrappingSolver as AbstractWrappingSolver, Projected as Projected
 
 __all__, __dir__ = _interface(globals())

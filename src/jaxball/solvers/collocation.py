@@ -1,4 +1,4 @@
-"""A step of a collocation method, whatever its nodes."""
+"""Collocation, at the nodes of Gauss and at those of Radau, and estimates of the error of its steps."""
 
 import abc
 from typing import Any, ClassVar, NamedTuple
@@ -6,18 +6,95 @@ from typing import Any, ClassVar, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
-from .base import AbstractStageSolver
+from .base import NO_FAULT, UNKNOWN, AbstractStageSolver, flat_problem, outcome
 from .consistency import start_of_step
-from .errors import AbstractErrorEstimate
-from .flat import flat_problem
 from .interpolation import CollocationPolynomial, legendre
 from .mass import mass_term
-from .outcome import NO_FAULT, UNKNOWN, outcome
-from .stages import Memory, combine
-from .tableau import Tableau
+from .stages import AbstractStageIteration, FixedPoint, Memory, SimplifiedNewton, StageEquations, Stages, combine
+from .tableau import Tableau, gauss, radau_right
+
+
+class AbstractErrorEstimate(eqx.Module):
+    """An estimate of the error of a step."""
+
+    @abc.abstractmethod
+    def order(self, stages: int) -> int:
+        """The power of the step that the estimate is proportional to."""
+
+    @abc.abstractmethod
+    def estimate(
+        self, equations: StageEquations, stages: Stages, coefficients: Float[Array, "s n"]
+    ) -> Float[Array, " n"]:
+        """The estimate, given the Legendre ``coefficients`` of the slopes K."""
+
+
+class EmbeddedError(AbstractErrorEstimate):
+    """For stiff problems: the estimate of radau5, for any odd number of stages.
+
+    The slope of the collocation polynomial at the start of the step misses the vector field there by a
+    defect; (γM − h∂g/∂x)⁻¹ times it is the distance to an embedded formula of order s, and stays small
+    in stiff components (Hairer & Wanner 1996, section IV.8, eqs. (8.17)–(8.19)).
+    """
+
+    def order(self, stages: int) -> int:
+        return stages + 1
+
+    def estimate(self, equations, stages, coefficients):
+        f0 = equations.slope(equations.t0, equations.x0) if stages.f0 is None else stages.f0
+        at_start = (-1.0) ** np.arange(len(coefficients))
+        defect = f0 - equations.mass_times(combine(at_start[None], coefficients))[0]
+        return smoothed(equations, stages, defect / float(equations.tableau.eigenvalues[0].real))
+
+
+class TailError(AbstractErrorEstimate):
+    """For smooth problems, where the solution is needed between the steps as well.
+
+    The last Legendre coefficients of the slopes predict the next ones, which the collocation polynomial lacks, so its
+    error is controlled over the whole step.
+    """
+
+    def order(self, stages: int) -> int:
+        return stages - 1
+
+    def estimate(self, equations, stages, coefficients):
+        return _tail(coefficients) / (2 * len(coefficients))
+
+
+class StepError(AbstractErrorEstimate):
+    """For smooth problems, where the solution is needed only at the ends of steps.
+
+    There a collocation method has about twice the order that it has between (superconvergence): its error is the
+    product of two truncated tails of the same decay, that of the polynomial and that of the problem's sensitivity, and
+    is estimated as the tail squared over the leading coefficient. Steps become about twice as long as with
+    :class:`TailError`; the dense output then has only about half the requested digits.
+    """
+
+    def order(self, stages: int) -> int:
+        return 2 * stages - 3
+
+    def estimate(self, equations, stages, coefficients):
+        tail = _tail(coefficients)
+        largest = jnp.max(jnp.abs(coefficients), axis=0)
+        return tail * tail / jnp.maximum(largest, jnp.finfo(tail.dtype).tiny)
+
+
+def _tail(coefficients: Float[Array, "s n"]) -> Float[Array, " n"]:
+    """The last coefficient or the one before: either alone may vanish by symmetry."""
+    return jnp.max(jnp.abs(coefficients[-2:]), axis=0)
+
+
+def smoothed(equations: StageEquations, stages: Stages, error: Float[Array, " n"]) -> Float[Array, " n"]:
+    """``error`` with its stiff components damped, γ (γM − h∂g/∂x)⁻¹ times it, where the iteration has the matrix.
+
+    The result must not be differentiated: it is only for choosing steps.
+    """
+    if stages.smooth is not None:
+        error = float(equations.tableau.eigenvalues[0].real) * jnp.sum(stages.smooth * error[None], axis=1)
+    return jax.lax.stop_gradient(error)
 
 
 class CollocationState(NamedTuple):
@@ -96,3 +173,112 @@ def _predicted(tableau: Tableau, state: CollocationState, control: Float[Array, 
     last = jnp.argmin(jnp.where(sizes > 0, sizes, jnp.inf))
     terms = jnp.where((jnp.arange(s) <= last)[:, None], coefficients, 0.0)
     return ratio.astype(dtype) * jnp.sum(beyond[:, :, None] * terms[None], axis=1)
+
+
+MOST_STAGES = 20
+# With more, the modes of A⁻¹ are too nearly parallel for float64.
+MOST_STAGES_NEWTON = 12
+
+
+class Gauss(AbstractCollocation):
+    """Gauss collocation with s stages: order 2s, the highest that s stages can have.
+
+    A-stable and symmetric. It preserves every quadratic invariant, including the norm |q| of a versor, as accurately as
+    the iteration is solved, and nearly preserves energy; it does not damp stiff components (R(∞) = ±1). With
+    fixed-point iteration and 6 to 12 stages, it is the method of choice for smooth, non-stiff problems at tight
+    tolerances, down to rounding.
+
+    The vector field must be smooth within each step: give its kinks to :class:`StepToKinks`. A jump after the last node
+    of a step is seen by no stage and no estimate, and the result is silently wrong.
+
+    **Arguments:**
+
+    - ``stages``: from 2 to 20; 8 suits tolerances from 1e-6 to 1e-13.
+    - ``root_finder``: :class:`FixedPoint`, or :class:`SimplifiedNewton` (up to 12 stages) if the problem is stiff.
+    - ``error``: :class:`TailError`, :class:`StepError` if the solution is needed only at the ends of steps, or
+      :class:`EmbeddedError` (odd numbers of stages).
+
+    Source: Hairer, Lubich & Wanner, *Geometric Numerical Integration* (2006), sections II.1.3, IV.2.1 and
+    VIII.6; Antoñana, Makazaga & Murua, *Numer. Algorithms* 76 (2017) 861–880, on its fixed-point iteration.
+
+    **Raises:** ``ValueError`` for a number of stages that does not fit the other arguments.
+
+    **Example:**
+
+    >>> import diffrax
+    >>> from jaxball.solvers import Gauss
+    >>> Gauss(stages=4).order(diffrax.ODETerm(lambda t, y, args: -y))
+    8
+    """
+
+    stages: int = eqx.field(static=True, default=8)
+    root_finder: AbstractStageIteration = FixedPoint()
+    error: AbstractErrorEstimate = TailError()
+
+    def __check_init__(self):
+        newton = isinstance(self.root_finder, SimplifiedNewton)
+        most = MOST_STAGES_NEWTON if newton else MOST_STAGES
+        if not 2 <= self.stages <= most:
+            with_newton = " with SimplifiedNewton" if newton else ""
+            raise ValueError(f"Argument `stages` must be from 2 to {most}{with_newton}, but it is {self.stages}.")
+        if isinstance(self.error, EmbeddedError) and self.stages % 2 == 0:
+            raise ValueError(
+                "Argument `stages` must be odd with EmbeddedError, which needs a real eigenvalue of A⁻¹, "
+                f"but it is {self.stages}; use TailError."
+            )
+
+    @property
+    def tableau(self) -> Tableau:
+        """The coefficients."""
+        return gauss(self.stages)
+
+    def order(self, terms) -> int:
+        return 2 * self.stages
+
+
+STAGES = (3, 5, 7)
+
+
+class RadauIIA(AbstractCollocation):
+    """Radau IIA with 3, 5 or 7 stages: orders 5, 9 and 13.
+
+    Collocation at the Radau points, the last of which is the end of the step. A- and L-stable, stiffly accurate, and of
+    full order in the algebraic variables of M ẋ = g(t, x) with index 1. The method of the codes radau5 and radau; the
+    paper uses the former.
+
+    **Arguments:**
+
+    - ``stages``: 3 for accuracies to about 1e-6, 5 to about 1e-9, 7 beyond; at loose tolerances on rough
+      solutions, fewer stages.
+    - ``root_finder``: :class:`SimplifiedNewton`, or :class:`FixedPoint` if the problem is not stiff.
+    - ``error``: :class:`EmbeddedError`, or :class:`TailError` and :class:`StepError` for smooth problems.
+
+    Source: Hairer & Wanner, *Solving Ordinary Differential Equations II* (1996), sections IV.5 and IV.8;
+    Hairer & Wanner, *Stiff differential equations solved by Radau methods*, J. Comput. Appl. Math. 111
+    (1999) 93–111, for 5 and 7 stages.
+
+    **Raises:** ``ValueError`` for another number of stages.
+
+    **Example:**
+
+    >>> import diffrax
+    >>> from jaxball.solvers import RadauIIA
+    >>> RadauIIA(stages=5).order(diffrax.ODETerm(lambda t, y, args: -y))
+    9
+    """
+
+    stages: int = eqx.field(static=True, default=3)
+    root_finder: AbstractStageIteration = SimplifiedNewton()
+    error: AbstractErrorEstimate = EmbeddedError()
+
+    def __check_init__(self):
+        if self.stages not in STAGES:
+            raise ValueError(f"Argument `stages` must be 3, 5 or 7, but it is {self.stages}.")
+
+    @property
+    def tableau(self) -> Tableau:
+        """The coefficients."""
+        return radau_right(self.stages)
+
+    def order(self, terms) -> int:
+        return 2 * self.stages - 1

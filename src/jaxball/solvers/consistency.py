@@ -10,11 +10,9 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, PyTree
 
 from ..numerics.linear import inverses, product
-from .flat import FlatProblem
+from .base import INCONSISTENT, NO_FAULT, NOT_INDEX_ONE, UNKNOWN, FlatProblem
 from .mass import AbstractMassTerm, Mass
-from .newton import value_and_jacobian
-from .outcome import INCONSISTENT, NO_FAULT, NOT_INDEX_ONE, UNKNOWN
-from .stages import AbstractStageIteration
+from .stages import AbstractStageIteration, value_and_jacobian
 
 # If rounding, magnified by the condition number, exceeds this, the algebraic variables count as undetermined.
 WORST_CONDITION = 1e-3

@@ -1,6 +1,7 @@
-"""Methods with an explicit first stage and one coefficient on the diagonal of all others."""
+"""Methods with an explicit first stage and one coefficient on the diagonal of all others: trapezoidal rule, TR-BDF2."""
 
 import abc
+import math
 from typing import Any, ClassVar, NamedTuple
 
 import jax
@@ -9,15 +10,12 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
-from .base import AbstractStageSolver
+from .base import NO_FAULT, UNKNOWN, AbstractStageSolver, FlatProblem, flat_problem, outcome
+from .collocation import smoothed
 from .consistency import start_of_step
-from .errors import smoothed
-from .flat import FlatProblem, flat_problem
 from .interpolation import CubicHermite
 from .mass import mass_term
-from .newton import SimplifiedNewton
-from .outcome import NO_FAULT, UNKNOWN, outcome
-from .stages import AbstractStageIteration, Memory, Stages, combine
+from .stages import AbstractStageIteration, Memory, SimplifiedNewton, Stages, combine
 from .tableau import Tableau
 
 
@@ -167,3 +165,53 @@ def diagonally_implicit(c: list[float], A: list[list[float]]) -> Tableau:
         to_modes=identity,
         from_modes=identity,
     )
+
+
+class Trapezoidal(AbstractDiagonallyImplicit):
+    """The trapezoidal rule, y₁ = y₀ + h/2 (f₀ + f₁), as in MATLAB's ode23t.
+
+    Order 2, A-stable and not L-stable: it adds no damping, and stiff components that the steps do not resolve oscillate
+    for a long time. For low accuracy.
+
+    The error h³y‴/12 is taken from the second divided difference of f over this step and the one before (Shampine,
+    Reichelt & Kierzenka 1999). On a first step and after a jump there is none, and the difference to Euler's rule is
+    used instead, which is too large and makes the step short.
+
+    **Arguments:**
+
+    - ``root_finder``: :class:`~jaxball.solvers.SimplifiedNewton` or :class:`~jaxball.solvers.FixedPoint`.
+    """
+
+    tableau: ClassVar[Tableau] = diagonally_implicit([1.0], [[0.5]])
+    first: ClassVar[np.ndarray] = np.array([[0.5]])
+
+    def estimated_error(self, K, h, before):
+        k0, k1 = K
+        # h³/12 times the second derivative of f, from f at three times; k₀ = h f₀, k₁ = h f₁.
+        second = k1 - k0 - (k0 - h * before.f_start) * h / before.length
+        return jnp.where(before.known, h / (6 * (h + before.length)) * second, (k1 - k0) / 2)
+
+
+GAMMA = 2 - math.sqrt(2)
+W, D = math.sqrt(2) / 4, GAMMA / 2
+# The difference to the embedded formula of order 3.
+ERROR = np.array([[(4 * W - 1) / 3, -1 / 3, 2 * D / 3]])
+
+
+class TRBDF2(AbstractDiagonallyImplicit):
+    """TR-BDF2, as in MATLAB's ode23tb: the trapezoidal rule to t₀ + (2 − √2) h, then the BDF formula of order 2.
+
+    Order 2, L-stable, stiffly accurate. For stiff problems at low accuracy, with f that is expensive or
+    not smooth. Both stages share one matrix, and an embedded formula of order 3 estimates the error (Bank et
+    al. 1985; Hosea & Shampine 1996).
+
+    **Arguments:**
+
+    - ``root_finder``: :class:`~jaxball.solvers.SimplifiedNewton` or :class:`~jaxball.solvers.FixedPoint`.
+    """
+
+    tableau: ClassVar[Tableau] = diagonally_implicit([GAMMA, 1.0], [[D, 0.0], [W, D]])
+    first: ClassVar[np.ndarray] = np.array([[D], [W]])
+
+    def estimated_error(self, K, h, before):
+        return combine(ERROR, K)[0]

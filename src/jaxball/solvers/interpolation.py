@@ -1,5 +1,6 @@
 """The polynomials of the methods as dense output."""
 
+import abc
 from typing import Any
 
 import diffrax
@@ -11,39 +12,49 @@ from .backward_differences import ascending
 from .differences import Points
 
 
-class CollocationPolynomial(diffrax.AbstractLocalInterpolation):
-    """u(t0 + θh) = y₀ + Σₖ coefficientₖ ∫₀^θ P̃ₖ."""
+class _Polynomial(diffrax.AbstractLocalInterpolation):
+    """A polynomial over a step from y₀."""
 
     t0: Float[Array, ""]  # pyright: ignore[reportIncompatibleVariableOverride]
     t1: Float[Array, ""]  # pyright: ignore[reportIncompatibleVariableOverride]
     y0: PyTree[Array]
-    coefficients: PyTree[Array]
+
+    @abc.abstractmethod
+    def at(self, theta: Float[Array, ""]) -> PyTree[Array]:
+        """u(t0 + θh)."""
 
     def evaluate(self, t0: Any, t1: Any = None, left=True):
         if t1 is not None:
             return jax.tree.map(lambda a, b: b - a, self.evaluate(t0), self.evaluate(t1))
-        count = len(jax.tree.leaves(self.coefficients)[0])
-        weights = jnp.stack(integrals(_fraction(self, t0), count))
+        return self.at((t0 - self.t0) / self._width)
+
+    @property
+    def _width(self) -> Float[Array, ""]:
+        """h, or 1 for a step without length."""
+        width = self.t1 - self.t0
+        return jnp.where(width == 0, 1.0, width)
+
+
+class CollocationPolynomial(_Polynomial):
+    """u(t0 + θh) = y₀ + Σₖ coefficientₖ ∫₀^θ P̃ₖ."""
+
+    coefficients: PyTree[Array]
+
+    def at(self, theta):
+        weights = jnp.stack(integrals(theta, _rows(self.coefficients)))
         return jax.tree.map(
             lambda y, a: y + jnp.tensordot(weights.astype(y.dtype), a, axes=1), self.y0, self.coefficients
         )
 
 
-class CubicHermite(diffrax.AbstractLocalInterpolation):
+class CubicHermite(_Polynomial):
     """The cubic with values y₀, y₁ and slopes k₀, k₁ at the ends, in units of 1/h."""
 
-    t0: Float[Array, ""]  # pyright: ignore[reportIncompatibleVariableOverride]
-    t1: Float[Array, ""]  # pyright: ignore[reportIncompatibleVariableOverride]
-    y0: PyTree[Array]
     y1: PyTree[Array]
     k0: PyTree[Array]
     k1: PyTree[Array]
 
-    def evaluate(self, t0: Any, t1: Any = None, left=True):
-        if t1 is not None:
-            return jax.tree.map(lambda a, b: b - a, self.evaluate(t0), self.evaluate(t1))
-        theta = _fraction(self, t0)
-
+    def at(self, theta):
         def cubic(y0, y1, k0, k1):
             u = theta.astype(y0.dtype)
             lacking = (1 - 2 * u) * (y1 - y0) + (u - 1) * k0 + u * k1
@@ -52,51 +63,36 @@ class CubicHermite(diffrax.AbstractLocalInterpolation):
         return jax.tree.map(cubic, self.y0, self.y1, self.k0, self.k1)
 
 
-class AdamsPolynomial(diffrax.AbstractLocalInterpolation):
+class AdamsPolynomial(_Polynomial):
     """u(t0 + θh) = y₀ + Σⱼ gⱼ(θ) termⱼ, the integral of the polynomial through the slopes at points ``past``."""
 
-    t0: Float[Array, ""]  # pyright: ignore[reportIncompatibleVariableOverride]
-    t1: Float[Array, ""]  # pyright: ignore[reportIncompatibleVariableOverride]
-    y0: PyTree[Array]
     terms: PyTree[Array]
     past: Float[Array, " rows"]
 
-    def evaluate(self, t0: Any, t1: Any = None, left=True):
-        if t1 is not None:
-            return jax.tree.map(lambda a, b: b - a, self.evaluate(t0), self.evaluate(t1))
-        width = self.t1 - self.t0
-        weights = Points(self.past, jnp.where(width == 0, 1.0, width)).integrals(_fraction(self, t0))
+    def at(self, theta):
+        weights = Points(self.past, self._width).integrals(theta)
         return jax.tree.map(lambda y, terms: y + _weighted(weights, terms), self.y0, self.terms)
 
 
-class BackwardPolynomial(diffrax.AbstractLocalInterpolation):
+class BackwardPolynomial(_Polynomial):
     """u(t0 + θh) = y₁ + Σⱼ (θ − 1) θ ⋯ (θ + j − 2)/j! termⱼ, the polynomial with the backward differences ``terms``.
 
     It is evaluated from y₀ = y₁ − term₁, to reduce rounding.
     """
 
-    t0: Float[Array, ""]  # pyright: ignore[reportIncompatibleVariableOverride]
-    t1: Float[Array, ""]  # pyright: ignore[reportIncompatibleVariableOverride]
-    y0: PyTree[Array]
     terms: PyTree[Array]
 
-    def evaluate(self, t0: Any, t1: Any = None, left=True):
-        if t1 is not None:
-            return jax.tree.map(lambda a, b: b - a, self.evaluate(t0), self.evaluate(t1))
-        fraction = _fraction(self, t0)
-        count = len(jax.tree.leaves(self.terms)[0])
-        weights = ascending(fraction - 1, count + 1)[1:].at[0].set(fraction)
+    def at(self, theta):
+        weights = ascending(theta - 1, _rows(self.terms) + 1)[1:].at[0].set(theta)
         return jax.tree.map(lambda y, terms: y + _weighted(weights, terms), self.y0, self.terms)
+
+
+def _rows(terms: PyTree[Array]) -> int:
+    return len(jax.tree.leaves(terms)[0])
 
 
 def _weighted(weights: Float[Array, " rows"], terms: Float[Array, "rows *shape"]) -> Float[Array, "*shape"]:
     return jnp.sum(weights.astype(terms.dtype).reshape(-1, *(1,) * (terms.ndim - 1)) * terms, axis=0)
-
-
-def _fraction(step, t: Float[Array, ""]) -> Float[Array, ""]:
-    """Where in the step ``t`` is, from 0 to 1."""
-    width = step.t1 - step.t0
-    return (t - step.t0) / jnp.where(width == 0, 1.0, width)
 
 
 def integrals(x: Float[Array, ""], count: int) -> list[Float[Array, ""]]:

@@ -1,9 +1,11 @@
-"""Common to solvers that wrap another."""
+"""Solvers that wrap another, and projection after each step."""
 
+from collections.abc import Callable
 from typing import Any
 
 import diffrax
 import equinox as eqx
+from jaxtyping import Array, PyTree
 
 from .base import approach_of
 
@@ -57,3 +59,71 @@ class AbstractWrappingSolver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractWra
 
     def func(self, terms, t0, y0, args):
         return self.solver.func(terms, t0, y0, args)
+
+
+class Projected(AbstractWrappingSolver):
+    """``solver`` with each step followed by a projection, such as that of a versor to |q| = 1.
+
+    The order is preserved if ``project`` moves a state by no more than a multiple of its distance to the constraint, as
+    the nearest point on it does: a step is off by its local error, and the projection moves it by at most as much again
+    (Hairer, Lubich & Wanner 2006, section IV.4). Dense output is projected too.
+
+    **Arguments:**
+
+    - ``solver``: any diffrax solver.
+    - ``project``: maps a state to a state on the constraint.
+
+    **Example:**
+
+    >>> import diffrax
+    >>> import jax.numpy as jnp
+    >>> from jaxball.solvers import Projected
+    >>> solver = Projected(diffrax.Euler(), project=lambda y: y / jnp.sqrt((y**2).sum()))
+    >>> turning = diffrax.ODETerm(lambda t, y, args: jnp.stack([-y[1], y[0]]))
+    >>> end = diffrax.diffeqsolve(turning, solver, 0.0, 1.0, 0.1, jnp.array([1.0, 0.0])).ys[-1]
+    >>> print((end**2).sum().round(12))  # Euler's method alone ends outside the circle
+    1.0
+    """
+
+    solver: diffrax.AbstractSolver  # pyright: ignore[reportIncompatibleVariableOverride]
+    project: Callable[[PyTree[Array]], PyTree[Array]]
+
+    @property
+    def interpolation_cls(self) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """The inner solver's dense output, projected."""
+        return self.projecting(self.solver.interpolation_cls)
+
+    def projecting(self, interpolation: Callable[..., diffrax.AbstractLocalInterpolation]) -> Any:
+        """An interpolation, projected."""
+        return _ProjectedInterpolation(interpolation, self.project)
+
+    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+        y1, y_error, dense, state, result = self.solver.step(terms, t0, t1, y0, args, solver_state, made_jump)
+        return self.project(y1), y_error, dense, state, result
+
+
+class _ProjectedInterpolation(eqx.Module):
+    """Makes the interpolation of a step, like an interpolation class."""
+
+    inner: Callable[..., diffrax.AbstractLocalInterpolation] = eqx.field(static=True)
+    project: Callable[[PyTree[Array]], PyTree[Array]]
+
+    def __call__(self, *, t0, t1, **dense_info) -> "_ProjectedStep":
+        return _ProjectedStep(t0, t1, self.inner(t0=t0, t1=t1, **dense_info), self.project)
+
+
+class _ProjectedStep(diffrax.AbstractLocalInterpolation):
+    t0: Any
+    t1: Any
+    inner: diffrax.AbstractLocalInterpolation
+    project: Callable[[PyTree[Array]], PyTree[Array]]
+
+    def evaluate(self, t0, t1=None, left=True):
+        y = self.project(self.inner.evaluate(t0, left=left))
+        if t1 is None:
+            return y
+        return eqx.apply_updates(self.evaluate(t1, left=left), _negated(y))
+
+
+def _negated(y: PyTree[Array]) -> PyTree[Array]:
+    return eqx.tree_at(lambda t: t, y, replace_fn=lambda leaf: -leaf)

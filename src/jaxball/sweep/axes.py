@@ -30,12 +30,12 @@ def random(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed
 
 def latin_hypercube(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed: int) -> np.ndarray:
     """A Latin hypercube of ``count`` points: in each dimension, one point in each of ``count`` equal intervals."""
-    return _latin_hypercube(count, dimension, seed)[indices]
+    return _cube("LatinHypercube", count, dimension, seed)[indices]
 
 
 def sobol(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed: int) -> np.ndarray:
     """The first ``count`` points, a power of two, of Sobol's sequence, scrambled."""
-    return _sobol(count, dimension, seed)[indices]
+    return _cube("Sobol", count, dimension, seed)[indices]
 
 
 DESIGNS: Mapping[str, Design] = {"random": random, "latin-hypercube": latin_hypercube, "sobol": sobol}
@@ -43,17 +43,10 @@ DESIGNS: Mapping[str, Design] = {"random": random, "latin-hypercube": latin_hype
 
 # Each of these points depends on all the others; a process usually needs only one design.
 @functools.lru_cache(maxsize=4)
-def _latin_hypercube(count: int, dimension: int, seed: int) -> np.ndarray:
+def _cube(sampler: str, count: int, dimension: int, seed: int) -> np.ndarray:
     from scipy.stats import qmc
 
-    return qmc.LatinHypercube(dimension, rng=seed).random(count)
-
-
-@functools.lru_cache(maxsize=4)
-def _sobol(count: int, dimension: int, seed: int) -> np.ndarray:
-    from scipy.stats import qmc
-
-    return qmc.Sobol(dimension, scramble=True, rng=seed).random(count)
+    return getattr(qmc, sampler)(dimension, rng=seed).random(count)
 
 
 # The smallest and the largest number of 53 random bits, moved off 0 and 1, where the normal quantile is infinite.
@@ -303,17 +296,12 @@ def _listed(table: dict[str, Any], path: str, folder: Path) -> Axis:
     return Listed(table["path"], tuple(table["values"].tolist()))
 
 
-def _linear(table: dict[str, Any], path: str, folder: Path) -> Axis:
-    limits = read_table(table["linear"], f"{path}.linear", _RANGE)
-    return Ranged(table["path"], limits["from"], limits["to"], limits["count"], False)
-
-
-def _log(table: dict[str, Any], path: str, folder: Path) -> Axis:
-    limits = read_table(table["log"], f"{path}.log", _RANGE)
+def _ranged(spacing: str, table: dict[str, Any], path: str, folder: Path) -> Axis:
+    limits = read_table(table[spacing], f"{path}.{spacing}", _RANGE)
     for name in ("from", "to"):
-        if limits[name] <= 0:
+        if spacing == "log" and limits[name] <= 0:
             raise key_error(f"{path}.log.{name}", "a positive number", repr(limits[name]))
-    return Ranged(table["path"], limits["from"], limits["to"], limits["count"], True)
+    return Ranged(table["path"], limits["from"], limits["to"], limits["count"], spacing == "log")
 
 
 def _designed(table: dict[str, Any], path: str, folder: Path) -> Axis:
@@ -346,8 +334,8 @@ def _zipped(table: dict[str, Any], path: str, folder: Path) -> Axis:
 
 _READERS: Mapping[str, Callable[[dict[str, Any], str, Path], Axis]] = {
     "values": _listed,
-    "linear": _linear,
-    "log": _log,
+    "linear": functools.partial(_ranged, "linear"),
+    "log": functools.partial(_ranged, "log"),
     "design": _designed,
     "points": _from_file,
     "zip": _zipped,

@@ -106,16 +106,7 @@ class _Cells:
         self.template: Scenario = read_document(dict(document))
         rolling_state(self.template.state, self.template.contact, what)
         rows = math.prod(axis.size for axis in axes)
-        study = Study(
-            title="",
-            document=dict(document),
-            axes=axes,
-            save="end",
-            contact=False,
-            detachment=False,
-            finds=(),
-            chunk=rows,
-        )
+        study = Study("", dict(document), axes, chunk=rows)
         cells = study.rows_of(0)
         possible, batch = read_rows(study, self.template, cells, study.values(cells))
         if batch is None:

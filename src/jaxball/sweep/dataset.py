@@ -42,15 +42,11 @@ def open_dataset(folder: str | Path) -> "xarray.Dataset":
 
 
 def open_grid(folder: str | Path) -> "xarray.Dataset":
-    """The same along the axes of the study, so that ``grid.sel({"body.mass": 1.0})`` selects by value.
+    """The rows of the store at ``folder`` along its study's axes: ``grid.sel({"body.mass": 1.0})`` selects by value.
 
     The first dimensions are the axes, in the study's order. An axis of a single number has its path as name and its
     values as coordinate. An axis of several numbers, such as a design, is called ``axes[k]``, counted from 0, and its
     numbers are coordinates along it. Rows that are not done are NaN, or -1 for whole numbers.
-
-    **Arguments:**
-
-    - ``folder``: the store.
 
     **Raises:** :class:`StoreError` as :func:`open_dataset`, and for a store that holds no points of its axes.
     """
@@ -68,11 +64,7 @@ def open_grid(folder: str | Path) -> "xarray.Dataset":
 
 
 def row_events(folder: str | Path) -> dict[str, AbstractEvent]:
-    """The events that may have ended the runs of a store, by name, to be used with :func:`row_scenarios`.
-
-    **Arguments:**
-
-    - ``folder``: the store.
+    """The events that may have ended the runs of the store at ``folder``, by name, for :func:`row_scenarios`.
 
     **Raises:** :class:`StoreError` as :func:`open_dataset`.
     """
@@ -80,14 +72,11 @@ def row_events(folder: str | Path) -> dict[str, AbstractEvent]:
 
 
 def row_scenarios(folder: str | Path, rows: Sequence[int]) -> list[Scenario]:
-    """The scenarios of some rows of a store; simulated with :func:`row_events`, they repeat the runs of these rows.
+    """The scenarios of some ``rows``, from 0, of the store at ``folder``.
+
+    Simulated with :func:`row_events`, they repeat the runs of these rows.
 
     They have all save times, even where the study kept only the end.
-
-    **Arguments:**
-
-    - ``folder``: the store.
-    - ``rows``: the numbers of the rows, from 0.
 
     **Raises:** :class:`StoreError` as :func:`open_dataset`, and for a row that does not exist, is not computed yet, or
     has impossible numbers.

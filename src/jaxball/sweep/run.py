@@ -18,11 +18,11 @@ from ..interface.wording import counted
 from .engine import solve_in_lanes
 from .errors import StudyError
 from .executors import Task, compute, executor_of, solve_all
-from .files import BYTES_OF_A_CHECKSUM, Damage
+from .files import BYTES_OF_A_CHECKSUM, Damage, remove_parts
 from .outputs import outputs_of
 from .progress import Progress, Stream, duration, status_counts
 from .rows import Engine
-from .store import POINTS_TOGETHER, Store, has_table, open_store, write_table
+from .store import POINTS_TOGETHER, Store, open_store, write_table
 from .study import Study
 
 TASKS_PER_WORKER = 2
@@ -117,8 +117,8 @@ def _ended(store: Store, interrupted: bool) -> Outcome:
     """The outcome; the table is written if all chunks are done."""
     study, done = store.study, store.done()
     finished = len(done) == study.chunks
-    if finished and not has_table(store):
-        store.tidy()
+    if finished and not store.table.exists():
+        remove_parts(store.folder)
         write_table(store)
     rows = sum(len(study.rows_of(k)) for k in done)
     return Outcome(store.folder, store.table, study.rows, rows, finished, interrupted and not finished)

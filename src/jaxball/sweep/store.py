@@ -32,7 +32,6 @@ from .files import (
     done,
     numbers_of,
     remove_dead_parts,
-    remove_parts,
     with_checksum,
     write_atomically,
 )
@@ -46,11 +45,6 @@ LAYOUT = "3"  # increased when the layout of stores changes
 def identity_of(study: Study) -> dict[str, str]:
     """Everything that the numbers in a store depend on, as attributes."""
     return {**study.identity(), **versions(), "layout": LAYOUT}
-
-
-def differences(attributes: dict[str, Any], expected: dict[str, str]) -> list[str]:
-    """The names of the attributes that differ from ``expected``."""
-    return [name for name, value in expected.items() if attributes.get(name) != value]
 
 
 def read_attributes(folder: Path) -> dict[str, Any]:
@@ -118,7 +112,7 @@ class Store:
                 padded[: len(arrays[name])] = arrays[name]
                 path = self._file(name, chunk)
                 write_atomically(path, with_checksum(padded.astype(output.dtype.newbyteorder("<")).tobytes()))
-                folders |= set(_up_to(path.parent, self.folder))
+                folders |= {folder for folder in path.parents if self.folder in folder.parents}
             for folder in folders:
                 flush_to_disk(folder)
             write_atomically(self._mark(chunk), b"")
@@ -170,10 +164,6 @@ class Store:
                     (made / path.relative_to(self.folder)).replace(path)
         return damaged
 
-    def tidy(self) -> None:
-        """Removes what killed processes left."""
-        remove_parts(self.folder)
-
     def _file(self, name: str, chunk: int) -> Path:
         zeros = ["0"] * len(self.outputs[name].shape)
         return self.folder.joinpath(name, "c", str(chunk), *zeros)
@@ -200,7 +190,8 @@ def open_store(folder: Path, study: Study, outputs: dict[str, Output]) -> Store:
                 "another name for the store, or move the table."
             )
         _create(store, expected)
-    differing = differences(read_attributes(folder), expected)
+    attributes = read_attributes(folder)
+    differing = [name for name, value in expected.items() if attributes.get(name) != value]
     if differing:
         raise StoreError(
             f'The store "{folder}" belongs to another study, with other {", ".join(differing)}; it is left as it is. '
@@ -316,12 +307,6 @@ def _write_points(group: Any, study: Study, names: list[str]) -> None:
                 array[start : start + POINTS_TOGETHER] = values
 
 
-def _up_to(path: Path, top: Path) -> Iterator[Path]:
-    while path != top:
-        yield path
-        path = path.parent
-
-
 ROWS_OF_A_GROUP = 2**16
 
 
@@ -378,8 +363,3 @@ def _group(store: Store, columns: dict[str, Any], chunks: range) -> dict[str, np
         for name in dict.fromkeys(source for source, _ in columns.values())
     }
     return {name: np.ascontiguousarray(arrays[source][place]) for name, (source, place) in columns.items()}
-
-
-def has_table(store: Store) -> bool:
-    """Whether the table exists."""
-    return store.table.exists()

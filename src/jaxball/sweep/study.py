@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import math
 import tomllib
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -122,11 +123,11 @@ class Study:
     title: str
     document: dict[str, Any]
     axes: tuple[Axis, ...]
-    save: str
-    contact: bool
-    detachment: bool
-    finds: tuple[Find, ...]
-    chunk: int
+    save: str = "end"
+    contact: bool = False
+    detachment: bool = False
+    finds: tuple[Find, ...] = ()
+    chunk: int = 1
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -197,11 +198,7 @@ def ends_at_detachment(settings: str) -> bool:
 
 
 def load_study(source: str | Path) -> Study:
-    """The study of a file.
-
-    **Arguments:**
-
-    - ``source``: the path of a study file.
+    """The study of the file at the path ``source``.
 
     **Raises:** :class:`~jaxball.scenario.ScenarioError`, with one sentence, when there is no such file, when it is not
     TOML, when a key of it or of its scenario is misspelt, missing or wrong, and when an axis names no number.
@@ -212,11 +209,7 @@ def load_study(source: str | Path) -> Study:
 
 
 def read_study(text: str, folder: str | Path = ".") -> Study:
-    """The study that the text of a file describes; files that it names are looked for relative to ``folder``.
-
-    **Arguments:**
-
-    - ``text``: the content of a study file.
+    """The study that the ``text`` of a file describes; files that it names are looked for relative to ``folder``.
 
     **Raises:** as :func:`load_study`.
 
@@ -293,12 +286,11 @@ def _check_contact(table: dict[str, Any], template: Scenario) -> None:
 
 
 def _check_paths(axes: tuple[Axis, ...], scenario: dict[str, Any]) -> None:
-    seen, paths = set(), [path for axis in axes for path in axis.paths]
+    paths = [path for axis in axes for path in axis.paths]
     each_of(*(functools.partial(check_number, scenario, path) for path in paths))
-    for path in paths:
-        if path in seen:
+    for path, count in Counter(paths).items():
+        if count > 1:
             raise StudyError(f"Key `{path}` must be in one axis, but it is in two.")
-        seen.add(path)
 
 
 def _chunk_for(rows: int, saves: int) -> int:

@@ -1,16 +1,19 @@
 """CasADi with CVODES and IDAS of SUNDIALS, its functions compiled by the C compiler if there is one."""
 
+import contextlib
 import functools
 import importlib
 import math
 import shutil
+import tempfile
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from ..problem import Piece, Problem
 from ..translate import casadi_dae
-from .base import MAX_STEPS, NO_WORK, Outcome, Program, Run, Work
+from . import MAX_STEPS, NO_WORK, Outcome, Program, Run, Work
 
 # Untyped, because it need not be installed where types are checked.
 casadi: Any = importlib.import_module("casadi")
@@ -22,6 +25,20 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 COMPILER = "gcc"
 FLAGS = ["-O3", "-march=native"]
+
+
+@contextlib.contextmanager
+def compiling() -> Iterator[dict[str, Any]]:
+    """The options by which CasADi compiles to C what is built within; none without a compiler.
+
+    It writes to the current folder, which is a temporary one meanwhile, and what it has loaded needs no file.
+    """
+    if shutil.which(COMPILER) is None:
+        yield {}
+        return
+    shell = {"compiler": COMPILER, "flags": FLAGS, "cleanup": False}
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        yield {"jit": True, "compiler": "shell", "jit_cleanup": False, "jit_options": shell}
 
 
 def program(method: str, problem: Problem) -> Program:
@@ -39,12 +56,11 @@ class _Leg:
             "abstol": tolerance * problem.atol_over_rtol,
             "max_num_steps": MAX_STEPS,
         }
-        if shutil.which(COMPILER) is not None:
-            options |= {"jit": True, "compiler": "shell", "jit_options": {"compiler": COMPILER, "flags": FLAGS}}
         if solver == "idas":
             options |= _idas_options(problem, piece)
         equations = casadi_dae(problem, piece)
-        self.integrator = casadi.integrator("leg", solver, equations, piece.start, piece.end, options)
+        with compiling() as compiled:
+            self.integrator = casadi.integrator("leg", solver, equations, piece.start, piece.end, options | compiled)
         self.p = casadi.DM(piece.parameters)
         self.algebraic = piece.algebraic
 

@@ -16,7 +16,7 @@ from ...paper.reproduce.experiments import Counter, Field, counting
 from ...solvers.multistep import controller_class
 from ..problem import Form, Problem
 from ..translate import jax_field, jax_parameters
-from .base import MAX_STEPS, Outcome, Program, Run, Work
+from . import MAX_STEPS, Outcome, Program, Run, Work
 
 METHODS: dict[str, diffrax.AbstractAdaptiveSolver] = {
     "Tsit5": diffrax.Tsit5(),

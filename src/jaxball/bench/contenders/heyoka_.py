@@ -8,7 +8,7 @@ import numpy as np
 
 from ..problem import Problem
 from ..translate import heyoka_system
-from .base import MAX_STEPS, Outcome, Program, Run, Work
+from . import MAX_STEPS, Outcome, Program, Run, Work
 
 # Untyped, because it need not be installed where types are checked.
 heyoka: Any = importlib.import_module("heyoka")

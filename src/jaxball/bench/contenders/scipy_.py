@@ -13,7 +13,7 @@ import scipy.integrate
 
 from ..problem import Piece, Problem
 from ..translate import jacobian_source, python_source
-from .base import MAX_STEPS, NO_WORK, Outcome, Program, Run, Work
+from . import MAX_STEPS, NO_WORK, Outcome, Program, Run, Work
 
 # Untyped, because it need not be installed where types are checked.
 numba: Any = importlib.import_module("numba")

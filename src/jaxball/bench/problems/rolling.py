@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,7 +16,7 @@ from ...paper.systems import END, START
 from ...physics.body import System
 from ...physics.packing import Packing
 from ...physics.state import BallState, DiskState
-from ..problem import Form, Functions, Piece, Problem, Scalar
+from ..problem import Form, Functions, Piece, Problem, Rates, Scalar
 
 Triple = Sequence[Scalar]
 
@@ -95,8 +95,21 @@ def own_dae_form(system: System, start: BallState, whole: Callable[[BallState], 
 
 BALL_MASSES = len(paper.BALL_RAIL_RADII)
 Q = 2 * BALL_MASSES  # where q starts
-INERTIA = (0.9, 1.0, 1.1)
-OFFSET = (0.0, 0.0, -0.05)
+
+
+class BallNumbers(NamedTuple):
+    """The parameters of a ball whose masses run on circles about its centre: numbers, or expressions of a package.
+
+    - ``m``: m_0 … m_n.
+    - ``d``: the principal moments of inertia of the shell, and ``zeta0`` its centre of mass.
+    - ``u``, ``v``: of each mass, with ζ_i = u_i cos θ_i + v_i sin θ_i.
+    """
+
+    m: Sequence[Scalar]
+    d: Triple
+    zeta0: Triple
+    u: Sequence[Triple]
+    v: Sequence[Triple]
 
 
 def rail_axes(azimuth: float, elevation: float) -> tuple[Triple, Triple]:
@@ -110,47 +123,54 @@ def rail_axes(azimuth: float, elevation: float) -> tuple[Triple, Triple]:
     return (n1, n2, n3), (n1 * n1 * a - 1.0, n1 * n2 * a, n1)
 
 
-RAILS = tuple(rail_axes(*direction) for direction in paper.BALL_RAIL_DIRECTIONS)
+RAILS = [rail_axes(*direction) for direction in paper.BALL_RAIL_DIRECTIONS]
+PAPER = BallNumbers(
+    m=(1.0,) * (1 + BALL_MASSES),
+    d=(0.9, 1.0, 1.1),
+    zeta0=(0.0, 0.0, -0.05),
+    u=[scale(r, n) for r, (n, _) in zip(paper.BALL_RAIL_RADII, RAILS, strict=True)],
+    v=[scale(r, b) for r, (_, b) in zip(paper.BALL_RAIL_RADII, RAILS, strict=True)],
+)
 
 
-def ball_rates(t: Scalar, x: Sequence[Scalar], p: Sequence[Scalar], functions: Functions) -> list[Scalar]:
-    """f of ``rolling_ball_ode_f`` with m_i = r = g = 1 and no force."""
-    theta, thetadot, q, Omega = x[:BALL_MASSES], x[BALL_MASSES:Q], x[Q : Q + 4], x[Q + 4 : Q + 7]
-    u = push(t, p)
-    Lambda = rotation_matrix(q)
-    kappa = angular_acceleration(theta, thetadot, u, Omega, Lambda[2], functions)
-    omega1, omega2 = dot(Lambda[0], Omega), dot(Lambda[1], Omega)
-    return [*thetadot, *[u] * BALL_MASSES, *versor_rate(q, Omega), *kappa, omega2, -omega1]
+def ball_equations(numbers: BallNumbers) -> Rates:
+    """f of ``rolling_ball_ode_f`` for x = (θ, θ̇, q, Ω, z), with r = g = 1 and no force."""
+    n = len(numbers.u)
+
+    def rates(t: Scalar, x: Sequence[Scalar], p: Sequence[Scalar], functions: Functions) -> list[Scalar]:
+        theta, thetadot, q, Omega = x[:n], x[n : 2 * n], x[2 * n : 2 * n + 4], x[2 * n + 4 : 2 * n + 7]
+        u, Lambda = push(t, p), rotation_matrix(q)
+        masses = [(numbers.zeta0, cross(Omega, cross(Omega, numbers.zeta0)))]  # the shell's, at rest in the body
+        for u_i, v_i, theta_i, w in zip(numbers.u, numbers.v, theta, thetadot, strict=True):
+            c, s = functions.cos(theta_i), functions.sin(theta_i)
+            zeta, slope = add(scale(c, u_i), scale(s, v_i)), add(scale(c, v_i), scale(-s, u_i))
+            along = add(scale(u, slope), scale(-(w * w), zeta))
+            twice_velocity = scale(2.0 * w, slope)
+            masses.append((zeta, add(cross(Omega, add(cross(Omega, zeta), twice_velocity)), along)))
+        kappa = angular_acceleration(numbers, masses, Omega, Lambda[2])
+        omega1, omega2 = dot(Lambda[0], Omega), dot(Lambda[1], Omega)
+        return [*thetadot, *[u] * n, *versor_rate(q, Omega), *kappa, omega2, -omega1]
+
+    return rates
 
 
 def angular_acceleration(
-    theta: Sequence[Scalar], thetadot: Sequence[Scalar], u: Scalar, Omega: Triple, Gamma: Triple, functions: Functions
+    numbers: BallNumbers, masses: Sequence[tuple[Triple, Triple]], Omega: Triple, Gamma: Triple
 ) -> Triple:
-    """κ of ``eq_ball_kappa``: the matrix is its negative, so the sign of the torque is too."""
-    d1, d2, d3 = INERTIA
-    d_Omega = (d1 * Omega[0], d2 * Omega[1], d3 * Omega[2])
-    # The shell's own centre of mass is at rest in the body.
-    masses: list[tuple[Triple, Triple]] = [(OFFSET, cross(Omega, cross(Omega, OFFSET)))]
-    for (n, b), r_i, theta_i, w in zip(RAILS, paper.BALL_RAIL_RADII, theta, thetadot, strict=True):
-        c, s = r_i * functions.cos(theta_i), r_i * functions.sin(theta_i)
-        zeta = add(scale(c, n), scale(s, b))
-        slope = add(scale(c, b), scale(-s, n))
-        twice_velocity = scale(2.0 * w, slope)
-        along = add(scale(u, slope), scale(-(w * w), zeta))
-        masses.append((zeta, add(cross(Omega, add(cross(Omega, zeta), twice_velocity)), along)))
-    torque, B = cross(Omega, d_Omega), (d1, d2, d3, 0.0, 0.0, 0.0)
-    for zeta, acceleration in masses:
+    """κ of ``eq_ball_kappa``, from ζ and the relative acceleration of every mass.
+
+    The matrix is the negative of the paper's, so the sign of the torque is too.
+    """
+    torque = cross(Omega, [d * part for d, part in zip(numbers.d, Omega, strict=True)])
+    B = [*numbers.d, 0.0, 0.0, 0.0]
+    for m, (zeta, acceleration) in zip(numbers.m, masses, strict=True):
         s = add(Gamma, zeta)
-        torque = add(torque, cross(s, add(Gamma, acceleration)))
-        squares = [part * part for part in s]
-        B = (
-            B[0] + (squares[1] + squares[2]),
-            B[1] + (squares[0] + squares[2]),
-            B[2] + (squares[0] + squares[1]),
-            B[3] - s[0] * s[1],
-            B[4] - s[0] * s[2],
-            B[5] - s[1] * s[2],
-        )
+        torque = add(torque, scale(m, cross(s, add(Gamma, acceleration))))
+        x, y, z = (part * part for part in s)
+        B = [
+            *(entry + m * part for entry, part in zip(B[:3], (y + z, x + z, x + y), strict=True)),
+            *(entry - m * s[i] * s[j] for entry, (i, j) in zip(B[3:], ((0, 1), (0, 2), (1, 2)), strict=True)),
+        ]
     return solve_symmetric(B, scale(-1.0, torque))
 
 
@@ -171,11 +191,6 @@ def rotation_matrix(q: Sequence[Scalar]) -> tuple[Triple, Triple, Triple]:
     )
 
 
-def ball_form() -> Form:
-    """jaxball's own form, with exact θ(t)."""
-    return own_form(paper.ball(), BallState(), whole)
-
-
 def whole(end: BallState) -> Float[np.ndarray, "15"]:
     """The problem's state from jaxball's state at the end."""
     return np.array([*BALL.exact[:Q], *end.q, *end.Omega, *end.z])
@@ -187,13 +202,13 @@ BALL = Problem(
     source="Putkaradze & Rogers (2018), section 5; the 30-digit reference of jaxball.paper.reference",
     pieces=PIECES,
     initial=(*paper.BALL_THETA, *[0.0] * BALL_MASSES, 1.0, 0.0, 0.0, 0.0, *[0.0] * 5),
-    rates=ball_rates,
+    rates=ball_equations(PAPER),
     exact=tuple(map(float, reference.ball().values[-1])),
     measured=tuple(range(Q, Q + 9)),
     relative=False,
     stiff=False,
     atol_over_rtol=1.0,
-    form=ball_form,
+    form=lambda: own_form(paper.ball(), BallState(), whole),
 )
 
 
@@ -204,11 +219,6 @@ def norm_excess(x: Sequence[Scalar]) -> Scalar:
     """|q|² − 1."""
     q = x[Q : Q + 4]
     return q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0
-
-
-def dae_form() -> Form:
-    """jaxball's own form, which chooses the algebraic component at each step."""
-    return own_dae_form(paper.ball(), BallState(), whole)
 
 
 BALL_DAE = dataclasses.replace(
@@ -223,7 +233,7 @@ BALL_DAE = dataclasses.replace(
         Piece(12.5, COAST.end, COAST.parameters, algebraic=Q),
     ),
     constraint=norm_excess,
-    form=dae_form,
+    form=lambda: own_dae_form(paper.ball(), BallState(), whole),
 )
 BALL_DAE_PAPER = dataclasses.replace(
     BALL_DAE,
@@ -240,12 +250,7 @@ SIGNS = tuple((-1.0) ** i for i in range(1, DISK_MASSES + 1))
 
 def disk_rates(t: Scalar, x: Sequence[Scalar], p: Sequence[Scalar], functions: Functions) -> list[Scalar]:
     """ẋ of ``eq_rdisk_dynamics`` with m_i = r = g = d_2 = 1 and ζ_0 = 0."""
-    theta, thetadot, phi, phidot = (
-        x[:DISK_MASSES],
-        x[DISK_MASSES : 2 * DISK_MASSES],
-        x[2 * DISK_MASSES],
-        x[2 * DISK_MASSES + 1],
-    )
+    theta, thetadot, (phi, phidot) = x[:DISK_MASSES], x[DISK_MASSES : 2 * DISK_MASSES], x[2 * DISK_MASSES :]
     u = push(t, p)
     thetaddot = [sign * u for sign in SIGNS]
     s, c = functions.sin(phi), functions.cos(phi)
@@ -268,11 +273,9 @@ def disk_rates(t: Scalar, x: Sequence[Scalar], p: Sequence[Scalar], functions: F
     return [*thetadot, *thetaddot, phidot, K / inertia]  # eqmo_chap_disk_4
 
 
-def disk_form() -> Form:
-    """jaxball's own form, with exact θ(t)."""
-    return own_form(
-        paper.disk(), DiskState(), lambda end: np.array([*DISK.exact[: 2 * DISK_MASSES], end.phi, end.phidot])
-    )
+def whole_of_disk(end: DiskState) -> Float[np.ndarray, " state"]:
+    """The problem's state from jaxball's state at the end."""
+    return np.array([*DISK.exact[: 2 * DISK_MASSES], end.phi, end.phidot])
 
 
 DISK = Problem(
@@ -287,5 +290,5 @@ DISK = Problem(
     relative=False,
     stiff=False,
     atol_over_rtol=1.0,
-    form=disk_form,
+    form=lambda: own_form(paper.disk(), DiskState(), whole_of_disk),
 )

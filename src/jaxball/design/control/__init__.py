@@ -1,14 +1,13 @@
 """Optimal control: motions of the masses found by direct collocation, with schedules of any shape.
 
-A ``problem``, such as that of a body ``rolling`` with its ``inputs``, becomes the equations of ``collocation``, with
-the ``terms`` of each node. From a ``guess``, on a mesh that is refined, ``homotopy`` leads to a ``solution``, whose
-path gives the ``schedules`` of the masses. ``solve`` serves the command line.
+A ``problem``, such as that of a body ``rolling`` with its ``inputs``, becomes the equations of ``collocation``. From a
+``guess``, on a mesh that is refined, ``solve`` leads to a ``solution``, whose path gives the ``schedules`` of the
+masses.
 """
 
 from ...interface.names import interface as _interface
 from .collocation import Collocation as Collocation, Unknowns as Unknowns
 from .guess import rolling_along as rolling_along
-from .homotopy import at_rest as at_rest, continued as continued, sharpened as sharpened, started as started
 from .problem import AbstractControlProblem as AbstractControlProblem, Path as Path
 from .rolling import Rolling as Rolling, between as between
 from .schedules import (
@@ -30,5 +29,6 @@ from .solution import (
     solved as solved,
     violations as violations,
 )
+from .solve import at_rest as at_rest, continued as continued, sharpened as sharpened, started as started
 
 __all__, __dir__ = _interface(globals())

@@ -19,7 +19,7 @@ from ...physics.momentum import contact_momentum, contact_momentum_rate
 from ...physics.state import BallState, DiskState
 from ...solvers.tableau import gauss
 from ..objectives import FollowTrajectory
-from ..problem.variables import DesignError
+from ..problem.space import DesignError
 from .problem import Path
 from .rolling import Rolling
 

@@ -20,7 +20,7 @@ from ...physics.signals import AbstractSignal, ConstantSignal
 from ...physics.state import BallState, DiskState, State
 from ..problem.requirements import AbstractRunningConstraint
 from ..problem.run import Run
-from ..problem.variables import DesignError
+from ..problem.space import DesignError
 from .problem import VIOLATION
 
 MOTOR_LIMITS = "motor-limits"

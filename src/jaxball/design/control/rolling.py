@@ -22,7 +22,7 @@ from ...physics.state import BallState, DiskState
 from ..objectives import FollowTrajectory
 from ..problem.requirements import AbstractRunningConstraint, AbstractRunningObjective, require_reachable
 from ..problem.run import Run
-from ..problem.variables import DesignError
+from ..problem.space import DesignError
 from .inputs import MotorIndex, inputs, motor_limits, with_free_joints, with_inputs, with_schedules
 from .problem import AbstractControlProblem
 
@@ -205,13 +205,9 @@ def rolling(problem: AbstractControlProblem) -> Rolling:
 
 
 def between(ends: tuple[Rolling, Rolling], share: Float[Array, ""]) -> Rolling:
-    """A problem between two others: all numbers are interpolated linearly, and positive weights geometrically.
+    """A problem between two ``ends``: all numbers are interpolated linearly, and positive weights geometrically.
 
     From the first at ``share`` 0 to the second at 1. Both must be of the same structure.
-
-    **Arguments:**
-
-    - ``ends``: both problems.
     """
     first, second = ends
     mixed = jax.tree.map(lambda a, b: a + share * (b - a) if eqx.is_inexact_array(a) else a, first, second)

@@ -23,13 +23,9 @@ from .solution import PLACES, Solution
 
 
 def schedules_of(solution: Solution) -> list[PiecewiseAcceleration]:
-    """θ(t) of the accelerated coordinates, masses first and then joints.
+    """θ(t) of the accelerated coordinates of a ``solution`` of a :class:`Rolling`, masses first and then joints.
 
     θ̈ is the polynomial u on each interval, so that at the knots θ and θ̇ are the solution's.
-
-    **Arguments:**
-
-    - ``solution``: a :class:`Solution` of a :class:`Rolling`.
     """
     problem, mesh = rolling(solution.problem), solution.path.mesh
     places = np.asarray(problem.system.accelerated, dtype=int)
@@ -42,11 +38,9 @@ def schedules_of(solution: Solution) -> list[PiecewiseAcceleration]:
 
 
 def signals_of(solution: Solution) -> list[PiecewiseSignal]:
-    """Q(t) of each motor: the polynomial u on each interval, then, for as long again, the values of :func:`holding`.
+    """Q(t) of each motor in a ``solution`` of a :class:`Rolling`.
 
-    **Arguments:**
-
-    - ``solution``: a :class:`Solution` of a :class:`Rolling`.
+    It is the polynomial u on each interval, then, for as long again, the values of :func:`holding`.
     """
     first, mesh = len(rolling(solution.problem).system.accelerated), solution.path.mesh
     times = np.append(mesh, 2 * mesh[-1] - mesh[0])
@@ -58,12 +52,7 @@ def signals_of(solution: Solution) -> list[PiecewiseSignal]:
 
 
 def holding(solution: Solution) -> Float[np.ndarray, " motors"]:
-    """The force or torque of each motor that holds the robot at rest in its final configuration.
-
-    **Arguments:**
-
-    - ``solution``: a :class:`Solution` of a :class:`Rolling`.
-    """
+    """The force or torque of each motor that holds the robot at the end of a ``solution`` of a :class:`Rolling`."""
     problem = rolling(solution.problem)
     return np.asarray(_holding(problem, jnp.asarray(solution.path.knots[-1])))
 
@@ -82,12 +71,7 @@ def _polynomials(solution: Solution) -> Float[np.ndarray, "m N s"]:
 
 
 def system_of(solution: Solution) -> System:
-    """The robot with the motion of a solution.
-
-    **Arguments:**
-
-    - ``solution``: a :class:`Solution` of a :class:`Rolling`.
-    """
+    """The robot with the motion of a ``solution`` of a :class:`Rolling`."""
     return rolling(solution.problem).with_schedules(schedules_of(solution), signals_of(solution))
 
 
@@ -175,12 +159,9 @@ def _violations(run: Run, constraints: dict[str, AbstractRunningConstraint]) -> 
 
 
 def places(solution: Solution, times: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k *d"]:
-    """The position of the geometric centre in a solution: (z1, z2) for a ball, z for a disk.
+    """The position of the geometric centre at ``times``, shape (k,), in a ``solution`` of a :class:`Rolling`.
 
-    **Arguments:**
-
-    - ``solution``: a :class:`Solution` of a :class:`Rolling`.
-    - ``times``: shape (k,).
+    It is (z1, z2) for a ball, z for a disk.
     """
     packing = rolling(solution.problem).packing
     unpacked = jax.jit(jax.vmap(packing.unpack))(jnp.asarray(times), jnp.asarray(solution.path.states(times)))

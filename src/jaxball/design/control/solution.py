@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 
 from ...solvers.tableau import gauss
 from ..continuation import newton, solver
-from ..problem.variables import DesignError
+from ..problem.space import DesignError
 from .collocation import SHARP, Collocation, Unknowns
 from .problem import AbstractControlProblem, Path
 from .rolling import rolling
@@ -70,9 +70,7 @@ def margins(
 def violations(collocation: Collocation, path: Path, parameter: float) -> Float[np.ndarray, " N"]:
     """The largest violation of an inequality in each interval, between the nodes too; 0 where all hold.
 
-    **Arguments:**
-
-    - ``collocation``, ``path``, ``parameter``: the equations, states and controls, and λ.
+    ``path`` has states and controls of ``collocation``, and ``parameter`` is λ.
     """
     times = path.within(PLACES)
     values = margins(collocation, path, np.ravel(times), parameter)
@@ -80,11 +78,9 @@ def violations(collocation: Collocation, path: Path, parameter: float) -> Float[
 
 
 def means(solution: Solution) -> dict[str, float]:
-    """The mean of each objective's integrand over the run, by the weights of Gauss, without its weight.
+    """The mean of each objective's integrand over the run of a ``solution`` of a :class:`Rolling`, without its weight.
 
-    **Arguments:**
-
-    - ``solution``: a :class:`Solution` of a :class:`Rolling`.
+    It is that by the weights of Gauss.
     """
     rolling(solution.problem)
     collocation = solution.collocation
@@ -93,17 +89,13 @@ def means(solution: Solution) -> dict[str, float]:
 
 
 def least_curvature(solution: Solution) -> float:
-    """The smallest eigenvalue of the Lagrangian's second derivative along controls that keep all conditions.
+    """The smallest eigenvalue of the Lagrangian's second derivative of a ``solution`` by controls that keep conditions.
 
     Inequalities count with the curvature of their barrier. Where the barrier is small, only changes along active
     constraints matter, because changes across them are costly.
 
     Controls have the norm (1/T ∫ |u|² dt)^½, so that it does not depend on the mesh: where the cost is w |u|² only, it
     is 2 w. A solution with a positive curvature is a strict local minimum.
-
-    **Arguments:**
-
-    - ``solution``: a :class:`Solution` of a :class:`Rolling`.
     """
     collocation = solution.collocation
     places, count = collocation.places, collocation.unconstrained
@@ -200,9 +192,7 @@ def newton_from(
 def mesh_errors(collocation: Collocation, y: Float[np.ndarray, " size"], parameter: float) -> Float[np.ndarray, " N"]:
     """For each interval, the largest ∫ |ẋ − rate(t, x, u)| dt of a component of the state, over 1 + max |x|.
 
-    **Arguments:**
-
-    - ``collocation``, ``y``, ``parameter``: as in a :class:`Solution`.
+    ``collocation``, ``y`` and ``parameter`` are as in a :class:`Solution`.
     """
     path, quadrature, h = path_of(collocation, y), gauss(collocation.stages + 2), collocation.steps
     times = np.ravel(collocation.mesh[:-1, None] + h[:, None] * quadrature.c)

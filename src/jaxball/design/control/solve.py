@@ -1,18 +1,197 @@
-"""How ``jaxball design`` solves a problem of optimal control."""
+"""How a problem of optimal control is solved: from a guess, by continuation in weights, and in the barrier."""
 
+import math
 import time
 from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
-from ..problem.variables import DesignError
-from .collocation import SHARP
-from .homotopy import Guess, continued, sharpened, started
-from .rolling import Rolling, rolling
+from ..continuation import Branch, follow, newton
+from ..problem.space import DesignError
+from .collocation import BARRIER, SHARP, Collocation
+from .guess import driving
+from .problem import VIOLATION, Path
+from .rolling import Rolling, between, rolling
 from .schedules import Resimulated, resimulated
-from .solution import Solution, least_curvature, means, violations
+from .solution import Solution, finer_mesh, least_curvature, means, mesh_errors, newton_from, solved, violations
+
+# Steps in the homotopy parameter, from 0 to 1.
+FIRST_STEP, LONGEST_STEP = 0.05, 0.2
+# A branch that turns may go back past its start and still reach its end, but seldom from far away.
+WITHIN = (-0.5, 1.5)
+# The initial barrier on a finer mesh, and its factors: at first, and where it can fall no further.
+AGAIN, STEP, SHORTEST_STEP = 1e-4, 0.1, 0.95
+MOST_ROUNDS = 12
+
+Guess = Callable[[Rolling, Float[np.ndarray, " N_plus_one"], int], Path]
+
+
+def at_rest(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stages: int = 3) -> Path:
+    """The path on which nothing moves, with the controls that keep the body as close to rest as possible.
+
+    **Arguments:**
+
+    - ``problem``: what is to be solved.
+    - ``mesh``: times, the start first and the end last, shape (N + 1,).
+    - ``stages``: how many nodes of Gauss an interval has.
+    """
+    initial = np.asarray(problem.initial)
+    shape = (len(mesh) - 1, stages)
+    u = driving(problem, mesh[:1], initial[None], np.zeros((1, initial.size)))[0]
+    return Path(
+        mesh,
+        np.tile(initial, (len(mesh), 1)),
+        np.tile(initial, (*shape, 1)),
+        np.tile(u, (*shape, 1)),
+    )
+
+
+def started(
+    problem: Rolling,
+    mesh: Float[np.ndarray, " N_plus_one"],
+    stages: int = 3,
+    tolerance: float = 1e-6,
+    guess: Guess = at_rest,
+    barrier: float = BARRIER,
+) -> Solution:
+    """The solution to which Newton's method converges from a ``guess``.
+
+    From rest it converges to small motions; for others, start from :func:`rolling_along` the desired path. The
+    ``barrier`` keeps the solution away from constraints, until :func:`sharpened` lets it approach them.
+
+    **Arguments:**
+
+    - ``problem``: what is to be solved.
+    - ``mesh``: times, the start first and the end last, shape (N + 1,).
+    - ``stages``: how many nodes of Gauss an interval has.
+    - ``tolerance``: the largest error of an interval of the mesh.
+
+    **Raises:** :class:`~jaxball.design.DesignError` where it does not converge.
+    """
+    collocation = Collocation((problem, problem), mesh, stages, between, barrier)
+    return solved(collocation, guess(problem, mesh, stages), 0.0, tolerance)
+
+
+def continued(
+    solution: Solution,
+    problem: Rolling,
+    tolerance: float = 1e-6,
+    visit: Callable[[Solution], None] = lambda solution: None,
+) -> tuple[Branch, Solution]:
+    """The solution of ``problem`` at the end of the branch that begins with ``solution``, on a fine enough mesh.
+
+    With constraints, :func:`sharpened` refines the mesh, after the barrier has fallen.
+
+    The parameter of the branch goes from 0 at one problem to 1 at the other, as in :func:`between`.
+
+    **Arguments:**
+
+    - ``tolerance``: the largest error of an interval of the mesh.
+    - ``visit``: called with each solution on the way.
+
+    **Raises:** :class:`~jaxball.design.DesignError` where the branch does not reach its end, or where Newton's method
+    finds no solution on a finer mesh.
+    """
+    before = solution.collocation
+    collocation = Collocation((solution.problem, problem), before.mesh, before.stages, between, before.barrier)
+    knots = np.ravel(collocation.places.knots)
+    weights = np.zeros(collocation.size)
+    weights[knots] = 1 / knots.size
+    branch = follow(
+        collocation,
+        solution.y,
+        0.0,
+        1.0,
+        step=FIRST_STEP,
+        longest=LONGEST_STEP,
+        within=WITHIN,
+        weights=weights,
+        visit=lambda y, share: visit(Solution(collocation, y, share, np.zeros(0))),
+    )
+    last = Solution(collocation, branch.y[-1], float(branch.parameter[-1]), np.zeros(0))
+    if branch.ended != "end":
+        raise DesignError(
+            f"The branch must lead to the problem, but it ends after {last.parameter:.3g} of the way ({branch.ended}, "
+            f"with {len(branch.folds)} turning points); use smaller steps, a finer mesh, or another path."
+        )
+    errors = mesh_errors(collocation, last.y, 1.0)
+    if np.max(errors) <= tolerance or collocation.inequalities:
+        return branch, last._replace(errors=errors)
+    return branch, solved(collocation, last.path, 1.0, tolerance)
+
+
+def sharpened(
+    solution: Solution,
+    barrier: float = SHARP,
+    tolerance: float = 1e-6,
+    violation: float = VIOLATION,
+    visit: Callable[[Solution], None] = lambda solution: None,
+) -> Solution:
+    """The solution with a small barrier, on meshes refined until its inequalities hold between the nodes as well.
+
+    Where Newton's method finds none on a finer mesh, it is the last one found, as its errors and violations show.
+
+    The barrier falls in steps, each solved by Newton's method from the solution before. In a convex problem the cost
+    then exceeds the minimum by at most µ for each inequality (Boyd & Vandenberghe, Convex Optimization, section
+    11.2.2).
+
+    **Arguments:**
+
+    - ``solution``: a :class:`Solution` of a :class:`Rolling`.
+    - ``barrier``: µ at the end.
+    - ``tolerance``: of :func:`mesh_errors`; ``violation``: of :func:`violations`.
+    - ``visit``: called with the solution on each mesh.
+
+    **Raises:** :class:`~jaxball.design.DesignError` where the barrier cannot be lowered.
+    """
+    collocation, y, parameter, sharp = solution.collocation, solution.y, solution.parameter, solution
+    if not collocation.inequalities:
+        return solution
+    for _ in range(MOST_ROUNDS):
+        try:
+            collocation, y = _lower_barrier(collocation, y, parameter, barrier)
+        except DesignError:
+            if sharp is solution:
+                raise
+            break
+        errors = mesh_errors(collocation, y, parameter)
+        sharp = Solution(collocation, y, parameter, errors)
+        visit(sharp)
+        excess = np.maximum(errors / tolerance, violations(collocation, sharp.path, parameter) / violation)
+        if np.max(excess) <= 1:
+            break
+        finer = finer_mesh(collocation.mesh, excess, 1.0, collocation.stages + 1)
+        try:
+            collocation, y = newton_from(collocation.changed(finer, max(barrier, AGAIN)), sharp.path, parameter)
+        except DesignError:
+            break
+    return sharp
+
+
+def _lower_barrier(
+    collocation: Collocation, y: Float[np.ndarray, " size"], parameter: float, barrier: float
+) -> tuple[Collocation, Float[np.ndarray, " size"]]:
+    """The solution with a smaller barrier, by steps that become shorter where Newton's method fails."""
+    step = STEP
+    while collocation.barrier > barrier:
+        lower = collocation.changed(barrier=max(barrier, step * collocation.barrier))
+        try:
+            y = newton(lower, y, parameter)
+        except DesignError:
+            step = math.sqrt(step)
+            if step > SHORTEST_STEP:
+                raise DesignError(
+                    f"The barrier must fall to {barrier:g}, but below {collocation.barrier:.2g} Newton's method finds "
+                    "no solution; check whether the inequalities leave one, or start with more intervals or a smaller "
+                    "barrier."
+                ) from None
+            continue
+        collocation = lower
+    return collocation, y
+
 
 # The allowed error of a simulation, in units of the mesh's tolerance.
 NEAR = 10.0

@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ...numerics.arrays import Numbers, numbers, require_shape, to_array
 from ...numerics.piecewise import PiecewisePolynomial, clamped_cubic_spline
-from .variables import DesignError
+from .space import DesignError
 
 SAMPLES = 200
 
@@ -26,34 +26,25 @@ Converter = Callable[[Numbers], Float[Array, "..."]]
 
 def place(name: str) -> Converter:
     """The converter of a field ``name`` to a position in the plane; a single number z is (z, 0)."""
-
-    def convert(x: Numbers) -> Float[Array, "..."]:
-        z = to_array(x, name)
-        z = z if z.ndim else jnp.stack([z, jnp.zeros_like(z)])
-        require_shape(name, z, (2,))
-        return z
-
-    return convert
+    return _converter(name, lambda z: z if z.ndim else jnp.stack([z, jnp.zeros_like(z)]), (2,))
 
 
 def places(name: str) -> Converter:
     """The converter of a field ``name`` to positions in the plane, a row each; single numbers z are (z, 0)."""
-
-    def convert(x: Numbers) -> Float[Array, "..."]:
-        z = to_array(x, name)
-        z = jnp.stack([z, jnp.zeros_like(z)], axis=1) if z.ndim == 1 else z
-        require_shape(name, z, ("n", 2))
-        return z
-
-    return convert
+    return _converter(name, lambda z: jnp.stack([z, jnp.zeros_like(z)], axis=1) if z.ndim == 1 else z, ("n", 2))
 
 
 def corner(name: str) -> Converter:
     """The converter of a field ``name`` to a bound of positions: two numbers, or one for a disk."""
+    return _converter(name, jnp.atleast_1d, (2,), (1,))
+
+
+def _converter(name: str, changed: Callable[[Array], Array], *shapes: tuple[int | str, ...]) -> Converter:
+    """To one of the ``shapes``, of which errors name the first."""
 
     def convert(x: Numbers) -> Float[Array, "..."]:
-        z = jnp.atleast_1d(to_array(x, name))
-        require_shape(name, z, (1,) if z.size == 1 else (2,))
+        z = changed(to_array(x, name))
+        require_shape(name, z, z.shape if z.shape in shapes else shapes[0])
         return z
 
     return convert

@@ -16,8 +16,7 @@ from ...physics.body import Disk, System
 from ...scenario.solvers import SOLVERS
 from .requirements import AbstractConstraint, AbstractObjective, require_reachable
 from .run import RAIL_SAMPLES, Run, Solve, run_of
-from .space import Candidate, DesignSpace
-from .variables import DesignError
+from .space import Candidate, DesignError, DesignSpace
 
 
 class Errors(NamedTuple):

@@ -1,17 +1,18 @@
 """The contracts of objectives and constraints."""
 
 import abc
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PyTree
 
+from ...interface.arguments import require_callable
 from ...numerics.arrays import numbers
 from ...physics.body import Disk
 from ...physics.system import AbstractSystem
 from .run import Run
-from .variables import DesignError
+from .space import DesignError
 
 
 class Requirement(eqx.Module):
@@ -20,6 +21,16 @@ class Requirement(eqx.Module):
     def unreachable_by_disk(self) -> str:
         """What it requires that a disk, which rolls along e1 and turns about e2, cannot do; empty if nothing."""
         return ""
+
+
+class OfFunction(Requirement):
+    """A requirement by a user's function of (run, parameters)."""
+
+    function: Callable[[Run, PyTree], Float[Array, "..."]] = eqx.field(static=True)
+    parameters: PyTree = None
+
+    def __check_init__(self):
+        require_callable("function", self.function, "run", "parameters")
 
 
 class AbstractObjective(Requirement):

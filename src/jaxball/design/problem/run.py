@@ -1,6 +1,7 @@
 """A simulated candidate, the argument of objectives and constraints."""
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import diffrax
 import equinox as eqx
@@ -98,34 +99,33 @@ class Run(eqx.Module):
         """The unit of times, √(r/g)."""
         return jnp.sqrt(self.length / jnp.abs(self.system.gravity))
 
+    def _each(self, function: Callable[[System, Any, Any], Any]) -> Any:
+        """A function of the prepared system, a time and the state then, at all times."""
+        prepared = self.system.prepare()
+        return jax.vmap(lambda t, x: function(prepared, t, x))(self._times, self.state)
+
     @property
     def observables(self) -> Observables:
         """Positions, energies and forces."""
-        prepared = self.system.prepare()
-        return jax.vmap(lambda t, x: observe(prepared, t, x))(self._times, self.state)
+        return self._each(observe)
 
     @property
     def masses(self) -> Kinematics:
         """χ, χ̇ and χ̈ of the masses, each of shape (t, n, 3)."""
-        prepared = self.system.prepare()
-
-        def one(t, x):
-            return kinematics(prepared, t, accelerations(prepared, t, x).angles)
-
-        return jax.vmap(one)(self._times, self.state)
+        return self._each(lambda system, t, x: kinematics(system, t, accelerations(system, t, x).angles))
 
     @property
     def forces(self) -> Float[Array, "t n 3"]:
         """m (a + γ), the force that each mass needs from what carries it, in body axes; γ is gΓ on a level plane."""
-        prepared, m = self.system.prepare(), point_mass_values(self.system)
+        m = point_mass_values(self.system)
 
-        def one(t, x):
-            found, acting = accelerations(prepared, t, x), load(prepared, t, x)
-            masses = kinematics(prepared, t, found.angles)
-            a = accelerations_of_masses(prepared.radius, masses, x.Omega, found.Omegadot, x.Gamma)
+        def one(system, t, x):
+            found, acting = accelerations(system, t, x), load(system, t, x)
+            masses = kinematics(system, t, found.angles)
+            a = accelerations_of_masses(system.radius, masses, x.Omega, found.Omegadot, x.Gamma)
             return m[:, None] * (a + acting.weight[None])
 
-        return jax.vmap(one)(self._times, self.state)
+        return self._each(one)
 
     @property
     def forces_along(self) -> Float[Array, "t n"]:
@@ -137,13 +137,12 @@ class Run(eqx.Module):
         """Q of every joint of the mechanisms; where all are free, computed without the motion's accelerations."""
         if any(mechanism.n_joints > len(mechanism.free) for mechanism in self.system.mechanisms):
             return self.observables.joint_efforts
-        prepared = self.system.prepare()
 
-        def one(t, x):
-            links = linkages(prepared, t, (x.theta, x.thetadot, x.thetadot))
-            return joined(x.theta, links, joint_forces(t, x, links))[len(prepared.driven) :]
+        def one(system, t, x):
+            links = linkages(system, t, (x.theta, x.thetadot, x.thetadot))
+            return joined(x.theta, links, joint_forces(t, x, links))[len(system.driven) :]
 
-        return jax.vmap(one)(self._times, self.state)
+        return self._each(one)
 
     @property
     def effort_units(self) -> Float[Array, " joints"]:
@@ -154,8 +153,7 @@ class Run(eqx.Module):
     @property
     def on_rails(self) -> OnRails:
         """θ and its rates."""
-        prepared = self.system.prepare()
-        return jax.vmap(lambda t, x: _on_rails(prepared, t, x))(self._times, self.state)
+        return self._each(_on_rails)
 
     @property
     def curves(self) -> Curves:

@@ -1,6 +1,6 @@
 """The search for a design: a nonlinear program, and the methods that minimise it over its unknowns y.
 
-``program`` defines what is solved, with its Lagrangian's derivatives, which ``check`` compares with others, and
-``shooting`` makes one from a problem. ``minimise`` has the methods, ``optimise`` applies them and saves the progress.
-``design`` leads from the check to a design that ``verify`` has evaluated by other means.
+``program`` defines what is solved, with its Lagrangian's derivatives, and makes one from a problem. ``optimise`` has
+the methods and saves the progress. ``design`` leads from a check of the gradient to a design that ``verify`` has
+evaluated by other means.
 """

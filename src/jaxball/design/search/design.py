@@ -5,18 +5,15 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 import tomli_w
 from jaxtyping import Float
 
 from ...interface.output import write_text
 from ..problem.problem import Evaluation, Problem
-from .check import GradientCheck, check_gradient, require_good
 from .optimise import Merit, Optimiser, Progress, load_progress, save_progress
-from .program import Settings
-from .shooting import Shooting
-from .verify import Verified, as_built, perturbed, verify
+from .program import Settings, Shooting
+from .verify import GradientCheck, Verified, as_built, check_gradient, perturbed, require_good, verify
 
 PROGRESS, SCENARIO = "progress.npz", "design.toml"
 TIGHTENINGS = 3
@@ -130,7 +127,7 @@ def design(
         say(f"between the samples constraints are violated by {verified.violation:.2e}: tightened")
         progress = optimiser.tighten(progress, program.layout.spread(excess))
     before = verify(problem, problem.space.start).designed
-    numbers = np.asarray(problem.space.numbers(jnp.asarray(y)))
+    numbers = problem.space.values(y)
     built = perturbed(problem, y, as_built(problem))
     progress.elapsed = time.perf_counter() - began
     if folder is not None:
@@ -160,7 +157,7 @@ def save(program: Shooting, progress: Progress, folder: Path, identity: str) -> 
     folder.mkdir(parents=True, exist_ok=True)
     save_progress(progress, folder / PROGRESS, identity)
     space = program.problem.space
-    numbers = np.asarray(space.numbers(jnp.asarray(program.design(progress.best))))
+    numbers = space.values(program.design(progress.best))
     write_text(folder / SCENARIO, tomli_w.dumps(space.document_of(numbers)))
 
 

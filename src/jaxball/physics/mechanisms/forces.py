@@ -2,11 +2,11 @@
 
 import abc
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Array, Float
 
 from ...interface.arguments import require, require_callable, require_flags, require_value, traceable
 from ...interface.printing import Printed
@@ -21,6 +21,7 @@ from ...numerics.arrays import (
     to_array,
 )
 from ..conditions import Condition
+from ..functions import OfKinkedFunction
 from ..schedules import AbstractSchedule
 from ..signals import AbstractIntegrableSignal, AbstractSignal, PiecewiseSignal, as_signal
 from ..state import State
@@ -364,7 +365,7 @@ class EndStops(AbstractJointForce):
         yield _not_negative(f"{name}.damping", self.damping, "0 or positive")
 
 
-class FunctionJointForce(AbstractJointForce):
+class FunctionJointForce(OfKinkedFunction, AbstractJointForce):
     """Q = function(t, theta, thetadot, state, parameters), for any function that JAX can trace.
 
     ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again. It may depend
@@ -387,10 +388,6 @@ class FunctionJointForce(AbstractJointForce):
     -2.0
     """
 
-    function: Callable[..., Float[Array, ""]] = eqx.field(static=True)
-    parameters: PyTree = None
-    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=numbers("kink_times", ("kinks",)), default=())
-
     def __check_init__(self):
         require_callable("function", self.function, "t", "theta", "thetadot", "state", "parameters")
 
@@ -399,9 +396,6 @@ class FunctionJointForce(AbstractJointForce):
             force = self.function(t, theta, thetadot, state, self.parameters)
         require_value("function", force, ())
         return force
-
-    def kinks(self) -> Float[Array, " kinks"]:
-        return self.kink_times
 
 
 def _limited(force: Float[Array, ""], limit: Float[Array, ""] | None) -> Float[Array, ""]:

@@ -19,9 +19,9 @@ from numpy.polynomial import legendre
 
 from ...compat import unvmap_any
 from ..interpolation import CollocationPolynomial
-from ..projection import Projected
 from ..stages import combine
 from ..tableau import integrals
+from ..wrapping import Projected
 
 # The orders of diffrax's interpolants; for other methods, of the cubic with the values and slopes at the ends.
 ORDERS: dict[Any, int] = {
