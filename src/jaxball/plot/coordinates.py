@@ -18,7 +18,7 @@ from ..physics.motion import Driven, OnRail
 from ..physics.rails import AbstractRail, FunctionRail, Tube
 from ..simulation.trajectory import Trajectory, times_looked_at
 from .modes import draw_modes, modes_of
-from .over_time import Series, over_time, sizes_of, tell_apart
+from .over_time import Series, over_run, sizes_of, tell_apart
 from .palette import INK, mass_look
 from .record import drawn_run, finite_rows, record, require_one
 from .shapes import grouped
@@ -50,9 +50,7 @@ def mass_angles(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     if not angles:
         raise ValueError("Argument `trajectory` must be of a body with a mass on a rail, whose θ is drawn.")
     series = [Series(values, rf"$\theta_{{{i}}}$", *mass_look(i)) for i, values in angles.items()]
-    times = np.asarray(run.times)[finite_rows(run)]
-    name = rf"$\theta_i${units_of(mass_units(run.system).values())}"
-    return over_time(run.system, times, series, name, ax, modes=modes_of(run), size=1.0)
+    return over_run(run, series, rf"$\theta_i${units_of(mass_units(run.system).values())}", ax, size=1.0)
 
 
 def angles_of(trajectory: Trajectory) -> dict[int, Float[np.ndarray, " T"]]:
@@ -62,7 +60,7 @@ def angles_of(trajectory: Trajectory) -> dict[int, Float[np.ndarray, " T"]]:
     angles = {index + 1: theta[:, slot] for slot, index in enumerate(system.driven)}
     for i, mass in enumerate(system.point_masses, start=1):
         if isinstance(mass.motion, OnRail):
-            angles[i] = np.asarray(_angle(mass.motion.schedule, to_array(times)))
+            angles[i] = np.asarray(_derivatives(mass.motion.schedule, to_array(times))[0])
     return dict(sorted(angles.items()))
 
 
@@ -90,10 +88,20 @@ def units_of(units: Iterable[str]) -> str:
     return f" ({', '.join(known)})" if known else ""
 
 
+def joint_units(system: System) -> str:
+    """The end of an axis label for the coordinates of all joints."""
+    return units_of([unit_of(joint) for one in system.mechanisms for joint in getattr(one, "joints", ())])
+
+
+def joints_of(system: System) -> list[str]:
+    """The joints a = 1 … of the mechanisms j = 1 …, as ``j,a``."""
+    return [f"{j},{a}" for j, one in enumerate(system.mechanisms, 1) for a in range(1, one.n_joints + 1)]
+
+
 @programs.filter_jit
-def _angle(schedule, times):
-    prepared = schedule.prepare()
-    return jax.vmap(lambda t: prepared.derivatives(t)[0])(times)
+def _derivatives(schedule, times):
+    """θ, θ̇ and θ̈ at each time."""
+    return jax.vmap(schedule.prepare().derivatives)(times)
 
 
 def joint_angles(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -107,8 +115,7 @@ def joint_angles(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     ``ax``.
     """
     run = _run(trajectory)
-    units = units_of([unit_of(joint) for one in run.system.mechanisms for joint in getattr(one, "joints", ())])
-    name = rf"$\theta_{{j,a}}${units}"
+    name = rf"$\theta_{{j,a}}${joint_units(run.system)}"
     return _of_joints(run, record(run).observables.joint_angles, r"\theta", name, 1.0, ax)
 
 
@@ -138,17 +145,12 @@ def _run(trajectory: Trajectory) -> Trajectory:
 def _of_joints(
     run: Trajectory, values: Float[np.ndarray, "T joints"], symbol: str, label: str, size: float, ax: Axes | None
 ) -> Axes:
-    joints = [(j, a) for j, one in enumerate(run.system.mechanisms, start=1) for a in range(1, one.n_joints + 1)]
-    series = [Series(values[:, k], rf"${symbol}_{{{j},{a}}}$", *mass_look(k + 1)) for k, (j, a) in enumerate(joints)]
-    return over_time(run.system, record(run).times, series, label, ax, modes=modes_of(run), size=size)
+    names = (f"${symbol}_{{{joint}}}$" for joint in joints_of(run.system))
+    series = [Series(values[:, k], name, *mass_look(k + 1)) for k, name in enumerate(names)]
+    return over_run(run, series, label, ax, size=size)
 
 
-def acceleration(
-    source: Trajectory | System,
-    ax: Axes | None = None,
-    *,
-    times: Numbers | None = None,
-) -> Axes:
+def acceleration(source: Trajectory | System, ax: Axes | None = None, *, times: Numbers | None = None) -> Axes:
     """The magnitudes |θ̈_i| over time, ``fig_abs_ui``; masses with the same curve share a line.
 
     A line that several masses share is black if it is the only one. If all curves end at zero, the time axis ends soon
@@ -210,13 +212,7 @@ def _scheduled(motion: OnRail, times: Float[jax.Array, " T"]) -> Curve:
     kinks = kinks[(kinks > t[0]) & (kinks < end)]
     # With a value just before each kink, a jump is drawn as a jump; a jump at the end is not drawn.
     t = np.unique(np.concatenate([t[:-1], end[None], kinks, np.nextafter(kinks, t.dtype.type(-np.inf))]))
-    return t, np.abs(np.asarray(_second_derivative(motion.schedule, to_array(t))))
-
-
-@programs.filter_jit
-def _second_derivative(schedule, times):
-    prepared = schedule.prepare()
-    return jax.vmap(lambda t: prepared.derivatives(t)[2])(times)
+    return t, np.abs(np.asarray(_derivatives(motion.schedule, to_array(t))[2]))
 
 
 @programs.filter_jit

@@ -14,7 +14,7 @@ from ..classical import RigidBodyState
 from ..physics.body import AbstractBody
 from ..simulation.trajectory import Trajectory
 from ..simulation.variables import symbol, symbol_of
-from .over_time import Series, over_time
+from .over_time import Series, components, over_time
 from .palette import COMPONENTS, DASHED, FAINT, INK, MASSES, SOLID, mass_look
 from .record import finite_rows, require_one
 from .style import SMALL, WIDE, caption, legend_above, linestyle, named, plane_axes, up_to_ticks, zero_line
@@ -41,9 +41,8 @@ def classical_motion(trajectory: Trajectory[Any, Any], ax: Axes | None = None) -
     rows = _rows(trajectory)
     times, state = np.asarray(trajectory.times)[rows], trajectory.state
     if isinstance(state, RigidBodyState):
-        Omega = np.asarray(state.Omega)[rows]
-        series = [Series(Omega[:, j], rf"$\Omega_{j + 1}$", COMPONENTS[j]) for j in range(3)]
-        return over_time(trajectory.system, times, series, r"$\Omega_i$", ax)
+        Omega = components(np.asarray(state.Omega)[rows], r"\Omega")
+        return over_time(trajectory.system, times, Omega, r"$\Omega_i$", ax)
     series = []
     for name, leaf in vars(state).items():
         for k, values in enumerate(np.asarray(leaf).reshape(len(trajectory.times), -1).T):

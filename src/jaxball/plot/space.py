@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -149,9 +150,7 @@ def _positions(system: System, t: Numbers, theta: Numbers) -> Positions:
             f"Argument `theta` must have {counted(len(names), 'entry', 'entries')}, as many as the body's coordinates "
             f"{list(names)}, but its shape is {angles.shape}."
         )
-    masses, shell, whole = map(np.asarray, _evaluate(system, to_array(t), angles))
-    moved = arms(system, np.atleast_1d(np.asarray(t)), np.asarray(angles)[None]) if system.mechanisms else []
-    return Positions(masses, [arm[0] for arm in moved], shell, whole)
+    return Positions(*jax.tree.map(np.asarray, _evaluate(system, to_array(t), angles)))
 
 
 @programs.filter_jit
@@ -159,7 +158,7 @@ def _evaluate(system, t, theta):
     prepared, still = system.prepare(), jnp.zeros_like(theta)
     angles = (theta, still, still)
     at = moments(prepared, t, angles)
-    return kinematics(prepared, t, angles).chi, system.offset, at.p / at.M
+    return kinematics(prepared, t, angles).chi, arms(prepared, t, theta), system.offset, at.p / at.M
 
 
 def body_paths(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -174,7 +173,7 @@ def body_paths(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or an ``ax`` of the wrong kind.
     """
-    times, _, observables = record(trajectory)
+    times, observables = record(trajectory)
     return _paths(trajectory, times, observables.mass_positions_body, observables.centre_of_mass_body, "E", ax)
 
 
@@ -189,7 +188,7 @@ def space_paths(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or an ``ax`` of the wrong kind.
     """
-    times, _, observables = record(trajectory)
+    times, observables = record(trajectory)
     return _paths(trajectory, times, observables.mass_positions_space, observables.centre_of_mass_space, "e", ax)
 
 
@@ -214,7 +213,7 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     >>> ax.get_xlabel(), ax.get_ylabel()
     ('$t$', '$z$')
     """
-    times, _, observables = record(trajectory)
+    times, observables = record(trajectory)
     z = observables.geometric_centre
     if isinstance(trajectory.system, Disk):
         ax = plane_axes(ax, system=trajectory.system)

@@ -19,13 +19,13 @@ from ...physics.moments import velocity_moments
 from ...physics.momentum import contact_momentum
 from ...physics.state import ReducedState
 from ...simulation.trajectory import Trajectory
-from ..coordinates import ANGLE, LENGTH, UNKNOWN, angles_of, mass_units, unit_of, units_of
-from ..floor import Setting, floor_under, place, setting_of
+from ..coordinates import ANGLE, LENGTH, UNKNOWN, angles_of, joint_units, joints_of, mass_units
+from ..floor import Placed, Setting, floor_under, place
 from ..modes import modes_of
 from ..over_time import Sizes, sizes_of, without_rounding
 from ..palette import mass_colour
-from ..record import Record, drawn_run, finite_rows, known_rows, record_to_show, require_one
-from ..shapes import arms_of_run, rails_of
+from ..record import Record, drawn_run, finite_rows, known_rows, record, require_one
+from ..shapes import rails_of
 from ..time_series import height, of_contact, slip_speed
 from .scene import (
     BLUE,
@@ -57,7 +57,7 @@ class Shown(NamedTuple):
 
     trajectory: Trajectory
     run: Record
-    setting: Setting
+    placed: Placed
     angles: dict[int, np.ndarray]  # θ of the masses on rails
 
     @property
@@ -82,8 +82,8 @@ def shown(trajectory: Trajectory[Any, Any]) -> Shown:
         )
     known_rows(trajectory)
     trajectory = drawn_run(trajectory)
-    run = record_to_show(trajectory)
-    return Shown(trajectory, run, setting_of(trajectory.system, run.times), angles_of(trajectory))
+    run = record(trajectory)
+    return Shown(trajectory, run, place(trajectory, run), angles_of(trajectory))
 
 
 def body_document(one: Shown) -> dict[str, Any]:
@@ -105,15 +105,15 @@ def body_document(one: Shown) -> dict[str, Any]:
 
 def body_numbers(one: Shown, plane: float) -> dict[str, Numbers]:
     """The numbers of the body above a plane at ``plane`` below the origin, which may differ from its own radius."""
-    system, run, setting, r = one.system, one.run, one.setting, one.radius
-    placed, seen = place(run, setting), run.observables
+    system, run, placed, r = one.system, one.run, one.placed, one.radius
+    setting, seen = placed.setting, run.observables
     numbers = {
         "time": Numbers(run.times, 0.0),
         "centre": Numbers(placed.centre + (r - plane) * setting.page[:, 2], r),
         "quaternion": Numbers(continuous(Rotation.from_matrix(placed.Lambda).as_quat()), 1.0),
         "masses": Numbers(seen.mass_positions_body, r),
     }
-    numbers |= {f"arms_{j}": Numbers(points, r) for j, points in enumerate(arms_of_run(one.trajectory))}
+    numbers |= {f"arms_{j}": Numbers(points, r) for j, points in enumerate(placed.arms)}
     if np.any(setting.moved):
         numbers["moved"] = Numbers(setting.moved, r)
     if setting.turned is not None:
@@ -190,7 +190,7 @@ def rolling_scene(
     """
     bodies = [shown(trajectory) for trajectory in named.values()]
     _check_grounds(bodies, list(named))
-    first, setting, planar = bodies[0], bodies[0].setting, isinstance(bodies[0].system, Disk)
+    first, setting, planar = bodies[0], bodies[0].placed.setting, isinstance(bodies[0].system, Disk)
     # On the plane a disk's line is at e2 = 0.
     goal = None if wanted is None else np.column_stack([wanted, np.full(len(wanted), -first.radius)])
     stand = {
@@ -292,11 +292,10 @@ def _of_masses(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
 
 
 def _of_joints(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
-    joints = max((_joints(one) for one in bodies), key=len)
-    fullest = next(one for one in bodies if _joints(one) == joints)
-    units = units_of([unit_of(joint) for one in fullest.system.mechanisms for joint in getattr(one, "joints", ())])
-    lines = each(joints, of_masses(range(1, len(joints) + 1)), "joint_angles")
-    return [graph(f"Joints{units}", lines, 1.0)] if joints else []
+    fullest = max((one.system for one in bodies), key=lambda system: len(joints_of(system)))
+    names = [f"θ{joint}" for joint in joints_of(fullest)]
+    lines = each(names, of_masses(range(1, len(names) + 1)), "joint_angles")
+    return [graph(f"Joints{joint_units(fullest)}", lines, 1.0)] if lines else []
 
 
 def _law(bodies: Sequence[Shown]) -> Contact | None:
@@ -331,8 +330,3 @@ def _of_contact(bodies: Sequence[Shown], sizes: Sizes) -> list[dict[str, Any]]:
         slip_speed: graph("Slip speed", [series("|vₛ|", colour, "slip", [0, 1], norm=True)], sizes.speed),
     }
     return [drawn for figure, drawn in graphs.items() if figure in figures]
-
-
-def _joints(one: Shown) -> list[str]:
-    mechanisms = enumerate(one.system.mechanisms, start=1)
-    return [f"θ{j},{a}" for j, mechanism in mechanisms for a in range(1, mechanism.n_joints + 1)]
