@@ -178,7 +178,10 @@ def acceleration(source: Trajectory | System, ax: Axes | None = None, *, times: 
         ax.plot(t, size, **mass_line(members[0], **shared), label=_names(members))
     draw_modes(ax, modes_of(source) if isinstance(source, Trajectory) else None)
     ax.margins(x=0)
-    _show_the_active_part(ax, list(curves.values()))
+    active = [t[size > 0].max() for t, size in curves.values() if np.any(size > 0)]
+    if active:
+        start, end = min(t[0] for t, _ in curves.values()), max(t[-1] for t, _ in curves.values())
+        ax.set_xlim(start, min(end, start + 1.5 * (max(active) - start)))
     up_to_ticks(ax, low=0.0)
     top = ax.get_ylim()[1]
     ax.set_ylim(-0.03 * top, top)  # so that the line at zero of a mass that is not pushed is visible
@@ -247,10 +250,3 @@ def _names(members: list[int]) -> str:
     if last - first > 2 and len(members) == last - first + 1:
         return rf"$i = {first}, \ldots, {last}$"
     return "$i = " + ", ".join(map(str, members)) + "$"
-
-
-def _show_the_active_part(ax: Axes, curves: list[Curve]) -> None:
-    active = [t[size > 0].max() for t, size in curves if np.any(size > 0)]
-    if active:
-        start, end = min(t[0] for t, _ in curves), max(t[-1] for t, _ in curves)
-        ax.set_xlim(start, min(end, start + 1.5 * (max(active) - start)))

@@ -12,7 +12,6 @@ from matplotlib.axis import Axis
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 
 from ...interface.status import Status
 from ..style import SMALL, caption, colour_bar, number_decades, plane_axes
@@ -173,7 +172,6 @@ def make_room(ax: Axes, names: Mapping[int, str]) -> None:
         ax.set_ylim(low - share / (1 - share) * (high - low), high)
 
 
-def patch(code: int, name: str) -> Patch:
-    """The legend key of a failure shown by cells."""
-    look = LOOKS[code]
-    return Patch(facecolor=look.colour, edgecolor="white", hatch=look.hatch, linewidth=0.0, label=name)
+def hatching(code: int) -> dict[str, Any]:
+    """The look of cells with a failure."""
+    return {"facecolor": LOOKS[code].colour, "edgecolor": "white", "hatch": LOOKS[code].hatch, "linewidth": 0.0}
