@@ -9,7 +9,6 @@ from ..options import add_formats, add_quiet, add_replacing, check_figures_folde
 
 
 def add(commands) -> None:
-    """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser(
         "plot",
         description="Draws the figures of a saved run, like `jaxball simulate --plot`.",

@@ -13,7 +13,6 @@ from ..options import BadInputError, add_quiet, positive, working, written_line
 from .sweep import require_packages
 
 if TYPE_CHECKING:
-    from ...plot import ColourScale
     from ...scenario import Scenario
     from ...simulation.events import AbstractEvent
     from ...simulation.trajectory import Trajectory
@@ -22,7 +21,6 @@ DESIGN, SWEEP = "design.toml", "zarr.json"  # by which folders are recognised
 
 
 def add(commands) -> None:
-    """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser(
         "view",
         usage=(
@@ -155,16 +153,8 @@ def _simulated(
     return runs
 
 
-def _write(
-    options: argparse.Namespace,
-    runs: "Mapping[str, Trajectory[Any, Any]]",
-    title: str,
-    *,
-    wanted: Any = None,
-    discs: Any = (),
-    scale: "ColourScale | None" = None,
-) -> None:
-    """Writes several runs; those of bodies that roll must be on one plane."""
+def _write(options: argparse.Namespace, runs: "Mapping[str, Trajectory[Any, Any]]", title: str, **more: Any) -> None:
+    """Writes several runs, with ``more`` of :func:`~jaxball.plot.write_view`; bodies that roll must be on one plane."""
     from ... import plot
     from ...physics.body import System
     from ...plot.view.rolling import other_ground
@@ -177,16 +167,7 @@ def _write(
             f'The runs of "{options.saved}" must be on the same plane to be shown together, but the plane of '
             f'"{names[other]}" differs from that of "{names[0]}".'
         )
-    plot.write_view(
-        runs,
-        options.out,
-        title,
-        friction=options.friction,
-        wanted=wanted,
-        discs=discs,
-        scale=scale,
-        all_times=options.all_times,
-    )
+    plot.write_view(runs, options.out, title, friction=options.friction, all_times=options.all_times, **more)
 
 
 def _say(options: argparse.Namespace, *lines: object) -> int:
