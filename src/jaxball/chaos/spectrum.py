@@ -192,19 +192,16 @@ def _count(length: float, interval: float) -> int:
     return int(np.ceil(length / interval * (1 - 1e-9)))
 
 
-@programs.filter_jit
-def _solve(method: Method, flow: Flow) -> LyapunovSpectrum:
-    return spectrum(method, flow)
-
-
 def spectrum(method: Method, flow: Flow) -> LyapunovSpectrum:
     """The spectrum, traceable; see :func:`lyapunov_spectrum_of`."""
     startable = flow.startable & jnp.all(jnp.isfinite(flow.x))
     flow = flow._replace(startable=startable, x=jnp.where(startable, flow.x, jnp.ones_like(flow.x)))
-    edges = flow.edges
     advance = functools.partial(_interval, method, flow)
-    end, growth = jax.lax.scan(advance, _start(method, flow), (edges[:-1], edges[1:]))
+    end, growth = jax.lax.scan(advance, _start(method, flow), (flow.edges[:-1], flow.edges[1:]))
     return _result(method, flow, end, growth)
+
+
+_solve = programs.filter_jit(spectrum)
 
 
 class _Progress(NamedTuple):

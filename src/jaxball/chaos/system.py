@@ -46,12 +46,10 @@ def lyapunov_spectrum(
     **Arguments:**
 
     - ``system``: a body, or a system of :mod:`jaxball.classical`.
-    - ``exponents``, ``transient``, ``interval``, ``solver``, ``rtol``, ``atol``, ``max_steps``: as for
-      :func:`lyapunov_spectrum_of`.
     - ``times``: the start and the end.
     - ``state``: the state at the start, of any kind; at rest and upright if not given.
-    - all others: as for :func:`lyapunov_spectrum_of`. Only the largest exponent, with ``exponents=1``, takes half of
-      the time.
+    - ``exponents``, ``transient``, ``interval``, ``solver``, ``rtol``, ``atol``, ``max_steps``: as for
+      :func:`lyapunov_spectrum_of`. Only the largest exponent, with ``exponents=1``, takes half of the time.
 
     **Raises:** ``ValueError`` for invalid times, numbers of exponents or intervals, ``TypeError`` for a state of
     another kind of system, and :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
@@ -62,11 +60,6 @@ def lyapunov_spectrum(
     rtol, atol = map(to_array, checked_tolerances(rtol, atol))
     method = Method(checked_solver(solver), exponents, skipped, checked_steps(max_steps), rtol, atol, normal_of(state))
     return _solve(method, system, state, to_array(edges))
-
-
-@programs.filter_jit
-def _solve(method: Method, system: AbstractSystem, state: AbstractState, edges) -> LyapunovSpectrum:
-    return system_spectrum(method, system, state, edges)
 
 
 def system_spectrum(
@@ -87,3 +80,6 @@ def system_spectrum(
     x, startable = packing.pack(edges[0], state), possible_start(system, packing.system, edges, state)
     monitor = normal_force if isinstance(system, AbstractBody) else None
     return spectrum(method, Flow(field, x, parameters, edges, kinks, startable, monitor))
+
+
+_solve = programs.filter_jit(system_spectrum)

@@ -17,7 +17,7 @@ from ..simulation.variables import symbol, symbol_of
 from .over_time import Series, components, over_time
 from .palette import COMPONENTS, DASHED, FAINT, INK, MASSES, SOLID, mass_look
 from .record import finite_rows, require_one
-from .style import SMALL, WIDE, caption, legend_above, linestyle, named, plane_axes, up_to_ticks, zero_line
+from .style import ABOVE, SMALL, WIDE, caption, legend_above, linestyle, named, plane_axes, up_to_ticks, zero_line
 
 PANEL = 1.05  # the height of a panel, in inches
 # A coordinate and its rate have the same colour.
@@ -90,18 +90,8 @@ def _panel(ax: Axes, times: Float[np.ndarray, " T"], changes: Float[np.ndarray, 
     change = f"change since the start{scale}" if largest > 0 else "no change"
     ax.set_title(f"{name}: {change}", fontproperties=SMALL, loc="left", pad=5)
     if changes.shape[1] > 1:
-        ax.legend(
-            loc="lower right",
-            bbox_to_anchor=(1.0, 1.0),
-            ncols=3,
-            frameon=False,
-            prop=SMALL,
-            handlelength=1.0,
-            columnspacing=0.8,
-            handletextpad=0.4,
-            borderaxespad=0.0,
-            borderpad=0.1,
-        )
+        narrow: dict[str, Any] = {"handlelength": 1.0, "columnspacing": 0.8, "handletextpad": 0.4, "borderaxespad": 0.0}
+        ax.legend(ncols=3, **(ABOVE | {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)}), **narrow, borderpad=0.1)
 
 
 def _rows(trajectory: Trajectory[Any, Any]) -> np.ndarray:

@@ -81,10 +81,6 @@ class Comparison:
         return self.measurement.solver
 
 
-def _measured(comparison: Comparison) -> Measurement:
-    return comparison.measurement
-
-
 TABLE: Table[Comparison] = Table(
     name="solvers",
     columns=(
@@ -92,7 +88,7 @@ TABLE: Table[Comparison] = Table(
         Column("Paper's solver", lambda c: c.paper_solver, 14, left=True),
         Column("Counterpart", lambda c: c.counterpart, 13, left=True),
         Column("Form", lambda c: c.form, 4, left=True),
-        *(column.of(_measured) for column in STEPS),
+        *(column.of(lambda c: c.measurement) for column in STEPS),
         Column("Time", lambda c: f"{1e3 * c.measurement.run_time:.2f} ms", 9),
         Column("Compile", lambda c: f"{c.measurement.compile_time:.1f} s", 7),
         Column("Authors' time", lambda c: UNKNOWN if c.authors_time is None else f"{c.authors_time:.2f} s", 13),
@@ -124,7 +120,8 @@ def compare_solvers(
     """
     check_names("solvers", solvers, ODE)
     check_names("systems", systems, EXPERIMENTS)
-    cases = list(_cases(solvers, systems))
+    forms = [form for system in systems for form in _forms(system)]
+    cases = [(form, name, known[name]) for form, known in forms for name in solvers if name in known]
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
 
@@ -139,14 +136,8 @@ def compare_solvers(
     return comparisons
 
 
-def _cases(solvers: Sequence[str], systems: Sequence[str]) -> Iterator[tuple[Experiment, str, Counterpart]]:
-    """The cases: each system in each of its forms, with each of the solvers that the authors used for it."""
-    for system in systems:
-        for experiment, counterparts in _forms(system):
-            yield from ((experiment, name, counterparts[name]) for name in solvers if name in counterparts)
-
-
 def _forms(system: str) -> Iterator[tuple[Experiment, Mapping[str, Counterpart]]]:
+    """The experiment in each of its forms, with the solvers that the authors used for it."""
     yield EXPERIMENTS[system](), ODE
     if system == "ball":
         yield ball_experiment(dae=True), DAE
