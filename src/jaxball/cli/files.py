@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..interface.output import replacing
+from ..interface.output import replacing, write_text
 from ..interface.printing import json_types
 from ..interface.status import Status
 from ..interface.wording import counted
@@ -41,8 +41,7 @@ def write_json(options: argparse.Namespace, content: dict[str, Any]) -> None:
     if options.json == STDOUT:
         sys.stdout.write(text)
         return
-    with replacing(options.json) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(options.json, text)
 
 
 def write_outputs(

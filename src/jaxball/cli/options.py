@@ -157,7 +157,7 @@ def say(options: argparse.Namespace, *lines: object) -> None:
     """Prints the nonempty lines: none with --quiet, and to standard error where JSON goes to standard output."""
     if not getattr(options, "quiet", False):
         text = "\n".join(filter(None, map(str, lines)))
-        print(text, file=sys.stderr if options.json == STDOUT else sys.stdout, flush=True)
+        print(text, file=sys.stderr if getattr(options, "json", None) == STDOUT else sys.stdout, flush=True)
 
 
 def sentence(error: Exception) -> str:

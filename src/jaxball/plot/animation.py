@@ -98,7 +98,10 @@ def animate(
         if path.suffix == ".mp4":
             mp4(temporary, pictures(), fps, canvas.size)
         else:
-            gif(temporary, pictures(), fps, canvas.size, _colours(figure))
+            lines = [line.get_color() for ax in figure.axes for line in ax.lines]
+            faces = (np.atleast_2d(face.get_facecolor()) for ax in figure.axes for face in ax.collections)
+            colours = [*lines, *(tuple(colour) for face in faces for colour in face)]
+            gif(temporary, pictures(), fps, canvas.size, colours)
     return path
 
 
@@ -119,13 +122,6 @@ def _fitted(figure: Figure, size: tuple[int, int]) -> float:
         ax.set_position((*corner, *((box.width, box.height) * before / after)))
     figure.set_size_inches(*after)
     return dpi
-
-
-def _colours(figure: Figure) -> list[ColorType]:
-    """The colours of the lines and faces of a figure."""
-    lines = [line.get_color() for ax in figure.axes for line in ax.lines]
-    faces = (np.atleast_2d(face.get_facecolor()) for ax in figure.axes for face in ax.collections)
-    return [*lines, *(tuple(colour) for face in faces for colour in face)]
 
 
 def _checked(path: Path) -> Path:

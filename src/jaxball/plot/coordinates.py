@@ -172,7 +172,7 @@ def acceleration(source: Trajectory | System, ax: Axes | None = None, *, times: 
             "but it has neither; there is no acceleration to draw."
         )
     ax = plane_axes(ax, system=source.system if isinstance(source, Trajectory) else source)
-    groups = grouped(curves.items(), _are_equal)
+    groups = grouped(curves.items(), lambda one, other: all(_close(a, b) for a, b in zip(one, other, strict=True)))
     for members, (t, size) in groups:
         shared = {"color": INK, "linestyle": "-"} if len(groups) == 1 < len(members) else {}
         ax.plot(t, size, **mass_line(members[0], **shared), label=_names(members))
@@ -241,8 +241,8 @@ def _feedback(system, times, reached, states):
     return jax.vmap(lambda t, state: given_angles(prepared, t, state)[2])(times, states)
 
 
-def _are_equal(curve: Curve, other: Curve) -> bool:
-    return all(len(a) == len(b) and np.allclose(a, b, atol=1e-12) for a, b in zip(curve, other, strict=True))
+def _close(a: np.ndarray, b: np.ndarray) -> bool:
+    return len(a) == len(b) and np.allclose(a, b, atol=1e-12)
 
 
 def _names(members: list[int]) -> str:

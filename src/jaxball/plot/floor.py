@@ -59,7 +59,9 @@ def place(trajectory: Trajectory, run: Record) -> Placed:
     rows, seen, ground = finite_rows(trajectory), run.observables, trajectory.system.ground
     given = trajectory.system, to_array(run.times), jax.tree.map(lambda leaf: leaf[rows], trajectory.state)
     Lambda, arms, moved, turned = jax.tree.map(np.asarray, _evaluate(*given))
-    page = np.eye(3) if ground is None else _upright(np.asarray(ground.up()))
+    up = np.array([0.0, 0.0, 1.0]) if ground is None else np.asarray(ground.up())
+    tilt = np.array([[0.0, 0.0, -up[0]], [0.0, 0.0, -up[1]], [up[0], up[1], 0.0]])
+    page = np.eye(3) + tilt + tilt @ tilt / (1 + up[2])  # turns about a horizontal axis, and takes ``up`` to e3
     moved = np.zeros((len(rows), 3)) if moved is None else moved @ page.T
     table = None if ground is None else ground.turntable
     centre = (0.0, 0.0) if table is None else np.asarray(table.centre)
@@ -73,12 +75,6 @@ def place(trajectory: Trajectory, run: Record) -> Placed:
         path=seen.contact_point @ page.T,
         arms=arms,
     )
-
-
-def _upright(up: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    """The rotation about a horizontal axis that takes the unit vector ``up`` to e3."""
-    tilt = np.array([[0.0, 0.0, -up[0]], [0.0, 0.0, -up[1]], [up[0], up[1], 0.0]])
-    return np.eye(3) + tilt + tilt @ tilt / (1 + up[2])
 
 
 @programs.filter_jit

@@ -88,7 +88,13 @@ def configuration(
     positions = _positions(system, t, theta)
     r = float(system.radius)
     if isinstance(system, Disk):
-        return _in_plane(system, positions, r, plane_axes(ax, SQUARE, system))
+        ax = plane_axes(ax, SQUARE, system)
+        ax.add_patch(Ring((0.0, 0.0), r, facecolor="none", edgecolor=SHELL, linewidth=1.2))
+        _draw(ax, system, positions, columns=[0, 2])
+        limits, ticks = (-1.08 * r, 1.08 * r), (-r, 0.0, r)
+        ax.set(xlim=limits, ylim=limits, xticks=ticks, yticks=ticks, aspect="equal")
+        named(ax, r"$\mathbf{E}_1$", r"$\mathbf{E}_3$")
+        return ax
     ax = space_axes(ax, system=system)
     cube(ax, r, "E")
     viewer = view(ax)
@@ -97,15 +103,6 @@ def configuration(
     ax.plot(*front.T, color="0.7", linewidth=0.4, zorder=1.5)
     ax.plot(*outline(r, viewer).T, color=SHELL, linewidth=0.9, zorder=1.5)
     _draw(ax, system, positions, columns=[0, 1, 2])
-    return ax
-
-
-def _in_plane(disk: Disk, positions: Positions, r: float, ax: Axes) -> Axes:
-    ax.add_patch(Ring((0.0, 0.0), r, facecolor="none", edgecolor=SHELL, linewidth=1.2))
-    _draw(ax, disk, positions, columns=[0, 2])
-    limits, ticks = (-1.08 * r, 1.08 * r), (-r, 0.0, r)
-    ax.set(xlim=limits, ylim=limits, xticks=ticks, yticks=ticks, aspect="equal")
-    named(ax, r"$\mathbf{E}_1$", r"$\mathbf{E}_3$")
     return ax
 
 

@@ -210,8 +210,14 @@ def centre_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     [1. 1. 1.]
     """
     run = drawn_run(trajectory)
-    rows, speed = finite_rows(run), sizes_of(run.system).speed
-    V = _velocity(run) if run.contact is None else np.asarray(run.contact.V)[rows]
+    rows, speed, system = finite_rows(run), sizes_of(run.system).speed, run.system
+    if run.contact is not None:
+        V = np.asarray(run.contact.V)[rows]
+    else:  # rω × e3, plus the velocity of a turntable under the centre
+        omega = record(run).observables.angular_velocity_space
+        V = float(system.radius) * np.stack([omega[:, 1], -omega[:, 0], 0.0 * omega[:, 0]], axis=1)
+        if system.ground is not None and system.ground.turntable is not None:
+            V[:, :2] += np.asarray(_drift(system, to_array(np.asarray(run.times)), run.state))[rows]
     rises = bool(np.any(without_rounding(V[:, 2], speed)))
     planar = isinstance(run.system, Disk)
     columns = [j for j in range(3) if (j != 1 or not planar) and (j != 2 or rises)]
@@ -232,15 +238,6 @@ def attitude(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         series = [Series(np.asarray(state.phi)[finite_rows(run)], "", COMPONENTS[0])]
         return over_run(run, series, r"$\phi$ (rad)", ax, size=1.0)
     return over_run(run, components(Gamma, r"\Gamma"), r"$\Gamma_i$", ax, size=1.0)
-
-
-def _velocity(run: Trajectory) -> Float[np.ndarray, "T 3"]:
-    """V = rω × e3, plus the velocity of a turntable under the centre."""
-    omega, r = record(run).observables.angular_velocity_space, float(run.system.radius)
-    V = r * np.stack([omega[:, 1], -omega[:, 0], 0.0 * omega[:, 0]], axis=1)
-    if run.system.ground is not None and run.system.ground.turntable is not None:
-        V[:, :2] += np.asarray(_drift(run.system, to_array(np.asarray(run.times)), run.state))[finite_rows(run)]
-    return V
 
 
 @programs.filter_jit

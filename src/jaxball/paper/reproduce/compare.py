@@ -148,12 +148,8 @@ def _forms(system: str) -> Iterator[tuple[Experiment, Mapping[str, Counterpart]]
 
 
 def _compared(experiment: Experiment, name: str, counterpart: Counterpart) -> Comparison:
-    return Comparison(
-        paper_solver=name,
-        form="DAE" if experiment.dae else "ODE",
-        authors_time=None if experiment.dae else TIMES[experiment.name][name],
-        measurement=measure(experiment, counterpart.name, counterpart.solver),
-    )
+    form, time = ("DAE", None) if experiment.dae else ("ODE", TIMES[experiment.name][name])
+    return Comparison(name, form, time, measure(experiment, counterpart.name, counterpart.solver))
 
 
 def _conclusion(comparisons: Sequence[Comparison]) -> str:

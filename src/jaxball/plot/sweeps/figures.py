@@ -257,7 +257,8 @@ def sweep_fan(
     names, (drawn, left_out) = names_of(rows.status), sample(rows, MOST_PATHS)
     rows, ax = rows.chosen(drawn), study_axes(rows.data, ax, FAN)
     in_plane = result is None and {"z[0]", "z[1]"} <= set(result_names(data))
-    results = ["z[0]", "z[1]"] if in_plane else [result or _standard(data)]
+    at_all_times = (name for name in result_names(data) if "save" in data[parsed(data, name)[0]].dims)
+    results = ["z[0]", "z[1]"] if in_plane else [result or next(at_all_times, result_names(data)[0])]
     curves, numbers = _paths(rows, results), rows.number(by)
     shown = ScalarMappable(norm_of(numbers, rows.is_logarithmic(by)), COLOURS)
     shown.set_array(numbers)
@@ -287,12 +288,6 @@ def _paths(rows: Rows, results: list[str]) -> Float[np.ndarray, "rows saves 2"]:
     curves = np.stack(histories if len(histories) == 2 else [times, *histories], axis=-1)
     late = rows.failed[:, None] & ~(times <= rows.data["reached"].values[rows.places][:, None])
     return np.where(late[:, :, None], np.nan, curves)
-
-
-def _standard(data: "xarray.Dataset") -> str:
-    """The first result that was saved at all times, or the first of all if there is none."""
-    names = result_names(data)
-    return next((name for name in names if "save" in data[parsed(data, name)[0]].dims), names[0])
 
 
 def _end(curve: Float[np.ndarray, "saves 2"]) -> Float[np.ndarray, " 2"]:

@@ -62,6 +62,13 @@ class Turning(NamedTuple):
     inertia: Float[np.ndarray, "3"] | None  # None where the system does not say
     shape: Ellipsoid
 
+    @classmethod
+    def of(cls, trajectory: Trajectory[Any, Any]) -> "Turning":
+        rows = known_rows(trajectory)
+        stated: Any = getattr(trajectory.system, "inertia", ())
+        inertia = np.asarray(stated, dtype=float) if np.shape(stated) == (3,) else None
+        return cls(trajectory, rows, inertia, ellipsoid_of(trajectory.system, inertia))
+
     @property
     def top(self) -> HeavyTop | None:
         system = self.trajectory.system
@@ -81,7 +88,7 @@ def rigid_scene(trajectories: Sequence[Trajectory[Any, Any]]) -> Scene:
 
     **Raises:** ``ValueError`` for a batch, and where no state is known.
     """
-    bodies = [_turning(trajectory) for trajectory in trajectories]
+    bodies = [Turning.of(trajectory) for trajectory in trajectories]
     apart = APART * max(one.shape.radius for one in bodies)
     names, changes = zip(*(law_changes(one.trajectory, one.rows) for one in bodies), strict=True)
     return Scene(
@@ -90,13 +97,6 @@ def rigid_scene(trajectories: Sequence[Trajectory[Any, Any]]) -> Scene:
         [_rigid_numbers(one, k * apart, change) for k, (one, change) in enumerate(zip(bodies, changes, strict=True))],
         _rigid_graphs(bodies, names[0]),
     )
-
-
-def _turning(trajectory: Trajectory[Any, Any]) -> Turning:
-    rows = known_rows(trajectory)
-    stated: Any = getattr(trajectory.system, "inertia", ())
-    inertia = np.asarray(stated, dtype=float) if np.shape(stated) == (3,) else None
-    return Turning(trajectory, rows, inertia, ellipsoid_of(trajectory.system, inertia))
 
 
 def ellipsoid_of(system: Any, inertia: Float[np.ndarray, "3"] | None) -> Ellipsoid:
