@@ -181,73 +181,11 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
     from .simulation.simulate import simulate as simulate
     from .simulation.trajectory import Trajectory as Trajectory
 else:
-    from .interface.names import lazy_interface, missing
+    from .interface.names import imports_of, lazy_interface, missing
 
-    _NAMES = {
-        "physics.body": "Ball Disk PointMass System with_integrated_angles with_masses",
-        "simulation.equilibrium": "Balance balance with_angles",
-        "simulation.events": "AbstractEvent Detachment Event Slip",
-        "simulation.extremes": "ContactExtremes contact_extremes",
-        "physics.body_on_plane": "ContactHistory",
-        "physics.contact_law": "AbstractFriction Contact",
-        "physics.feedback": "AbstractLaw FollowSchedules FunctionLaw LinearLaw Servo",
-        "physics.force": "AbstractForce AbstractWrench BodyMotion FunctionForce FunctionWrench HarmonicForce Wrench",
-        "physics.frames": "AbstractFrame MatrixFrame SphericalFrame VersorFrame",
-        "physics.ground": "Ground Turntable",
-        "native": "compiler jit",
-        "numerics.harmonics": "HarmonicSeries",
-        "physics.hybrid": "Switches",
-        "physics.mechanisms": (
-            "AbstractJoint AbstractJointForce AbstractMechanism Accelerated Carriage CarriedMass Damper EndStops "
-            "FunctionJointForce FunctionMechanism Hinge JointForces Mechanism Motor PDServo Slider SpeedLimitedMotor "
-            "Spring double_pendulum gyroscopic_pendulum mass_in_tube planar_pendulum rigid_body_masses ring_rotor "
-            "spherical_pendulum turning_rail"
-        ),
-        "physics.modes": "Cause Mode",
-        "physics.motion": "Driven Fixed Free OnRail Oscillating",
-        "physics.observables": "Observables observe",
-        "simulation.occurrences": "Occurrences",
-        "physics.rails": (
-            "AbstractRail BernoulliEight Circle Ellipse FourierRail FunctionRail GeronoEight SplineRail Tube"
-        ),
-        "physics.released": "ReleasedState",
-        "physics.resistance": "AbstractResistance Resistance",
-        "results": "load_run save to_dataset",
-        "scenario": "Scenario ScenarioError load_scenario read_scenario write_scenario",
-        "physics.schedules": (
-            "AbstractSchedule ConstantRate FunctionSchedule PiecewiseAcceleration Pulse Sinusoids Waypoints"
-        ),
-        "physics.signals": "AbstractIntegrableSignal AbstractSignal ConstantSignal PiecewiseSignal",
-        "simulation.arguments": "PrecisionError",
-        "simulation.simulate": "simulate",
-        "physics.state": "BallState DiskState ReducedState RotationState State",
-        "physics.system": "AbstractState AbstractSystem vector_field",
-        "interface.status": "SolveError Status",
-        "simulation.trajectory": "Trajectory",
-        "physics.validity": "problems",
-    }
-    _PACKAGES = {
-        name: name
-        for name in [
-            "bench",
-            "cache",
-            "chaos",
-            "classical",
-            "cpu",
-            "design",
-            "ensemble",
-            "paper",
-            "plot",
-            "results",
-            "scenario",
-            "sensors",
-            "solvers",
-            "stability",
-            "sweep",
-            "verify",
-        ]
-    }
-    _PACKAGES |= {"reference": "paper.reference", "reproduce": "paper.reproduce"}
+    _MODULES = imports_of(__name__)
+    _PACKAGES = {name: f"{module}.{name}".strip(".") for name, module in _MODULES.items() if module in (".", ".paper")}
+    _NAMES = {name: module for name, module in _MODULES.items() if name not in _PACKAGES}
     __all__, __dir__, _load = lazy_interface(__name__, _NAMES, *_PACKAGES, "__version__")
 
     def __getattr__(name: str) -> object:

@@ -8,7 +8,6 @@ from .chart import chart as chart
 from .poincare import PoincareMap as PoincareMap, poincare_map as poincare_map
 from .result import Limits as Limits, LyapunovSpectrum as LyapunovSpectrum
 from .robots import chaplygin_top as chaplygin_top, rolling_robot as rolling_robot
-from .spectrum import lyapunov_spectrum_of as lyapunov_spectrum_of
-from .system import lyapunov_spectrum as lyapunov_spectrum
+from .spectrum import lyapunov_spectrum as lyapunov_spectrum, lyapunov_spectrum_of as lyapunov_spectrum_of
 
 __all__, __dir__ = _interface(globals())

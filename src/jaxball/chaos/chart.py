@@ -16,8 +16,7 @@ from ..numerics.arrays import Numbers, to_array
 from ..physics.phase_space import normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem
 from ..simulation.arguments import checked_solver, checked_tolerances
-from .spectrum import Method, interval_edges
-from .system import system_spectrum
+from .spectrum import Method, interval_edges, system_spectrum
 
 if TYPE_CHECKING:
     import xarray

@@ -73,13 +73,12 @@ def poincare_map(
 
     **Arguments:**
 
-    - ``solver``, ``rtol``, ``atol``, ``max_steps``: as for :func:`jaxball.simulate`.
     - ``section``: a function of (system, t, state) that is zero on the section, as for :class:`jaxball.Event`.
     - ``times``: the start and the end.
     - ``state``: the state at the start. A :class:`~jaxball.ReducedState` is the smallest for a ball.
     - ``direction``: 1 for crossings at which ``section`` rises, −1 where it falls, 0 for both.
     - ``room``: how many crossings are kept.
-    - all others: as for :func:`jaxball.simulate`.
+    - ``solver``, ``rtol``, ``atol``, ``max_steps``: as for :func:`jaxball.simulate`.
 
     **Raises:** as :func:`jaxball.simulate` and :class:`jaxball.Event` do.
     """

@@ -1,4 +1,4 @@
-"""Lyapunov exponents of any flow, by its tangent dynamics, with the least value of a function along the solve."""
+"""Lyapunov exponents of a rolling body, a classical system or any flow, by the tangent dynamics."""
 
 import functools
 from collections.abc import Callable
@@ -8,6 +8,7 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.arguments import refusal, require_callable, traceable
@@ -23,8 +24,14 @@ from ..numerics.tangent import (
     tangent_field,
     without_normal,
 )
+from ..physics.body import AbstractBody
+from ..physics.contact import reaction
+from ..physics.packing import Packing
+from ..physics.phase_space import dimension, normal_of, phase_point
+from ..physics.system import AbstractState, AbstractSystem
+from ..physics.validity import possible_start
 from ..simulation.arguments import DEFAULT_TOLERANCE, checked_solver, checked_steps, checked_tolerances
-from ..simulation.simulate import status_of
+from ..simulation.simulate import at_rest, status_of
 from ..simulation.step_size import by_tolerances, to_kinks
 from ..solvers import AbstractWrappingSolver
 from .result import LyapunovSpectrum
@@ -54,6 +61,50 @@ class Monitored(AbstractWrappingSolver):
 
 BATCHES = 16  # means of the growth rates from which the standard error is estimated
 FIRST_STEP = 1 / 64  # of an interval; the step-size control corrects it within two or three steps
+
+
+def lyapunov_spectrum(
+    system: AbstractSystem,
+    times: Numbers,
+    state: AbstractState | None = None,
+    *,
+    exponents: int | None = None,
+    transient: float = 0.0,
+    interval: float = 1.0,
+    solver: diffrax.AbstractAdaptiveSolver | None = None,
+    rtol: Numbers = DEFAULT_TOLERANCE,
+    atol: Numbers = DEFAULT_TOLERANCE,
+    max_steps: int = 16384,
+) -> LyapunovSpectrum:
+    """The Lyapunov exponents of the motion of ``system`` from ``times[0]`` to ``times[1]``, in 1/time.
+
+    The phase space is that of (Ω, Γ) with |Γ| = 1 (``uncon_ball_eqns_explicit``), of dimension 5; each mass that a
+    feedback law drives, and each joint without a schedule, adds its θ and θ̇. Position and heading follow by
+    integration and would add zeros. Where a force acts or the ground is tilted or moves, which (Ω, Γ) cannot express,
+    it is the phase space of (q, Ω, z) with |q| = 1, of dimension 8. For a disk it is that of (φ, φ̇, z), and for a
+    classical system that of its own state. Time adds no exponent, because prescribed motions are not part of the state.
+
+    Deviations of Γ are tangent to the sphere: Γ̇ = Γ × Ω keeps Γ·δΓ = 0, and rounding is removed after each interval.
+    The solver's vector contains the locked angular velocity W instead of Ω (module ``locked``); the exponents are the
+    same, because the change from one to the other is smooth and bounded.
+
+    **Arguments:**
+
+    - ``system``: a body, or a system of :mod:`jaxball.classical`.
+    - ``times``: the start and the end.
+    - ``state``: the state at the start, of any kind; at rest and upright if not given.
+    - ``exponents``, ``transient``, ``interval``, ``solver``, ``rtol``, ``atol``, ``max_steps``: as for
+      :func:`lyapunov_spectrum_of`. Only the largest exponent, with ``exponents=1``, takes half of the time.
+
+    **Raises:** ``ValueError`` for invalid times, numbers of exponents or intervals, ``TypeError`` for a state of
+    another kind of system, and :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
+    """
+    state = phase_point(system, at_rest(system) if state is None else state)
+    edges, skipped = interval_edges(times, transient, interval)
+    exponents = checked_count(exponents, dimension(state))
+    rtol, atol = map(to_array, checked_tolerances(rtol, atol))
+    method = Method(checked_solver(solver), exponents, skipped, checked_steps(max_steps), rtol, atol, normal_of(state))
+    return _solve_system(method, system, state, to_array(edges))
 
 
 def lyapunov_spectrum_of(
@@ -192,19 +243,39 @@ def _count(length: float, interval: float) -> int:
     return int(np.ceil(length / interval * (1 - 1e-9)))
 
 
-@programs.filter_jit
-def _solve(method: Method, flow: Flow) -> LyapunovSpectrum:
-    return spectrum(method, flow)
-
-
 def spectrum(method: Method, flow: Flow) -> LyapunovSpectrum:
     """The spectrum, traceable; see :func:`lyapunov_spectrum_of`."""
     startable = flow.startable & jnp.all(jnp.isfinite(flow.x))
     flow = flow._replace(startable=startable, x=jnp.where(startable, flow.x, jnp.ones_like(flow.x)))
-    edges = flow.edges
     advance = functools.partial(_interval, method, flow)
-    end, growth = jax.lax.scan(advance, _start(method, flow), (edges[:-1], edges[1:]))
+    end, growth = jax.lax.scan(advance, _start(method, flow), (flow.edges[:-1], flow.edges[1:]))
     return _result(method, flow, end, growth)
+
+
+_solve = programs.filter_jit(spectrum)
+
+
+def system_spectrum(
+    method: Method, system: AbstractSystem, state: AbstractState, edges: Float[Array, " edges"]
+) -> LyapunovSpectrum:
+    """The spectrum of a system, traceable; ``state`` is a phase point and ``method.normal`` belongs to it."""
+    packing = Packing.of(system.prepare(), state)
+    parameters, unpack_parameters = ravel_pytree(packing)
+    kinks = system.kinks()
+
+    def field(t, x, parameters):
+        return unpack_parameters(parameters).field(t, x)
+
+    def normal_force(t, x, parameters):
+        inner = unpack_parameters(parameters)
+        return reaction(inner.system, t, inner.unpack(t, x)).normal
+
+    x, startable = packing.pack(edges[0], state), possible_start(system, packing.system, edges, state)
+    monitor = normal_force if isinstance(system, AbstractBody) else None
+    return spectrum(method, Flow(field, x, parameters, edges, kinks, startable, monitor))
+
+
+_solve_system = programs.filter_jit(system_spectrum)
 
 
 class _Progress(NamedTuple):

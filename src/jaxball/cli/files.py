@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..interface.output import OutputError, replacing
+from ..interface.output import replacing, write_text
 from ..interface.printing import json_types
 from ..interface.status import Status
 from ..interface.wording import counted
@@ -20,7 +20,7 @@ from ..scenario import Scenario, ScenarioError, read_document, write_scenario
 from ..scenario.paths import entries
 from ..simulation.trajectory import Trajectory
 from .input import STDIN
-from .options import STDOUT, ChartAxis, say, working, written_line
+from .options import FAILED_SOLVE, STDOUT, ChartAxis, say, working, written_line
 
 if TYPE_CHECKING:
     import xarray
@@ -41,8 +41,7 @@ def write_json(options: argparse.Namespace, content: dict[str, Any]) -> None:
     if options.json == STDOUT:
         sys.stdout.write(text)
         return
-    with replacing(options.json) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(options.json, text)
 
 
 def write_outputs(
@@ -68,6 +67,27 @@ def write_outputs(
     return written_line(written)
 
 
+def report(
+    options: argparse.Namespace,
+    scenario: Scenario,
+    content: dict[str, Any],
+    lines: Iterable[object],
+    save: Callable[[Path], None],
+    draw: Callable[[Any], Any],
+    failure: str = "",
+) -> int:
+    """Writes the ``content`` of --json and the files of --out and --plot, prints the lines, and returns the exit code.
+
+    ``save`` and ``draw`` are as for :func:`write_outputs`. After a ``failure``, a sentence, there is only the JSON.
+    """
+    write_json(options, content)
+    if failure:
+        print(f"jaxball: {failure}", file=sys.stderr)
+        return FAILED_SOLVE
+    say(options, scenario.title, *lines, write_outputs(options, scenario, save, draw))
+    return 0
+
+
 def draw_figures(
     options: argparse.Namespace,
     trajectory: Trajectory[Any, Any],
@@ -79,19 +99,16 @@ def draw_figures(
     """Draws the standard figures of a run of a scenario, named after ``source``, and returns how many and where."""
     from .. import plot  # here, because importing matplotlib takes longer than many runs
 
-    try:
-        paths = plot.figures(
-            trajectory,
-            folder,
-            scenario.title,
-            name=figure_name(source, scenario),
-            formats=suffixes(formats),
-            sensors=scenario.sensors,
-            svg_text=options.svg_text,
-            replace=options.force,
-        )
-    except OutputError as error:
-        raise OutputError(str(error).replace("replace=True", "--force")) from None
+    paths = plot.figures(
+        trajectory,
+        folder,
+        scenario.title,
+        name=figure_name(source, scenario),
+        formats=suffixes(formats),
+        sensors=scenario.sensors,
+        svg_text=options.svg_text,
+        replace=options.force,
+    )
     return f"{counted(len(paths), 'figure')} in {folder}"
 
 
@@ -151,7 +168,9 @@ def write_chart(
         options, read_document(document), lambda path: save_chart(chart, path), lambda plot: draw(plot)(chart)
     )
     write_json(options, {**chart.attrs, **{str(name): chart[name].values for name in chart.variables}})
-    say(options, chart.attrs["title"], *summary(chart), *_failures(chart), written)
+    counts = ((status, int(np.sum(chart["status"].values == status))) for status in Status if status != Status.SUCCESS)
+    failures = [f"  {count:,} {status.name}" for status, count in counts if count]
+    say(options, chart.attrs["title"], *summary(chart), *failures, written)
     return 0
 
 
@@ -174,12 +193,6 @@ def save_chart(chart: "xarray.Dataset", path: Path) -> None:
     columns = [*map(np.ravel, grids), *(chart[name].values.ravel() for name in names)]
     header = ",".join([str(up), str(right), *names])
     np.savetxt(path, np.column_stack(columns), fmt="%.17g", delimiter=",", header=header, comments="")
-
-
-def _failures(chart: "xarray.Dataset") -> list[str]:
-    """A line for each status other than success that a cell has."""
-    counts = ((item, int(np.sum(chart["status"].values == item))) for item in Status if item != Status.SUCCESS)
-    return [f"  {count:,} {item.name}" for item, count in counts if count]
 
 
 def state_line(motion: "Motion") -> str:

@@ -65,8 +65,7 @@ def _require_platform() -> None:
 def compiled_for(scenario: "Scenario") -> AbstractContextManager[None]:
     """Programs in this block are compiled quickly, unless the scenario allows many steps.
 
-    Up to that
-    many, an optimised program seldom saves the time that optimising it takes.
+    Up to that many, an optimised program seldom saves the time that optimising it takes.
     """
     from ..numerics.programs import compiled_quickly
 

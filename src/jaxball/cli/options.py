@@ -77,6 +77,13 @@ def add_output(parser: argparse.ArgumentParser) -> None:
     add_json(parser, "the summary")
 
 
+def add_results(parser: argparse.ArgumentParser, numbers: str, figure: str) -> None:
+    """Adds --out, --plot, --quiet and --json."""
+    parser.add_argument("--out", type=Path, metavar="FILE", help=f"save {numbers}")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help=f"draw {figure}: .png, .pdf or .svg")
+    add_output(parser)
+
+
 def add_quiet(parser: argparse.ArgumentParser) -> None:
     """Adds --quiet."""
     parser.add_argument("--quiet", action="store_true", help="print errors only")
@@ -150,7 +157,7 @@ def say(options: argparse.Namespace, *lines: object) -> None:
     """Prints the nonempty lines: none with --quiet, and to standard error where JSON goes to standard output."""
     if not getattr(options, "quiet", False):
         text = "\n".join(filter(None, map(str, lines)))
-        print(text, file=sys.stderr if options.json == STDOUT else sys.stdout, flush=True)
+        print(text, file=sys.stderr if getattr(options, "json", None) == STDOUT else sys.stdout, flush=True)
 
 
 def sentence(error: Exception) -> str:
@@ -162,7 +169,7 @@ def sentence(error: Exception) -> str:
     def on_command_line(match: re.Match[str]) -> str:
         return POSITIONAL.get(match[1]) or f"Argument `--{match[1].replace('_', '-')}`"
 
-    return re.sub(r"Argument `(\w+)`", on_command_line, str(error))
+    return re.sub(r"Argument `(\w+)`", on_command_line, str(error)).replace("replace=True", "--force")
 
 
 def chart_axes(options: argparse.Namespace) -> tuple[ChartAxis, ChartAxis]:

@@ -18,22 +18,37 @@ def interface(names: Mapping[str, object], *packages: str) -> tuple[list[str], C
 
 
 def lazy_interface(
-    package: str, names: Mapping[str, str], *shown: str
+    package: str, names: Mapping[str, str] | None = None, *shown: str
 ) -> tuple[list[str], Callable[[], list[str]], Callable[[str], object]]:
     """``__all__``, ``__dir__`` and ``__getattr__`` of a package that imports its names when they are first used.
 
-    ``names`` are the public names of each module, separated by spaces; none may be the name of a module of the package,
-    which would hide it. ``dir`` shows what is ``shown`` as well.
+    ``names`` are the modules of the public names, by default :func:`imports_of` the package; no name may be that of a
+    module of the package, which would hide it. ``dir`` shows what is ``shown`` as well.
     """
-    module_of = {name: module for module, words in names.items() for name in words.split()}
+    module_of = imports_of(package) if names is None else names
 
     def load(name: str) -> object:
         if name not in module_of:
             raise missing(package, name)
-        value = getattr(importlib.import_module(f".{module_of[name]}", package), name)
+        value = getattr(importlib.import_module(module_of[name], package), name)
         return vars(sys.modules[package]).setdefault(name, value)
 
     return sorted(module_of), lambda: sorted([*module_of, *shown]), load
+
+
+def imports_of(package: str) -> dict[str, str]:
+    """The module, as in ``.styles``, of each name that a package's ``__init__`` imports for type checkers alone.
+
+    It states them as ``from .styles import caption as caption`` under ``if TYPE_CHECKING``, and no second time.
+    """
+    spec = sys.modules[package].__spec__
+    source = spec.loader.get_data(spec.origin).decode()  # pyright: ignore
+    block = source.partition("\nif TYPE_CHECKING:")[2].partition("\nelse:")[0]
+    modules, module = {}, ""
+    for words in map(str.split, block.splitlines()):
+        module = words[1] if words[:1] == ["from"] else module
+        modules |= {words[k + 1].rstrip(","): module for k, word in enumerate(words) if word == "as"}
+    return modules
 
 
 def missing(package: str, name: str) -> AttributeError:

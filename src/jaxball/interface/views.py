@@ -15,14 +15,11 @@ def check_view(path: Path, argument: str = "path") -> None:
     A file that is already there must be a view. The message calls the path ``argument``.
     """
     check_destination(path, SUFFIXES, argument)
-    if path.exists() and not _is_view(path):
-        raise OutputError(
-            f'Argument `{argument}` must be a new file or a view to replace, but "{path}" is another file; remove it '
-            "first, or write elsewhere."
-        )
-
-
-def _is_view(path: Path) -> bool:
-    mark = MARK.encode()
+    if not path.exists():
+        return
     with path.open("rb") as file:
-        return file.read(len(mark)) == mark
+        if file.read(len(MARK.encode())) != MARK.encode():
+            raise OutputError(
+                f'Argument `{argument}` must be a new file or a view to replace, but "{path}" is another file; remove '
+                "it first, or write elsewhere."
+            )

@@ -61,21 +61,4 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
 else:
     from ..interface.names import lazy_interface
 
-    _NAMES = {
-        "animation": "animate snapshot",
-        "chaos": "chaos_chart eigenvalues lyapunov_convergence multipliers poincare_section stability_chart",
-        "coordinates": "acceleration joint_angles joint_efforts mass_angles",
-        "designs": "branch convergence designed_path place_in_time rail_accelerations rail_angles",
-        "laws": "classical_motion law_errors law_residuals",
-        "report": "figures overview",
-        "space": "body_paths centre_path configuration space_paths",
-        "style": "ColourScale caption",
-        "sweeps.figures": "sweep_fan sweep_map sweep_slice",
-        "sweeps.matrix": "sweep_matrix",
-        "sweeps.report": "sweep_figures",
-        "sweeps.rows": "PictureError sweep_scale",
-        "time_series": "angular_velocity attitude centre_velocity contact_force energies friction_ratio height"
-        " measurements power slip_speed",
-        "view.page": "View write_view",
-    }
-    __all__, __dir__, __getattr__ = lazy_interface(__name__, _NAMES)
+    __all__, __dir__, __getattr__ = lazy_interface(__name__)

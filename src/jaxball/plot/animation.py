@@ -98,7 +98,10 @@ def animate(
         if path.suffix == ".mp4":
             mp4(temporary, pictures(), fps, canvas.size)
         else:
-            gif(temporary, pictures(), fps, canvas.size, _colours(figure))
+            lines = [line.get_color() for ax in figure.axes for line in ax.lines]
+            faces = (np.atleast_2d(face.get_facecolor()) for ax in figure.axes for face in ax.collections)
+            colours = [*lines, *(tuple(colour) for face in faces for colour in face)]
+            gif(temporary, pictures(), fps, canvas.size, colours)
     return path
 
 
@@ -119,15 +122,6 @@ def _fitted(figure: Figure, size: tuple[int, int]) -> float:
         ax.set_position((*corner, *((box.width, box.height) * before / after)))
     figure.set_size_inches(*after)
     return dpi
-
-
-def _colours(figure: Figure) -> list[ColorType]:
-    """The colours of the lines and faces of a figure."""
-    lines = [line.get_color() for ax in figure.axes for line in ax.lines]
-    faces = [
-        tuple(colour) for ax in figure.axes for face in ax.collections for colour in np.atleast_2d(face.get_facecolor())
-    ]
-    return [*lines, *faces]
 
 
 def _checked(path: Path) -> Path:
@@ -239,12 +233,10 @@ def palette_of(colours: Sequence[ColorType]) -> UInt8[np.ndarray, "n 3"]:
     """Greys, and each colour with its tints; the first one is white."""
     hues = dict.fromkeys(to_rgb(colour) for colour in colours)
     shades = [(grey,) * 3 for grey in GREYS]
-    shades += [_tint(hue, strength) for hue in hues if np.ptp(hue) > 0 for strength in STRENGTHS]
+    for hue in hues:
+        if np.ptp(hue) > 0:
+            shades += [tuple(1 - strength * (1 - part) for part in hue) for strength in STRENGTHS]
     return np.round(255 * np.array(shades)).astype(np.uint8)
-
-
-def _tint(hue: tuple[float, ...], strength: float) -> tuple[float, ...]:
-    return tuple(1 - strength * (1 - part) for part in hue)
 
 
 def _extent(changed: Bool[np.ndarray, " n"]) -> slice:

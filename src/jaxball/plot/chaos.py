@@ -1,11 +1,12 @@
 """Figures of chaos and stability: Lyapunov exponents, Poincaré maps and eigenvalues."""
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.colors import ListedColormap
 from matplotlib.patches import Circle, Patch
 
@@ -37,26 +38,32 @@ def chaos_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, largest: f
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
-    ax = plane_axes(ax, CHART)
-    up, right = (dataset[name].values for name in dataset["exponent"].dims)
-    exponent = dataset["exponent"].values
-    failed = dataset["status"].values != 0
+    exponent, failed = dataset["exponent"].values, dataset["status"].values != 0
     lifted = ~failed & (dataset["least_normal_force"].values <= 0)
     known = exponent[np.isfinite(exponent)]
     top = largest if largest is not None else max(float(known.max(initial=0.0)), 1e-12)
-    mesh = ax.pcolormesh(right, up, exponent, cmap="magma_r", vmin=0.0, vmax=top, rasterized=True)
+    marks = {"leaves the plane": (lifted, LIFTED), "solve failed": (failed, FAILED)}
+    ax, mesh = _chart(dataset["exponent"], ax, marks, cmap="magma_r", vmin=0.0, vmax=top)
+    colour_bar(ax, mesh, r"$\lambda_1$", extend="max" if known.size and known.max() > top else "neither")
+    return ax
+
+
+def _chart(
+    values: "xarray.DataArray", ax: Axes | None, marks: Mapping[str, tuple[np.ndarray, str]], **look: Any
+) -> tuple[Axes, QuadMesh]:
+    """Values over two parameters in colours, the first upwards, and by name where cells have a colour of their own."""
+    ax, (up, right) = plane_axes(ax, CHART), map(str, values.dims)
+    mesh = ax.pcolormesh(values[right], values[up], values, rasterized=True, **look)
     keys = []
-    for where, colour, name in ((lifted, LIFTED, "leaves the plane"), (failed, FAILED, "solve failed")):
+    for name, (where, colour) in marks.items():
         if where.any():
             marked = np.where(where, 1.0, np.nan)
-            ax.pcolormesh(right, up, marked, cmap=ListedColormap([colour]), rasterized=True)
+            ax.pcolormesh(values[right], values[up], marked, cmap=ListedColormap([colour]), rasterized=True)
             keys.append(Patch(color=colour, label=name))
     if keys:
         ax.legend(handles=keys, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, prop=SMALL)
-    colour_bar(ax, mesh, r"$\lambda_1$", extend="max" if known.size and known.max() > top else "neither")
-    first, second = dataset["exponent"].dims
-    named(ax, str(second), str(first))
-    return ax
+    named(ax, right, up)
+    return ax, mesh
 
 
 def stability_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, largest: float | None = None) -> Axes:
@@ -72,27 +79,20 @@ def stability_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, larges
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
-    ax = plane_axes(ax, CHART)
-    names = [str(name) for name in dataset["growth"].dims]
-    up, right = (dataset[name].values for name in names)
     growth = dataset["growth"].values
     found = np.isfinite(growth)
     size = float(np.max(np.abs(growth[found]), initial=0.0))
     end = largest if largest is not None else max(size, 1e-12)
-    mesh = ax.pcolormesh(right, up, growth, cmap="RdBu_r", vmin=-end, vmax=end, rasterized=True)
-    if not found.all():
-        ax.pcolormesh(right, up, np.where(found, np.nan, 1.0), cmap=ListedColormap([LIFTED]), rasterized=True)
-        key = Patch(color=LIFTED, label="no periodic motion found")
-        ax.legend(handles=[key], loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, prop=SMALL)
+    marks = {"no periodic motion found": (~found, LIFTED)}
+    ax, mesh = _chart(dataset["growth"], ax, marks, cmap="RdBu_r", vmin=-end, vmax=end)
     if min(growth.shape) > 1 and np.any(growth > NEUTRAL) and np.any(growth < -NEUTRAL):
-        told = np.where(
-            growth > NEUTRAL, growth, np.minimum(growth, -NEUTRAL)
-        )  # neutral motions count as neither growing nor decaying
+        up, right = (dataset[name].values for name in dataset["growth"].dims)
+        # Neutral motions count as neither growing nor decaying.
+        told = np.where(growth > NEUTRAL, growth, np.minimum(growth, -NEUTRAL))
         ax.contour(right, up, told, levels=[0.0], colors=INK, linewidths=0.8)
     ends = (bool(size and np.min(growth[found]) < -end), bool(size and np.max(growth[found]) > end))
     extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[ends]
     colour_bar(ax, mesh, "growth rate", extend=extend)
-    named(ax, names[1], names[0])
     return ax
 
 
@@ -174,9 +174,7 @@ def _in_the_complex_plane(ax: Axes, found: Sequence[tuple[bool, np.ndarray]], le
     for stable, label, marker, colour in STABLE:
         chosen = [numbers for one, numbers in found if one == stable]
         if chosen:
-            values = np.concatenate(chosen)
-            ax.plot(
-                np.real(values), np.imag(values), marker, ms=5, linestyle="none", color=colour, label=label, mfc="none"
-            )
+            values, look = np.concatenate(chosen), {"ms": 5, "linestyle": "none", "mfc": "none"}
+            ax.plot(np.real(values), np.imag(values), marker, color=colour, label=label, **look)
     named(ax, rf"$\mathrm{{Re}}\,{letter}$", rf"$\mathrm{{Im}}\,{letter}$")
     legend_above(ax)

@@ -18,7 +18,7 @@ from ..physics.motion import Driven, OnRail
 from ..physics.rails import AbstractRail, FunctionRail, Tube
 from ..simulation.trajectory import Trajectory, times_looked_at
 from .modes import draw_modes, modes_of
-from .over_time import Series, over_time, sizes_of, tell_apart
+from .over_time import Series, over_run, sizes_of, tell_apart
 from .palette import INK, mass_look
 from .record import drawn_run, finite_rows, record, require_one
 from .shapes import grouped
@@ -50,9 +50,7 @@ def mass_angles(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     if not angles:
         raise ValueError("Argument `trajectory` must be of a body with a mass on a rail, whose θ is drawn.")
     series = [Series(values, rf"$\theta_{{{i}}}$", *mass_look(i)) for i, values in angles.items()]
-    times = np.asarray(run.times)[finite_rows(run)]
-    name = rf"$\theta_i${units_of(mass_units(run.system).values())}"
-    return over_time(run.system, times, series, name, ax, modes=modes_of(run), size=1.0)
+    return over_run(run, series, rf"$\theta_i${units_of(mass_units(run.system).values())}", ax, size=1.0)
 
 
 def angles_of(trajectory: Trajectory) -> dict[int, Float[np.ndarray, " T"]]:
@@ -62,7 +60,7 @@ def angles_of(trajectory: Trajectory) -> dict[int, Float[np.ndarray, " T"]]:
     angles = {index + 1: theta[:, slot] for slot, index in enumerate(system.driven)}
     for i, mass in enumerate(system.point_masses, start=1):
         if isinstance(mass.motion, OnRail):
-            angles[i] = np.asarray(_angle(mass.motion.schedule, to_array(times)))
+            angles[i] = np.asarray(_derivatives(mass.motion.schedule, to_array(times))[0])
     return dict(sorted(angles.items()))
 
 
@@ -90,10 +88,20 @@ def units_of(units: Iterable[str]) -> str:
     return f" ({', '.join(known)})" if known else ""
 
 
+def joint_units(system: System) -> str:
+    """The end of an axis label for the coordinates of all joints."""
+    return units_of([unit_of(joint) for one in system.mechanisms for joint in getattr(one, "joints", ())])
+
+
+def joints_of(system: System) -> list[str]:
+    """The joints a = 1 … of the mechanisms j = 1 …, as ``j,a``."""
+    return [f"{j},{a}" for j, one in enumerate(system.mechanisms, 1) for a in range(1, one.n_joints + 1)]
+
+
 @programs.filter_jit
-def _angle(schedule, times):
-    prepared = schedule.prepare()
-    return jax.vmap(lambda t: prepared.derivatives(t)[0])(times)
+def _derivatives(schedule, times):
+    """θ, θ̇ and θ̈ at each time."""
+    return jax.vmap(schedule.prepare().derivatives)(times)
 
 
 def joint_angles(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -107,8 +115,7 @@ def joint_angles(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     ``ax``.
     """
     run = _run(trajectory)
-    units = units_of([unit_of(joint) for one in run.system.mechanisms for joint in getattr(one, "joints", ())])
-    name = rf"$\theta_{{j,a}}${units}"
+    name = rf"$\theta_{{j,a}}${joint_units(run.system)}"
     return _of_joints(run, record(run).observables.joint_angles, r"\theta", name, 1.0, ax)
 
 
@@ -138,17 +145,12 @@ def _run(trajectory: Trajectory) -> Trajectory:
 def _of_joints(
     run: Trajectory, values: Float[np.ndarray, "T joints"], symbol: str, label: str, size: float, ax: Axes | None
 ) -> Axes:
-    joints = [(j, a) for j, one in enumerate(run.system.mechanisms, start=1) for a in range(1, one.n_joints + 1)]
-    series = [Series(values[:, k], rf"${symbol}_{{{j},{a}}}$", *mass_look(k + 1)) for k, (j, a) in enumerate(joints)]
-    return over_time(run.system, record(run).times, series, label, ax, modes=modes_of(run), size=size)
+    names = (f"${symbol}_{{{joint}}}$" for joint in joints_of(run.system))
+    series = [Series(values[:, k], name, *mass_look(k + 1)) for k, name in enumerate(names)]
+    return over_run(run, series, label, ax, size=size)
 
 
-def acceleration(
-    source: Trajectory | System,
-    ax: Axes | None = None,
-    *,
-    times: Numbers | None = None,
-) -> Axes:
+def acceleration(source: Trajectory | System, ax: Axes | None = None, *, times: Numbers | None = None) -> Axes:
     """The magnitudes |θ̈_i| over time, ``fig_abs_ui``; masses with the same curve share a line.
 
     A line that several masses share is black if it is the only one. If all curves end at zero, the time axis ends soon
@@ -170,13 +172,16 @@ def acceleration(
             "but it has neither; there is no acceleration to draw."
         )
     ax = plane_axes(ax, system=source.system if isinstance(source, Trajectory) else source)
-    groups = grouped(curves.items(), _are_equal)
+    groups = grouped(curves.items(), lambda one, other: all(_close(a, b) for a, b in zip(one, other, strict=True)))
     for members, (t, size) in groups:
         shared = {"color": INK, "linestyle": "-"} if len(groups) == 1 < len(members) else {}
         ax.plot(t, size, **mass_line(members[0], **shared), label=_names(members))
     draw_modes(ax, modes_of(source) if isinstance(source, Trajectory) else None)
     ax.margins(x=0)
-    _show_the_active_part(ax, list(curves.values()))
+    active = [t[size > 0].max() for t, size in curves.values() if np.any(size > 0)]
+    if active:
+        start, end = min(t[0] for t, _ in curves.values()), max(t[-1] for t, _ in curves.values())
+        ax.set_xlim(start, min(end, start + 1.5 * (max(active) - start)))
     up_to_ticks(ax, low=0.0)
     top = ax.get_ylim()[1]
     ax.set_ylim(-0.03 * top, top)  # so that the line at zero of a mass that is not pushed is visible
@@ -210,13 +215,7 @@ def _scheduled(motion: OnRail, times: Float[jax.Array, " T"]) -> Curve:
     kinks = kinks[(kinks > t[0]) & (kinks < end)]
     # With a value just before each kink, a jump is drawn as a jump; a jump at the end is not drawn.
     t = np.unique(np.concatenate([t[:-1], end[None], kinks, np.nextafter(kinks, t.dtype.type(-np.inf))]))
-    return t, np.abs(np.asarray(_second_derivative(motion.schedule, to_array(t))))
-
-
-@programs.filter_jit
-def _second_derivative(schedule, times):
-    prepared = schedule.prepare()
-    return jax.vmap(lambda t: prepared.derivatives(t)[2])(times)
+    return t, np.abs(np.asarray(_derivatives(motion.schedule, to_array(t))[2]))
 
 
 @programs.filter_jit
@@ -242,8 +241,8 @@ def _feedback(system, times, reached, states):
     return jax.vmap(lambda t, state: given_angles(prepared, t, state)[2])(times, states)
 
 
-def _are_equal(curve: Curve, other: Curve) -> bool:
-    return all(len(a) == len(b) and np.allclose(a, b, atol=1e-12) for a, b in zip(curve, other, strict=True))
+def _close(a: np.ndarray, b: np.ndarray) -> bool:
+    return len(a) == len(b) and np.allclose(a, b, atol=1e-12)
 
 
 def _names(members: list[int]) -> str:
@@ -251,10 +250,3 @@ def _names(members: list[int]) -> str:
     if last - first > 2 and len(members) == last - first + 1:
         return rf"$i = {first}, \ldots, {last}$"
     return "$i = " + ", ".join(map(str, members)) + "$"
-
-
-def _show_the_active_part(ax: Axes, curves: list[Curve]) -> None:
-    active = [t[size > 0].max() for t, size in curves if np.any(size > 0)]
-    if active:
-        start, end = min(t[0] for t, _ in curves), max(t[-1] for t, _ in curves)
-        ax.set_xlim(start, min(end, start + 1.5 * (max(active) - start)))

@@ -2,8 +2,9 @@
 
 import contextlib
 import hashlib
+import itertools
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -65,6 +66,31 @@ def check_others(paths: Iterable[Path], mark: str, option: str) -> None:
 def figures_in(folder: Path, name: str, formats: Sequence[str]) -> list[Path]:
     """The figures called ``name`` in a folder."""
     return sorted(path for suffix in formats for path in folder.glob(f"{name}_*.{suffix}"))
+
+
+def save_figures(
+    drawings: "Sequence[tuple[str, Callable[[], Axes | Figure]]]",
+    folder: str | Path,
+    mark: str,
+    formats: Sequence[str],
+    *,
+    svg_text: bool,
+    replace: bool,
+) -> list[Path]:
+    """Writes figures by their names into a folder, in each format, and returns their paths.
+
+    **Raises:** :class:`~jaxball.results.OutputError` where there is a figure of another run and ``replace`` is False;
+    nothing is written then.
+    """
+    paths = [[Path(folder) / f"{name}.{suffix}" for suffix in formats] for name, _ in drawings]
+    if not replace:
+        check_others(itertools.chain(*paths), mark, "replace=True")
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    for files, (_, draw) in zip(paths, drawings, strict=True):
+        drawn = draw()
+        for path in files:
+            save_figure(drawn, path, mark, svg_text=svg_text)
+    return list(itertools.chain(*paths))
 
 
 def save_figure(drawn: "Axes | Figure", path: Path, mark: str = "", *, svg_text: bool = False) -> None:

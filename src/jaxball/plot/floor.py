@@ -11,8 +11,9 @@ from jaxtyping import Float
 
 from ..numerics import programs
 from ..numerics.arrays import to_array
-from ..physics.body import System
-from .record import Record
+from ..simulation.trajectory import Trajectory
+from .record import Record, finite_rows
+from .shapes import arms
 
 ROOM = 1.3  # from the path to the edge of the floor, in radii
 
@@ -44,58 +45,51 @@ class Placed(NamedTuple):
     """The motion of the bodies of a scene on the page."""
 
     times: Float[np.ndarray, " T"]
+    setting: Setting
     Lambda: Float[np.ndarray, "T 3 3"]  # from body axes to those of the page
     centre: Float[np.ndarray, "T 3"]  # of the shell
     masses: Float[np.ndarray, "T n 3"]  # from the centre
     centre_of_mass: Float[np.ndarray, "T 3"]  # from the centre
     path: Float[np.ndarray, "T 3"]  # of the contact point on the plane, without the plane's displacement
-    moved: Float[np.ndarray, "T 3"]
+    arms: list[Float[np.ndarray, "T n points 3"]]  # of each mechanism, body vectors from the centre
 
 
-def setting_of(system: System, times: Float[np.ndarray, " T"]) -> Setting:
-    """The setting of a run."""
-    ground, still = system.ground, np.zeros((len(times), 3))
-    if ground is None:
-        return Setting(np.eye(3), still, None, np.zeros(3))
-    page = _upright(np.asarray(ground.up()))
-    moved, turned = _motion(ground, to_array(times))
-    centre = np.zeros(2) if ground.turntable is None else np.asarray(ground.turntable.centre)
-    return Setting(
-        page,
-        still if moved is None else np.asarray(moved) @ page.T,
-        None if turned is None else np.asarray(turned),
-        np.array([*centre, 0.0]),
-    )
-
-
-def place(run: Record, setting: Setting) -> Placed:
+def place(trajectory: Trajectory, run: Record) -> Placed:
     """A run in the axes of the page."""
-    seen, turn = run.observables, setting.page.T
-    return Placed(
-        run.times,
-        setting.page @ run.Lambda,
-        seen.geometric_centre @ turn + setting.moved,
-        seen.mass_positions_space @ turn,
-        seen.centre_of_mass_space @ turn,
-        seen.contact_point @ turn,
-        setting.moved,
-    )
-
-
-def _upright(up: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    """The rotation about a horizontal axis that takes the unit vector ``up`` to e3."""
+    rows, seen, ground = finite_rows(trajectory), run.observables, trajectory.system.ground
+    given = trajectory.system, to_array(run.times), jax.tree.map(lambda leaf: leaf[rows], trajectory.state)
+    Lambda, arms, moved, turned = jax.tree.map(np.asarray, _evaluate(*given))
+    up = np.array([0.0, 0.0, 1.0]) if ground is None else np.asarray(ground.up())
     tilt = np.array([[0.0, 0.0, -up[0]], [0.0, 0.0, -up[1]], [up[0], up[1], 0.0]])
-    return np.eye(3) + tilt + tilt @ tilt / (1 + up[2])
+    page = np.eye(3) + tilt + tilt @ tilt / (1 + up[2])  # turns about a horizontal axis, and takes ``up`` to e3
+    moved = np.zeros((len(rows), 3)) if moved is None else moved @ page.T
+    table = None if ground is None else ground.turntable
+    centre = (0.0, 0.0) if table is None else np.asarray(table.centre)
+    return Placed(
+        times=run.times,
+        setting=Setting(page, moved, turned, np.array([*centre, 0.0])),
+        Lambda=page @ Lambda,
+        centre=seen.geometric_centre @ page.T + moved,
+        masses=seen.mass_positions_space @ page.T,
+        centre_of_mass=seen.centre_of_mass_space @ page.T,
+        path=seen.contact_point @ page.T,
+        arms=arms,
+    )
 
 
 @programs.filter_jit
-def _motion(ground, times):
-    """X and the angle of the turntable at each time; None for what the ground lacks."""
-    ground = ground.prepare()
-    moved = None if ground.motion is None else jax.vmap(lambda t: ground.motion.kinematics(t).chi)(times)
-    table = ground.turntable
-    turned = None if table is None else jax.vmap(lambda t: table.turning.derivatives(t)[0])(times)
-    return moved, turned
+def _evaluate(system, times, states):
+    """Λ, the arms, X and the angle of the turntable at each time; None for what the ground lacks."""
+    prepared = system.prepare()
+    ground = prepared.ground
+
+    def at_time(t, state):
+        moved = None if ground is None or ground.motion is None else ground.motion.kinematics(t).chi
+        table = None if ground is None else ground.turntable
+        turned = None if table is None else table.turning.derivatives(t)[0]
+        return state.in_space().Lambda, arms(prepared, t, state.theta), moved, turned
+
+    return jax.vmap(at_time)(times, states)
 
 
 class Block(NamedTuple):

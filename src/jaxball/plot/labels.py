@@ -4,11 +4,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 from matplotlib.text import Annotation, Text
 from mpl_toolkits.mplot3d import Axes3D, proj3d
 
@@ -39,7 +38,9 @@ class Names(Artist):
         """Moves the names."""
         point = renderer.points_to_pixels(1.0)
         anchors = _on_the_page(self._ax, self._points)
-        sizes = np.array([_size(text, renderer) for text in self._texts]) / point
+        # Of the text alone: the extent of an annotation would include its anchor.
+        boxes = [Text.get_window_extent(text, renderer) for text in self._texts]
+        sizes = np.array([(box.width, box.height) for box in boxes]) / point
         curves, faint, marks = (points / point for points in _obstacles(self._ax))
         width, height = self._ax.figure.bbox.size / point
         centres = places(anchors / point, sizes, curves, marks, faint, (width, height), self._room)
@@ -107,7 +108,8 @@ def places(
     halves = sizes[:, None, :] / 2 + PADDING
     low, high = options - halves, options + halves
     out = np.maximum(0.0, -low) + np.maximum(0.0, high - np.asarray(page))
-    costs = OUTSIDE * out.sum(axis=2) + _distance_costs()
+    turned = np.minimum(np.arange(DIRECTIONS), DIRECTIONS - np.arange(DIRECTIONS))  # from the first direction
+    costs = OUTSIDE * out.sum(axis=2) + np.add.outer(FAR * np.asarray(DISTANCES), TURNED * turned).ravel()
     for points, weight in ((curves, ON_A_CURVE), (marks, ON_A_MARK), (background, ON_A_BACKGROUND)):
         costs += weight * _counts(low, high, points)
     chosen = np.argmin(costs, axis=1)
@@ -134,12 +136,6 @@ def _candidates(
     return np.concatenate([anchor + (room + distance) * towards + beside for distance in DISTANCES])
 
 
-def _distance_costs() -> Float[np.ndarray, " candidates"]:
-    """The costs of being far away, or in a direction other than the first."""
-    turned = np.minimum(np.arange(DIRECTIONS), DIRECTIONS - np.arange(DIRECTIONS))
-    return np.add.outer(FAR * np.asarray(DISTANCES), TURNED * turned).ravel()
-
-
 def _counts(
     low: Float[np.ndarray, "n candidates 2"],
     high: Float[np.ndarray, "n candidates 2"],
@@ -149,19 +145,9 @@ def _counts(
     counts = np.zeros(low.shape[:2])
     for i in range(len(low)):
         near = points[np.all((points >= low[i].min(axis=0)) & (points <= high[i].max(axis=0)), axis=1)]
-        counts[i] = np.sum(_inside(low[i], high[i], near), axis=1)
+        inside = np.all((near >= low[i][:, None]) & (near <= high[i][:, None]), axis=2)
+        counts[i] = np.sum(inside, axis=1)
     return counts
-
-
-def _inside(
-    low: Float[np.ndarray, "boxes 2"], high: Float[np.ndarray, "boxes 2"], points: Float[np.ndarray, "m 2"]
-) -> Bool[np.ndarray, "boxes m"]:
-    return np.all((points >= low[:, None]) & (points <= high[:, None]), axis=2)
-
-
-def _size(text: Text, renderer: Any) -> tuple[float, float]:
-    box = Text.get_window_extent(text, renderer)  # that of an annotation would include its anchor
-    return box.width, box.height
 
 
 def _on_the_page(ax: Axes, points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n 2"]:
@@ -186,7 +172,8 @@ def _obstacles(ax: Axes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         if line.get_marker() not in ("None", "none", "", None):
             kinds[2].append(_disc(points, line.get_markersize() / 2 * pixel, SPACING * pixel))
     for patch in ax.patches:
-        kinds[0].append(_edge(patch, SPACING * pixel))
+        outlines = patch.get_transform().transform_path(patch.get_path()).to_polygons()
+        kinds[0].extend(_sampled(np.asarray(outline), SPACING * pixel) for outline in outlines)
     curves, background, marks = (np.concatenate([np.zeros((0, 2)), *points]) for points in kinds)
     return curves, background, marks
 
@@ -195,11 +182,6 @@ def _points_of(ax: Axes, line: Line2D) -> Float[np.ndarray, "n 2"]:
     if isinstance(ax, Axes3D):
         return _on_the_page(ax, np.column_stack(line.get_data_3d()))  # pyright: ignore[reportAttributeAccessIssue]
     return line.get_transform().transform(np.asarray(line.get_xydata(), dtype=float))
-
-
-def _edge(patch: Patch, spacing: float) -> Float[np.ndarray, "n 2"]:
-    outlines = patch.get_transform().transform_path(patch.get_path()).to_polygons()
-    return np.concatenate([np.zeros((0, 2)), *(_sampled(np.asarray(outline), spacing) for outline in outlines)])
 
 
 def _sampled(points: Float[np.ndarray, "n 2"], spacing: float) -> Float[np.ndarray, "m 2"]:

@@ -14,10 +14,10 @@ from ..classical import RigidBodyState
 from ..physics.body import AbstractBody
 from ..simulation.trajectory import Trajectory
 from ..simulation.variables import symbol, symbol_of
-from .over_time import Series, over_time
+from .over_time import Series, components, over_time
 from .palette import COMPONENTS, DASHED, FAINT, INK, MASSES, SOLID, mass_look
 from .record import finite_rows, require_one
-from .style import SMALL, WIDE, caption, legend_above, linestyle, named, plane_axes, up_to_ticks, zero_line
+from .style import ABOVE, SMALL, WIDE, caption, legend_above, linestyle, named, plane_axes, up_to_ticks, zero_line
 
 PANEL = 1.05  # the height of a panel, in inches
 # A coordinate and its rate have the same colour.
@@ -41,9 +41,8 @@ def classical_motion(trajectory: Trajectory[Any, Any], ax: Axes | None = None) -
     rows = _rows(trajectory)
     times, state = np.asarray(trajectory.times)[rows], trajectory.state
     if isinstance(state, RigidBodyState):
-        Omega = np.asarray(state.Omega)[rows]
-        series = [Series(Omega[:, j], rf"$\Omega_{j + 1}$", COMPONENTS[j]) for j in range(3)]
-        return over_time(trajectory.system, times, series, r"$\Omega_i$", ax)
+        Omega = components(np.asarray(state.Omega)[rows], r"\Omega")
+        return over_time(trajectory.system, times, Omega, r"$\Omega_i$", ax)
     series = []
     for name, leaf in vars(state).items():
         for k, values in enumerate(np.asarray(leaf).reshape(len(trajectory.times), -1).T):
@@ -91,18 +90,8 @@ def _panel(ax: Axes, times: Float[np.ndarray, " T"], changes: Float[np.ndarray, 
     change = f"change since the start{scale}" if largest > 0 else "no change"
     ax.set_title(f"{name}: {change}", fontproperties=SMALL, loc="left", pad=5)
     if changes.shape[1] > 1:
-        ax.legend(
-            loc="lower right",
-            bbox_to_anchor=(1.0, 1.0),
-            ncols=3,
-            frameon=False,
-            prop=SMALL,
-            handlelength=1.0,
-            columnspacing=0.8,
-            handletextpad=0.4,
-            borderaxespad=0.0,
-            borderpad=0.1,
-        )
+        narrow: dict[str, Any] = {"handlelength": 1.0, "columnspacing": 0.8, "handletextpad": 0.4, "borderaxespad": 0.0}
+        ax.legend(ncols=3, **(ABOVE | {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)}), **narrow, borderpad=0.1)
 
 
 def _rows(trajectory: Trajectory[Any, Any]) -> np.ndarray:

@@ -98,7 +98,7 @@ def draw_modes(ax: Axes, modes: Modes | None) -> None:
 
 def share_bands(figure: Figure, most: int = 3) -> None:
     """Names the bands of a figure once, below all its Axes; the legends above these have up to ``most`` in a row."""
-    bands: dict[str, Any] = {}
+    bands: dict[str, Any] = dict.fromkeys(NAMES)
     for ax in figure.axes:
         of_ax = {str(patch.get_label()): patch for patch in ax.patches if patch.get_label() in NAMES}
         for patch in of_ax.values():
@@ -108,10 +108,9 @@ def share_bands(figure: Figure, most: int = 3) -> None:
             old.remove()
             legend_above(ax, most)
         bands |= of_ax
-    if bands:
-        drawn = [bands[name] for name in NAMES if name in bands]
-        names = [name for name in NAMES if name in bands]
-        figure.legend(drawn, names, loc="outside lower center", ncols=len(drawn), frameon=False, prop=SMALL)
+    if drawn := {name: patch for name, patch in bands.items() if patch is not None}:
+        look: dict[str, Any] = {"loc": "outside lower center", "ncols": len(drawn), "frameon": False, "prop": SMALL}
+        figure.legend(list(drawn.values()), list(drawn), **look)
 
 
 def with_breaks(

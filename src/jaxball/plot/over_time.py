@@ -10,8 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from ..physics.system import AbstractSystem
-from .modes import Modes, draw_modes
-from .palette import INK, SOLID, Dashes
+from ..simulation.trajectory import Trajectory
+from .modes import Modes, draw_modes, modes_of, with_breaks
+from .palette import COMPONENTS, INK, SOLID, Dashes
+from .record import finite_rows
 from .style import legend_above, linestyle, named, plane_axes, sharing, up_to_ticks, zero_line
 
 ROUNDING = 1e-12  # of the typical size of a quantity in the system; below this it is drawn as zero
@@ -92,6 +94,32 @@ def over_time(
     tell_apart(ax)
     legend_above(ax, most)
     return ax
+
+
+def over_run(
+    run: Trajectory[Any, Any],
+    series: Sequence[Series],
+    name: str,
+    ax: Axes | None,
+    *,
+    size: float = 0.0,
+    most: int = 5,
+    jumps: bool = False,
+) -> Axes:
+    """Several series over the times of a run that are drawn, as :func:`over_time`.
+
+    With ``jumps`` they jump where the mode changes, and have gaps there.
+    """
+    times, modes = np.asarray(run.times)[finite_rows(run)], modes_of(run)
+    if jumps:
+        times, *broken = with_breaks(modes, times, *(one.values for one in series))
+        series = [one._replace(values=values) for one, values in zip(series, broken, strict=True)]
+    return over_time(run.system, times, series, name, ax, most, modes, size)
+
+
+def components(vectors: Float[np.ndarray, "T 3"], symbol: str) -> list[Series]:
+    """The components of a vector over time."""
+    return [Series(vectors[:, j], f"${symbol}_{j + 1}$", COMPONENTS[j]) for j in range(3)]
 
 
 def tell_apart(ax: Axes) -> None:

@@ -6,17 +6,14 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..numerics import programs
-from ..physics.state import DiskState, ReducedState, State
 from ..simulation.limits import with_limits
 from ..simulation.trajectory import Trajectory
 
 
 class Record(NamedTuple):
-    """The saved times that the solve reached, with the orientation Λ and the observables at each."""
+    """The saved times that the solve reached, and the observables at each."""
 
     times: Float[np.ndarray, " T"]
-    Lambda: Float[np.ndarray, "T 3 3"]
     observables: Any  # Observables whose arrays are NumPy's
 
 
@@ -28,7 +25,7 @@ def record(trajectory: Trajectory) -> Record:
     require_one(trajectory)
     rows = finite_rows(trajectory)
     observables = jax.tree.map(lambda leaf: np.asarray(leaf)[rows], trajectory.observables)
-    return Record(np.asarray(trajectory.times)[rows], _orientation(trajectory.state)[rows], observables)
+    return Record(np.asarray(trajectory.times)[rows], observables)
 
 
 def drawn_run(trajectory: Trajectory) -> Trajectory:
@@ -76,14 +73,3 @@ def finite_rows(trajectory: Trajectory) -> np.ndarray:
     """The indices of the saved times at which every entry of the state is finite."""
     leaves = [np.asarray(leaf).reshape(len(trajectory.times), -1) for leaf in jax.tree.leaves(trajectory.state)]
     return np.flatnonzero(np.all(np.isfinite(np.concatenate(leaves, axis=1)), axis=1))
-
-
-def _orientation(state: State) -> np.ndarray:
-    assert not isinstance(state, ReducedState)
-    return np.asarray(_matrices(state))
-
-
-@programs.filter_jit
-def _matrices(states):
-    in_space = states.in_space() if isinstance(states, DiskState) else states
-    return jax.vmap(lambda row: row.Lambda)(in_space)

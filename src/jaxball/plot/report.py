@@ -1,6 +1,6 @@
 """The standard figures of a trajectory: written to a folder, or together on one page."""
 
-import itertools
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -15,7 +15,7 @@ from ..physics.system import AbstractSystem
 from ..sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory
 from .coordinates import acceleration, accelerations, joint_angles, joint_efforts, mass_angles, mass_units
-from .files import check_others, plain_name, run_mark, save_figure
+from .files import plain_name, run_mark, save_figure, save_figures
 from .laws import classical_motion, law_errors
 from .modes import share_bands
 from .record import record
@@ -88,19 +88,18 @@ def figures(
     """
     if isinstance(trajectory.system, AbstractBody):
         record(trajectory)
-    folder, mark = Path(folder), run_mark(trajectory)
     begin = plain_name(name, trajectory.system.title.lower().replace(" ", "_"))
-    functions = standard_figures(trajectory)
-    names = [draw.__name__ for draw in functions] + ([measurements.__name__] if sensors else [])
-    paths = [[folder / f"{begin}_{one}.{suffix}" for suffix in formats] for one in names]
-    if not replace:
-        check_others(itertools.chain(*paths), mark, "replace=True")
-    folder.mkdir(parents=True, exist_ok=True)
-    for files, draw in itertools.zip_longest(paths, functions):
-        drawn = draw(trajectory) if draw is not None else measurements(trajectory, sensors or {})
-        for path in files:
-            write_figure(drawn, path, trajectory.system, title, mark, svg_text=svg_text)
-    return list(itertools.chain(*paths))
+    named = [(draw.__name__, functools.partial(draw, trajectory)) for draw in standard_figures(trajectory)]
+    if sensors:
+        named.append((measurements.__name__, functools.partial(measurements, trajectory, sensors)))
+
+    def captioned(draw: Callable[[], Axes | Figure]) -> Axes | Figure:
+        drawn = draw()
+        caption(drawn if isinstance(drawn, Figure) else drawn.figure, trajectory.system, title)
+        return drawn
+
+    drawings = [(f"{begin}_{one}", functools.partial(captioned, draw)) for one, draw in named]
+    return save_figures(drawings, folder, run_mark(trajectory), formats, svg_text=svg_text, replace=replace)
 
 
 def standard_figures(trajectory: Trajectory[Any, Any]) -> list[Callable[[Trajectory[Any, Any]], Axes | Figure]]:
@@ -121,18 +120,10 @@ def _is_central(system: AbstractBody) -> bool:
     return not (system.n_masses or system.mechanisms or np.any(np.asarray(system.offset)))
 
 
-def write_figure(
-    drawn: Axes | Figure,
-    path: Path,
-    system: AbstractSystem,
-    title: str = "",
-    mark: str = "",
-    *,
-    svg_text: bool = False,
-) -> None:
+def write_figure(drawn: Axes | Figure, path: Path, system: AbstractSystem, title: str = "") -> None:
     """Writes a figure, with a caption that says which system it shows."""
     caption(drawn if isinstance(drawn, Figure) else drawn.figure, system, title)
-    save_figure(drawn, path, mark, svg_text=svg_text)
+    save_figure(drawn, path)
 
 
 def overview(trajectory: Trajectory, title: str = "") -> Figure:

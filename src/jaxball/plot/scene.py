@@ -16,11 +16,11 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ..physics.body import Disk
 from ..simulation.trajectory import Trajectory
-from .floor import ROOM, Floor, Placed, Setting, floor_under, ground_under, place, setting_of
+from .floor import ROOM, Floor, Placed, Setting, floor_under, ground_under, place
 from .modes import PATHS, modes_of, track_of
 from .palette import FAINT, INK, SHELL, TRAIL, mass_colour
 from .record import Record
-from .shapes import BREAK, arms_of_run, looks, outline, parallel, rail_points, split, towards, wireframe
+from .shapes import BREAK, looks, outline, parallel, rail_points, split, towards, wireframe
 from .style import CAPTION, SMALL, mass_line, subject
 
 ELEVATION, AZIMUTH = 26.0, -60.0  # degrees
@@ -30,7 +30,6 @@ SPOKES = 12  # of a turntable
 TOP, SIDE, TABLE = "0.965", "0.9", "0.93"
 GRID: dict[str, Any] = {"color": "0.88", "linewidth": 0.6, "zorder": 1}
 BASELINE = -15.0  # of the clock, in points from the upper edge
-Arms = list[Float[np.ndarray, "T n points 3"]]  # of each mechanism
 
 
 def line(ax: Axes, animated: bool = True, **look) -> Line2D:
@@ -54,21 +53,19 @@ def face(ax: Axes3D, edgecolor: str = "none", animated: bool = True, **look) -> 
     return polygon
 
 
-def draw_trail(
-    ax: Axes, trajectory: Trajectory, placed: Placed, setting: Setting, **look: Any
-) -> Callable[[int], None]:
+def draw_trail(ax: Axes, trajectory: Trajectory, placed: Placed, **look: Any) -> Callable[[int], None]:
     """Draws the trail, and returns a function that shows it up to the k-th saved time."""
-    track = track_of(trajectory)
+    track, setting = track_of(trajectory), placed.setting
     if track is None:
         trail = line(ax, color=TRAIL, **look)
-        return lambda k: move(trail, placed.path[: k + 1] + placed.moved[k])
+        return lambda k: move(trail, placed.path[: k + 1] + setting.moved[k])
     look = {name: value for name, value in look.items() if name != "solid_capstyle"}
     pieces = [(track.pieces(mode), line(ax, color=TRAIL, **look, **dashes)) for mode, dashes in PATHS.items()]
 
     def show(k: int) -> None:
         for (times, points), artist in pieces:
             until = np.searchsorted(times, placed.times[k], side="right")
-            move(artist, points[:until] @ setting.page.T + placed.moved[k])
+            move(artist, points[:until] @ setting.page.T + setting.moved[k])
 
     return show
 
@@ -83,12 +80,11 @@ class Scene(NamedTuple):
 def scene(trajectory: Trajectory, run: Record) -> Scene:
     """The scene of a ball in space, or of a disk in its plane; gravity points down."""
     make = _disk_scene if isinstance(trajectory.system, Disk) else _ball_scene
-    return make(trajectory, run, arms_of_run(trajectory), setting_of(trajectory.system, run.times))
+    return make(trajectory, run, place(trajectory, run))
 
 
-def _ball_scene(trajectory: Trajectory, run: Record, arms: Arms, setting: Setting) -> Scene:
-    system, placed = trajectory.system, place(run, setting)
-    r = float(system.radius)
+def _ball_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
+    setting, r = placed.setting, float(trajectory.system.radius)
     # A slope is seen from its side, so that it is visible, and never from below.
     azimuth = AZIMUTH + setting.downhill
     viewer = towards(ELEVATION, azimuth)
@@ -98,36 +94,27 @@ def _ball_scene(trajectory: Trajectory, run: Record, arms: Arms, setting: Settin
     figure, ax = _stage(np.concatenate([floor.block.everywhere(setting.moved), visited]), azimuth)
     show_floor = draw_floor(ax, floor, setting, r, viewer)
 
-    show_shadow = _draw_shadow(ax, placed, setting, r) if trajectory.contact is not None else None
-    show_trail = draw_trail(ax, trajectory, placed, setting, linewidth=1.8, zorder=2)
+    # A shadow below a ball that may leave the plane makes its height visible.
+    shadow = face(ax, facecolor=SHADOW, zorder=1.5) if trajectory.contact is not None else None
+    show_trail = draw_trail(ax, trajectory, placed, linewidth=1.8, zorder=2)
     shade = face(ax, facecolor="white", alpha=0.7, zorder=3)
     back = line(ax, color=FAINT, linewidth=0.6, zorder=4)
     front = line(ax, color="0.6", linewidth=0.6, zorder=7)
     edge = line(ax, color=SHELL, linewidth=1.2, zorder=7)
-    show_contents = _contents(figure, ax, trajectory, placed, arms)
+    show_contents = _contents(figure, ax, trajectory, placed)
 
     def show(k: int) -> None:
         near, far = split(wire @ placed.Lambda[k].T, viewer)
         for artist, points in ((front, near), (back, far), (edge, silhouette)):
             move(artist, placed.centre[k] + points)
         shade.set_verts([placed.centre[k] + silhouette])
-        if show_shadow is not None:
-            show_shadow(k)
+        if shadow is not None:
+            shadow.set_verts([placed.path[k] + setting.moved[k] + r * parallel(0.0) @ setting.page.T])
         show_trail(k)
         show_floor(k)
         show_contents(k)
 
     return Scene(figure, show)
-
-
-def _draw_shadow(ax: Axes3D, placed: Placed, setting: Setting, r: float) -> Callable[[int], None]:
-    """Draws a shadow below a ball that may leave the plane, so that its height is visible."""
-    shadow, round_ = face(ax, facecolor=SHADOW, zorder=1.5), r * parallel(0.0) @ setting.page.T
-
-    def show(k: int) -> None:
-        shadow.set_verts([placed.path[k] + placed.moved[k] + round_])
-
-    return show
 
 
 def _stage(content: Float[np.ndarray, "points 3"], azimuth: float) -> tuple[Figure, Axes3D]:
@@ -154,9 +141,8 @@ def _stage(content: Float[np.ndarray, "points 3"], azimuth: float) -> tuple[Figu
     return figure, ax
 
 
-def _disk_scene(trajectory: Trajectory, run: Record, arms: Arms, setting: Setting) -> Scene:
-    system, placed, path = trajectory.system, place(run, setting), run.observables.contact_point
-    r = float(system.radius)
+def _disk_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
+    setting, path, r = placed.setting, run.observables.contact_point, float(trajectory.system.radius)
     around = [placed.centre + aside for aside in ([-1.1 * r, 0.0, 0.0], [1.1 * r, 0.0, 0.0])]
     content = np.concatenate([ground_under(path, r, setting).everywhere(setting.moved), *around])
     (left, _, low), (right, _, high) = content.min(axis=0), content.max(axis=0)
@@ -167,11 +153,11 @@ def _disk_scene(trajectory: Trajectory, run: Record, arms: Arms, setting: Settin
     ax.set_axis_off()
     show_ground = draw_ground(ax, path, r, setting)
 
-    show_trail = draw_trail(ax, trajectory, placed, setting, linewidth=3.0, zorder=2, solid_capstyle="butt")
+    show_trail = draw_trail(ax, trajectory, placed, linewidth=3.0, zorder=2, solid_capstyle="butt")
     shell = Ring((0.0, 0.0), r, facecolor="0.985", edgecolor=SHELL, linewidth=1.4, zorder=3, animated=True)
     ax.add_patch(shell)
     spokes = line(ax, color="0.75", linewidth=0.8, zorder=3)
-    show_contents = _contents(figure, ax, trajectory, placed, arms)
+    show_contents = _contents(figure, ax, trajectory, placed)
 
     def show(k: int) -> None:
         shell.set_center((placed.centre[k, 0], placed.centre[k, 2]))
@@ -193,33 +179,25 @@ def _spokes(r: float) -> Float[np.ndarray, "points 3"]:
     return np.stack(points)
 
 
-def _contents(figure: Figure, ax: Axes, trajectory: Trajectory, placed: Placed, arms: Arms) -> Callable[[int], None]:
+def _contents(figure: Figure, ax: Axes, trajectory: Trajectory, placed: Placed) -> Callable[[int], None]:
     """Draws rails, masses, centre of mass and a clock, and returns a function that moves them to the k-th saved time.
 
     For a run with a law of contact, the clock shows the mode too.
     """
     system, modes = trajectory.system, modes_of(trajectory)
     words = [""] * len(placed.times) if modes is None else [f"  {mode.name.lower()}" for mode in modes.at(placed.times)]
-    masses = list(enumerate(system.point_masses, start=1))
-    curves = ((i, rail_points(mass.motion, float(system.radius))) for i, mass in masses)
+    curves = ((i, rail_points(mass.motion, float(system.radius))) for i, mass in enumerate(system.point_masses, 1))
     rails = [(points, line(ax, **mass_line(i, linewidth=0.9, zorder=5))) for i, points in curves if points is not None]
-    dot: dict[str, Any] = {
-        "marker": "o",
-        "ms": 8,
-        "markeredgecolor": "white",
-        "mew": 0.8,
-        "linestyle": "none",
-        "zorder": 6,
-    }
+    dot: dict[str, Any] = {"marker": "o", "ms": 8, "markeredgecolor": "white", "mew": 0.8, "linestyle": "none"}
     rods = [
         (points[:, i], line(ax, color=mass_colour(j), linewidth=1.4, zorder=5.5))
-        for j, points in enumerate(arms, start=system.n_masses + 1)
+        for j, points in enumerate(placed.arms, start=system.n_masses + 1)
         for i in range(points.shape[1])
     ]
     shown = looks(system)
     names = [look.name if look not in shown[:k] else "" for k, look in enumerate(shown)]
-    dots = [line(ax, **dot, color=look.colour, label=name) for look, name in zip(shown, names, strict=True)]
-    star = line(ax, **(dot | {"marker": "*", "ms": 10}), color=INK, label="CM")
+    dots = [line(ax, **dot, color=look.colour, label=name, zorder=6) for look, name in zip(shown, names, strict=True)]
+    star = line(ax, **(dot | {"marker": "*", "ms": 10}), color=INK, label="CM", zorder=6)
     figure.legend(loc="upper right", ncols=min(len(set(shown)) + 1, 7), frameon=False, prop=SMALL, handletextpad=0.2)
     figure.text(0.5, 0.02 / figure.get_figheight(), subject(system), ha="center", va="bottom", **CAPTION)
     clock = _clock(figure, ax)

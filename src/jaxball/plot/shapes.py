@@ -1,10 +1,9 @@
 """What is in a body, as points and curves in body axes: shell, rails, and mechanisms with their arms."""
 
 from collections.abc import Callable, Iterable
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
-import jax
 import numpy as np
 from jaxtyping import Array, Float
 from mpl_toolkits.mplot3d import Axes3D
@@ -14,9 +13,7 @@ from ..numerics.arrays import to_array
 from ..physics.body import System
 from ..physics.motion import AbstractMotion, Driven, OnRail
 from ..physics.rails import Tube
-from ..simulation.trajectory import Trajectory
 from .palette import mass_colour
-from .record import finite_rows
 
 BREAK = np.full((1, 3), np.nan)
 
@@ -91,35 +88,16 @@ def looks(system: System) -> list[Look]:
     return shown
 
 
-def arms(
-    system: System, times: Float[np.ndarray, " T"], theta: Float[np.ndarray, "T coordinates"]
-) -> list[Float[np.ndarray, "T n points 3"]]:
-    """For each mechanism, the arms of its masses, body vectors from the geometric centre."""
-    return [np.asarray(found) for found in _arms(system, to_array(times), to_array(theta))]
-
-
-def arms_of_run(trajectory: Trajectory) -> list[Float[np.ndarray, "T n points 3"]]:
-    """The arms along a run, at the times that are drawn."""
-    rows = finite_rows(trajectory)
-    return arms(trajectory.system, np.asarray(trajectory.times)[rows], np.asarray(trajectory.state.theta)[rows])
-
-
-@programs.filter_jit
-def _arms(system: System, times, theta) -> list[Array]:
-    prepared = system.prepare()
+def arms(prepared: Any, t: Float[Array, ""], theta: Float[Array, " coordinates"]) -> list[Float[Array, "n points 3"]]:
+    """For each mechanism of a prepared system, the arms of its masses, body vectors from the centre; traceable."""
     places: dict[int, Array] = {}
     for group, order in zip(prepared.mechanism_groups, prepared.mechanism_order, strict=True):
-        slots = prepared.slots(order, group.in_state)
 
-        def one(mechanism, t, own):
+        def one(mechanism, own):
             return mechanism.arms(mechanism.rates(t, (own, own, own))[0])
 
-        found = jax.vmap(
-            lambda t, theta, group=group, slots=slots, one=one: eqx.filter_vmap(one, in_axes=(0, None, 0))(
-                group, t, theta[slots]
-            )
-        )(times, theta)
-        places |= {index: found[:, k] for k, index in enumerate(order)}
+        found = eqx.filter_vmap(one)(group, theta[prepared.slots(order, group.in_state)])
+        places |= {index: found[k] for k, index in enumerate(order)}
     return [places[index] for index in sorted(places)]
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -87,7 +88,13 @@ def configuration(
     positions = _positions(system, t, theta)
     r = float(system.radius)
     if isinstance(system, Disk):
-        return _in_plane(system, positions, r, plane_axes(ax, SQUARE, system))
+        ax = plane_axes(ax, SQUARE, system)
+        ax.add_patch(Ring((0.0, 0.0), r, facecolor="none", edgecolor=SHELL, linewidth=1.2))
+        _draw(ax, system, positions, columns=[0, 2])
+        limits, ticks = (-1.08 * r, 1.08 * r), (-r, 0.0, r)
+        ax.set(xlim=limits, ylim=limits, xticks=ticks, yticks=ticks, aspect="equal")
+        named(ax, r"$\mathbf{E}_1$", r"$\mathbf{E}_3$")
+        return ax
     ax = space_axes(ax, system=system)
     cube(ax, r, "E")
     viewer = view(ax)
@@ -96,15 +103,6 @@ def configuration(
     ax.plot(*front.T, color="0.7", linewidth=0.4, zorder=1.5)
     ax.plot(*outline(r, viewer).T, color=SHELL, linewidth=0.9, zorder=1.5)
     _draw(ax, system, positions, columns=[0, 1, 2])
-    return ax
-
-
-def _in_plane(disk: Disk, positions: Positions, r: float, ax: Axes) -> Axes:
-    ax.add_patch(Ring((0.0, 0.0), r, facecolor="none", edgecolor=SHELL, linewidth=1.2))
-    _draw(ax, disk, positions, columns=[0, 2])
-    limits, ticks = (-1.08 * r, 1.08 * r), (-r, 0.0, r)
-    ax.set(xlim=limits, ylim=limits, xticks=ticks, yticks=ticks, aspect="equal")
-    named(ax, r"$\mathbf{E}_1$", r"$\mathbf{E}_3$")
     return ax
 
 
@@ -149,9 +147,7 @@ def _positions(system: System, t: Numbers, theta: Numbers) -> Positions:
             f"Argument `theta` must have {counted(len(names), 'entry', 'entries')}, as many as the body's coordinates "
             f"{list(names)}, but its shape is {angles.shape}."
         )
-    masses, shell, whole = map(np.asarray, _evaluate(system, to_array(t), angles))
-    moved = arms(system, np.atleast_1d(np.asarray(t)), np.asarray(angles)[None]) if system.mechanisms else []
-    return Positions(masses, [arm[0] for arm in moved], shell, whole)
+    return Positions(*jax.tree.map(np.asarray, _evaluate(system, to_array(t), angles)))
 
 
 @programs.filter_jit
@@ -159,7 +155,7 @@ def _evaluate(system, t, theta):
     prepared, still = system.prepare(), jnp.zeros_like(theta)
     angles = (theta, still, still)
     at = moments(prepared, t, angles)
-    return kinematics(prepared, t, angles).chi, system.offset, at.p / at.M
+    return kinematics(prepared, t, angles).chi, arms(prepared, t, theta), system.offset, at.p / at.M
 
 
 def body_paths(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -174,7 +170,7 @@ def body_paths(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or an ``ax`` of the wrong kind.
     """
-    times, _, observables = record(trajectory)
+    times, observables = record(trajectory)
     return _paths(trajectory, times, observables.mass_positions_body, observables.centre_of_mass_body, "E", ax)
 
 
@@ -189,7 +185,7 @@ def space_paths(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or an ``ax`` of the wrong kind.
     """
-    times, _, observables = record(trajectory)
+    times, observables = record(trajectory)
     return _paths(trajectory, times, observables.mass_positions_space, observables.centre_of_mass_space, "e", ax)
 
 
@@ -214,7 +210,7 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     >>> ax.get_xlabel(), ax.get_ylabel()
     ('$t$', '$z$')
     """
-    times, _, observables = record(trajectory)
+    times, observables = record(trajectory)
     z = observables.geometric_centre
     if isinstance(trajectory.system, Disk):
         ax = plane_axes(ax, system=trajectory.system)
@@ -222,7 +218,8 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         draw_modes(ax, modes_of(trajectory))
         ax.margins(x=0)
         up_to_ticks(ax)
-        named(ax, "$t$", "$z$" + _downhill_words(trajectory.system))
+        falls = _downhill(trajectory.system)  # a disk rolls along e1
+        named(ax, "$t$", "$z$" + ("" if falls is None else " (downhill)" if falls[0] > 0 else " (uphill)"))
         legend_above(ax)
         return ax
     ax = plane_axes(ax, (WIDE[0], 4.2), trajectory.system)
@@ -234,12 +231,6 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     named(ax, "$z_1$", "$z_2$")
     legend_above(ax, 3)
     return ax
-
-
-def _downhill_words(system: System) -> str:
-    """The downhill direction for a disk, which rolls along e1; empty on a level plane."""
-    falls = _downhill(system)
-    return "" if falls is None else " (downhill)" if falls[0] > 0 else " (uphill)"
 
 
 def _downhill(system: System) -> Float[np.ndarray, "2"] | None:
@@ -291,17 +282,18 @@ def _paths(
     system = trajectory.system
     r = float(system.radius)
     dashes = {i: sharing(k, len(sharers)) for sharers, _ in rails_of(system) for k, i in enumerate(sharers)}
-    curves, named_already = [], set()
-    for i, look in enumerate(looks(system), start=1):
-        label = {} if look.name in named_already else {"label": look.name}
-        named_already.add(look.name)
-        curves.append(
-            (masses[:, i - 1], mass_line(look.number, **label, **(dashes.get(i, {}) if frame == "E" else {})))
-        )
+    curves, shown = [], looks(system)
+    for i, look in enumerate(shown, start=1):
+        label = {} if look in shown[: i - 1] else {"label": look.name}
+        shared = dashes.get(i, {}) if frame == "E" else {}
+        curves.append((masses[:, i - 1], mass_line(look.number, **label, **shared)))
     curves.append((centre, {"color": INK, "linestyle": "-", "linewidth": 1.6, "label": "CM"}))
     over_time = False
     if not isinstance(system, Disk):
-        ax, columns = _sphere(space_axes(ax, system=system), r, frame), [0, 1, 2]
+        ax, columns = space_axes(ax, system=system), [0, 1, 2]
+        cube(ax, r, frame)
+        ax.plot(*outline(r, view(ax)).T, color=SHELL, linewidth=0.8, zorder=1)
+        ax.plot(*(r * parallel(0.0)).T, color=SHELL, linewidth=0.4, zorder=1)
     elif ax is None or isinstance(ax, Axes3D):
         span = float(trajectory.times[0]), float(trajectory.times[-1])
         ax, columns, over_time = _cylinder(space_axes(ax, LONG, system), r, frame, span), [0, 2], True
@@ -309,7 +301,10 @@ def _paths(
         for t in () if modes is None else modes.changes:
             _ring(ax, t, r, **SWITCH)
     else:
-        ax, columns = _circle(plane_axes(ax), r, frame), [0, 2]
+        ax, columns = plane_axes(ax), [0, 2]
+        ax.plot(*(r * parallel(0.0))[:, :2].T, color=SHELL, linewidth=0.8, zorder=1)
+        ax.set_aspect("equal")
+        named(ax, rf"$\mathbf{{{frame}}}_1$", rf"$\mathbf{{{frame}}}_3$")
     points = np.zeros((0, len(columns) + over_time))
     for path, line in curves:
         points = np.column_stack([times, path[:, columns]]) if over_time else path[:, columns]
@@ -317,13 +312,6 @@ def _paths(
         ends(ax, points, line["color"], zorder=4, **UNCUT)
     ends(ax, np.full_like(points[:1], np.nan), INK, labelled=True)
     legend_above(ax)
-    return ax
-
-
-def _sphere(ax: Axes3D, r: float, frame: str) -> Axes3D:
-    cube(ax, r, frame)
-    ax.plot(*outline(r, view(ax)).T, color=SHELL, linewidth=0.8, zorder=1)
-    ax.plot(*(r * parallel(0.0)).T, color=SHELL, linewidth=0.4, zorder=1)
     return ax
 
 
@@ -343,11 +331,3 @@ def _cylinder(ax: Axes3D, r: float, frame: str, span: tuple[float, float]) -> Ax
 def _ring(ax: Axes3D, t: float, r: float, **look: Any) -> None:
     circle = r * parallel(0.0)
     ax.plot(np.full(len(circle), t), circle[:, 0], circle[:, 1], zorder=1, **look, **UNCUT)
-
-
-def _circle(ax: Axes, r: float, frame: str) -> Axes:
-    circle = r * parallel(0.0)
-    ax.plot(circle[:, 0], circle[:, 1], color=SHELL, linewidth=0.8, zorder=1)
-    ax.set_aspect("equal")
-    named(ax, rf"$\mathbf{{{frame}}}_1$", rf"$\mathbf{{{frame}}}_3$")
-    return ax

@@ -33,6 +33,7 @@ LABEL = FontProperties(family="STIXGeneral", math_fontfamily="stix", size=11)
 SMALL = FontProperties(family="STIXGeneral", math_fontfamily="stix", size=10)
 # Titles are the users', and may have characters that STIX lacks.
 TINY = FontProperties(family=["STIXGeneral", "DejaVu Sans"], math_fontfamily="stix", size=8)
+ABOVE: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "frameon": False, "prop": SMALL}
 CAPTION: dict[str, Any] = {"fontproperties": TINY, "color": "0.35"}
 WIDE, SQUARE = (4.6, 3.1), (4.6, 4.7)
 WIDE_RANGE = 1e3  # range of a logarithmic axis on which powers of ten are enough ticks
@@ -235,18 +236,8 @@ def legend_above(ax: Axes, most: int = 5) -> None:
         # matplotlib fills columns, but readers read rows.
         order = [k for column in range(columns) for k in range(column, len(labels), columns)]
         drawn = [handles[k] for k in order]
-        legend = ax.legend(
-            drawn,
-            [labels[k] for k in order],
-            loc="lower center",
-            bbox_to_anchor=(0.5, 1.0),
-            ncols=columns,
-            frameon=False,
-            prop=SMALL,
-            handlelength=1.3,
-            columnspacing=1.0,
-            handletextpad=0.4,
-        )
+        narrow: dict[str, Any] = {"handlelength": 1.3, "columnspacing": 1.0, "handletextpad": 0.4}
+        legend = ax.legend(drawn, [labels[k] for k in order], ncols=columns, **ABOVE, **narrow)
         for handle, line in zip(legend.legend_handles, drawn, strict=True):
             if isinstance(handle, Line2D) and isinstance(line, Line2D) and line.get_dash_joinstyle() == SHARED:
                 handle.set_linestyle("-")  # whose dashes may be longer than the handle

@@ -17,10 +17,4 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
 else:
     from ..interface.names import lazy_interface
 
-    _NAMES = {
-        ".interface.output": "OutputError check_destination replacing",
-        "files": "SUFFIXES RunError",
-        "loading": "load_run saved_scenario",
-        "saving": "save to_dataset",
-    }
-    __all__, __dir__, __getattr__ = lazy_interface(__name__, _NAMES)
+    __all__, __dir__, __getattr__ = lazy_interface(__name__)

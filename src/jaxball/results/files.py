@@ -35,7 +35,7 @@ def saved_attributes(path: Path) -> Mapping[str, Any]:
     """
     check_saved(path)
     with refused(path):
-        about = ATTRIBUTES[path.suffix](path)
+        about = CONTENTS[path.suffix](path, arrays=False)
     number = attribute_of(path, about, "format", int)
     if number != FORMAT:
         raise RunError(
@@ -84,19 +84,22 @@ def no_run(path: Path, reason: str) -> RunError:
     return RunError(f'The file "{path}" must be a run that jaxball saved, but it is not: {reason}.')
 
 
-def _of_netcdf(path: Path) -> Mapping[str, Any]:
-    # Imported here, as below, because code that loads no run does not need it.
+def _of_netcdf(path: Path, arrays: bool) -> Mapping[str, Any]:
+    # Imported here, because code that loads no run does not need it; xarray, which could do this, takes ten times as
+    # long.
     import h5netcdf
 
     with h5netcdf.File(path, "r") as file:
-        return dict(file.attrs)
+        return {name: variable[...] for name, variable in file.variables.items()} if arrays else dict(file.attrs)
 
 
-def _of_npz(path: Path) -> Mapping[str, Any]:
+def _of_npz(path: Path, arrays: bool) -> Mapping[str, Any]:
     import numpy as np
 
     with np.load(path, allow_pickle=False) as data:
-        return {name: array.item() for name in data.files if (array := data[name]).ndim == 0}
+        saved = {name: data[name] for name in data.files}
+    return saved if arrays else {name: array.item() for name, array in saved.items() if array.ndim == 0}
 
 
-ATTRIBUTES: dict[str, Callable[[Path], Mapping[str, Any]]] = dict(zip(READ_BACK, (_of_netcdf, _of_npz), strict=True))
+# The arrays of a file, or its attributes.
+CONTENTS: dict[str, Callable[..., Mapping[str, Any]]] = dict(zip(READ_BACK, (_of_netcdf, _of_npz), strict=True))

@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from ..physics.hybrid import NoHistory
 from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario, ScenarioError, read_scenario
 from ..simulation.trajectory import Trajectory
-from .files import READ_BACK, UNKNOWN_SOLVER, RunError, attribute_of, no_run, refused, saved_attributes, saved_text
+from .files import CONTENTS, UNKNOWN_SOLVER, RunError, attribute_of, no_run, refused, saved_attributes, saved_text
 from .variables import read_history
 
 DRIVEN_FIELDS = ("theta", "thetadot")  # left out of a file where no mass is driven
@@ -58,7 +58,7 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
         scenario = _scenario(path)
         system = scenario.system
     with refused(path):
-        arrays = ARRAYS[path.suffix](path)
+        arrays = CONTENTS[path.suffix](path, arrays=True)
     state = _state(arrays, system, path)
     attribute = functools.partial(attribute_of, path, about)
     friction = None if scenario is None or scenario.contact is None else scenario.contact.friction
@@ -110,20 +110,3 @@ def _state(arrays: Mapping[str, np.ndarray], system: AbstractSystem, path: Path)
             empty = np.zeros((len(arrays["time"]), 0))
             return type_(**{name: to_array(arrays.get(name, empty)) for name in names})
     raise no_run(path, f"it has no states of a {type(system).__name__}")
-
-
-def _of_netcdf(path: Path) -> Mapping[str, np.ndarray]:
-    # Imported here, because code that loads no run does not need it; xarray, which could do this, takes ten times as
-    # long.
-    import h5netcdf
-
-    with h5netcdf.File(path, "r") as file:
-        return {name: variable[...] for name, variable in file.variables.items()}
-
-
-def _of_npz(path: Path) -> Mapping[str, np.ndarray]:
-    with np.load(path, allow_pickle=False) as data:
-        return {name: data[name] for name in data.files}
-
-
-ARRAYS: dict[str, Callable[[Path], Mapping[str, np.ndarray]]] = dict(zip(READ_BACK, (_of_netcdf, _of_npz), strict=True))

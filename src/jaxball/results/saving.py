@@ -50,8 +50,11 @@ def attributes(
     others of :class:`~jaxball.ContactExtremes`, with the same names as in the store of a sweep. One with a law of
     contact has its coefficients instead, ``contact_sliding`` and so on, and its ``contact_switches``.
     """
-    text = _of_trajectory(trajectory, sensors or {}) if scenario is None else write_scenario(scenario)
     known = trajectory.scenario if scenario is None else scenario
+    if scenario is not None:
+        text = write_scenario(scenario)
+    elif not (text := _text(trajectory.scenario)) and (made := _text(_made_of(trajectory, sensors or {}))):
+        text = UNKNOWN_SOLVER + made
     run: dict[str, str | int | float] = {
         "format": FORMAT,
         "title": "" if known is None else known.title,
@@ -72,15 +75,8 @@ def attributes(
     return run | {f"{name}_version": importlib.metadata.version(name) for name in PACKAGES}
 
 
-def _of_trajectory(trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSensor]) -> str:
-    """The text of the scenario that was run, or of one made from the trajectory; empty where a file cannot hold it."""
-    text = _text(trajectory.scenario)
-    if not text and (made := _text(_made_of(trajectory, sensors))):
-        text = UNKNOWN_SOLVER + made
-    return text
-
-
 def _text(scenario: Scenario | None) -> str:
+    """The text of a scenario; empty where a file cannot hold it."""
     if scenario is None:
         return ""
     try:

@@ -23,10 +23,4 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
 else:
     from ..interface.names import lazy_interface
 
-    _NAMES = {
-        "errors": "ScenarioError",
-        "files": "load_scenario read_document read_scenario write_scenario",
-        "scenario": "Scenario",
-        "sources": "builtin_scenarios builtin_text builtin_title scenario_text",
-    }
-    __all__, __dir__, __getattr__ = lazy_interface(__name__, _NAMES)
+    __all__, __dir__, __getattr__ = lazy_interface(__name__)

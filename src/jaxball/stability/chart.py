@@ -84,9 +84,11 @@ def floquet_chart(
     search = Search(forced, angles, checked_steps(iterations), checked_steps(max_steps), start, rtol, atol)
     shots = grid.map(lambda some: _solve(make, search, some), chunk, workers, progress)
     system = make(*to_array(cells[0]))[0]
-    each = [_largest(jax.tree.map(lambda leaf, k=k: leaf[k], shots), system, forced) for k in range(len(cells))]
-    largest = np.array(each)
-    growth, multiplier = np.real(largest[:, 0]), largest[:, 1]
+    growth, multiplier = np.full(len(cells), np.nan), np.full(len(cells), complex(np.nan))
+    for k in np.flatnonzero(shots.closed):
+        shot = jax.tree.map(lambda leaf, k=k: leaf[k], shots)
+        (multiplier[k], *_), (exponent, *_) = multipliers_of(shot, system, forced)
+        growth[k] = exponent.real
     return grid.dataset(
         {
             "growth": (growth, "largest growth rate of deviations", "1/time"),
@@ -119,11 +121,3 @@ def _equations(make: Make, cells: Float[np.ndarray, "cells 2"], t: float) -> tup
         kinds.append(equations_of(system, phase_point(system, state), t, float(period)))
     angles = np.all([angles for _, angles in kinds], axis=0)
     return any(forced for forced, _ in kinds), tuple(angles.tolist())
-
-
-def _largest(shot: Shot, system: AbstractSystem, forced: bool) -> tuple[float, complex]:
-    """The largest growth rate of one cell, and its multiplier."""
-    if not shot.closed:
-        return np.nan, complex(np.nan)
-    multipliers, exponents = multipliers_of(shot, system, forced)
-    return float(exponents[0].real), complex(multipliers[0])

@@ -135,9 +135,7 @@ def periodic_motion(
     return _motion(jax.tree.map(np.asarray, shot), system, search, turns is not None)
 
 
-@programs.filter_jit
-def _shoot(search: Search, system: AbstractSystem, state: AbstractState, period, turns) -> Shot:
-    return shoot(search, system, state, period, turns)
+_shoot = programs.filter_jit(shoot)
 
 
 def equations_of(

@@ -93,7 +93,11 @@ def stability(system: System, state: State, *, turning: float = 0.0, t: Numbers 
     """
     state = phase_point(system, state)
     rates, derivative, normal = _linearised(system, state, to_array(turning), to_array(t))
-    eigenvalues = np.linalg.eigvals(_on_tangent(np.asarray(derivative), normal)).astype(complex)
+    matrix = np.asarray(derivative)
+    if normal is not None:  # on the vectors orthogonal to the normal of the sphere of Γ
+        basis = np.linalg.svd(np.asarray(normal)[None])[2][1:]
+        matrix = basis @ matrix @ basis.T
+    eigenvalues = np.linalg.eigvals(matrix).astype(complex)
     eigenvalues = eigenvalues[np.lexsort((-np.imag(eigenvalues), -np.real(eigenvalues).round(12)))]
     size = max(float(np.max(np.abs(eigenvalues))), math.sqrt(abs(float(system.gravity)) / float(system.radius)))
     residual = float(np.max(np.abs(rates)))
@@ -137,14 +141,6 @@ def _linearised(system: System, state: State, turning, t):
 
     normal = normal_of(state)
     return field(x), jax.jacfwd(field)(x), None if normal is None else normal(x)
-
-
-def _on_tangent(matrix: np.ndarray, normal: Array | None) -> np.ndarray:
-    """``matrix`` on the vectors orthogonal to the normal of the sphere of Γ."""
-    if normal is None:
-        return matrix
-    basis = np.linalg.svd(np.asarray(normal)[None])[2][1:]
-    return basis @ matrix @ basis.T
 
 
 def kind_of(eigenvalues: np.ndarray) -> str:
@@ -262,7 +258,7 @@ def permanent_rotations(
     """
     require("ball", ball, Ball, "a Ball")
     require_prescribed(ball)
-    starts = _sphere(STARTS) if guess is None else np.atleast_2d(to_numpy(guess, "guess"))
+    starts = _sphere() if guess is None else np.atleast_2d(to_numpy(guess, "guess"))
     if starts.shape[1:] != (3,):
         raise ValueError(f"Argument `guess` must be directions of shape (n, 3), but its shape is {starts.shape}.")
     ends = np.asarray(_search(ball, to_array(rate), to_array(t), to_array(starts)))
@@ -291,9 +287,9 @@ def _search(ball: Ball, rate, t, starts) -> Float[Array, "n 3"]:
     return jax.vmap(one)(starts / jnp.sqrt(jnp.sum(starts**2, axis=1))[:, None])
 
 
-def _sphere(count: int) -> np.ndarray:
+def _sphere() -> np.ndarray:
     """Points that cover the sphere evenly, on a golden spiral."""
-    height = 1 - (2 * np.arange(count) + 1) / count
-    azimuth = np.pi * (3 - np.sqrt(5)) * np.arange(count)
+    height = 1 - (2 * np.arange(STARTS) + 1) / STARTS
+    azimuth = np.pi * (3 - np.sqrt(5)) * np.arange(STARTS)
     radius = np.sqrt(1 - height**2)
     return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), height], axis=1)

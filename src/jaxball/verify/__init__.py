@@ -13,5 +13,4 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
 else:
     from ..interface.names import lazy_interface
 
-    _NAMES = {"laws": "LAWS", "report": "Report Row", "run": "verify", "case": "Trust"}
-    __all__, __dir__, __getattr__ = lazy_interface(__name__, _NAMES)
+    __all__, __dir__, __getattr__ = lazy_interface(__name__)

@@ -117,15 +117,14 @@ class Report:
     def as_dict(self) -> dict[str, Any]:
         """The report in the types of JSON. Numbers that are not finite are None."""
         rows = [
-            {**_single_numbers(row), "applies": row.applies, "ok": row.ok, "verdict": row.verdict} for row in self.rows
+            {**dataclasses.asdict(row), "applies": row.applies, "ok": row.ok, "verdict": row.verdict}
+            for row in self.rows
         ]
+        for row in rows:
+            del row["residuals"]  # only for figures
         trust = None if self.trust is None else dataclasses.asdict(self.trust)
         report = {"title": self.title, "ok": self.ok, "doubts": self.doubts}
         return json_types({**report, "rows": rows, "trust": trust, "failure": self.failure})
-
-
-def _single_numbers(row: Row) -> dict[str, Any]:
-    return {name: value for name, value in dataclasses.asdict(row).items() if name != "residuals"}
 
 
 def table(rows: Sequence[Row]) -> list[str]:

@@ -21,7 +21,6 @@ from ..physics.motion import Kinematics
 from ..physics.observables import Observables, observe
 from ..physics.packing import Packing
 from ..physics.state import BallState, DiskState
-from ..physics.system import AbstractState, AbstractSystem
 from ..simulation.trajectory import Interpolant, Trajectory
 from ..simulation.watch import room_for
 from ..solvers.dense.steps import Steps
@@ -52,14 +51,9 @@ class Quantities(NamedTuple):
 
 def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
     """The balances of any system in one state."""
-    return _of_rolling(system, t, state) if isinstance(system, AbstractBody) else _of_laws(system, t, state)
-
-
-def _of_laws(system: AbstractSystem, t: Float[Array, ""], state: AbstractState) -> Quantities:
-    return Quantities({name: _constant(value) for name, value in system.laws(t, state)._asdict().items()}, None, None)
-
-
-def _of_rolling(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskState) -> Quantities:
+    if not isinstance(system, AbstractBody):
+        laws = system.laws(t, state)._asdict()
+        return Quantities({name: _constant(value) for name, value in laws.items()}, None, None)
     observables, in_space = observe(system, t, state), state.in_space()
     found, r = accelerations(system, t, state), system.radius
     acting = load(system, t, state).with_torque(found.dry)

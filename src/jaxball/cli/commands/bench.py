@@ -11,7 +11,6 @@ from ..options import BadInputError, positive
 
 
 def add(commands) -> None:
-    """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser("bench")
     parser.add_argument("problems", nargs="*", metavar="PROBLEM", help="problems to solve (default: all)")
     parser.add_argument("--solvers", nargs="+", default=[], metavar="NAME", help="solvers, packages, or parts of names")

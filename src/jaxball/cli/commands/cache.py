@@ -7,7 +7,6 @@ from ...interface.wording import counted
 
 
 def add(commands) -> None:
-    """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser(
         "cache",
         description="Shows where compiled programs are kept, so that each is compiled once, and their size.",

@@ -3,7 +3,6 @@
 import argparse
 import functools
 import math
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,14 +13,12 @@ from ..input import add_scenario, scenario_document, scenario_of
 from ..jax_setup import set_up_jax
 from ..options import (
     CHART_AXIS,
-    FAILED_SOLVE,
     BadInputError,
-    add_output,
+    add_results,
     chart_axes,
     check_outputs,
     number,
     positive,
-    say,
     working,
 )
 
@@ -37,7 +34,6 @@ MOST_CROSSINGS = 100_000
 
 
 def add(commands) -> None:
-    """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser("chaos")
     add_scenario(parser)
     parser.add_argument("--end", type=number, help="end at this time, instead of the scenario's")
@@ -46,9 +42,7 @@ def add(commands) -> None:
         "--interval", type=positive, help="time between orthonormalisations (default: 1, or 10 for a chart)"
     )
     parser.add_argument("--exponents", type=int, metavar="K", help="compute only the K largest (default: all)")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="save the numbers: .csv, or .nc for a chart")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw them: .png, .pdf or .svg")
-    add_output(parser)
+    add_results(parser, "the numbers: .csv, or .nc for a chart", "them")
     kinds = parser.add_mutually_exclusive_group()
     kinds.add_argument(
         "--chart",
@@ -87,7 +81,7 @@ def _exponents(options: argparse.Namespace) -> int:
     set_up_jax()
     from ...chaos import lyapunov_spectrum
     from ...scenario.body import rolling_state
-    from ..files import write_json, write_outputs
+    from ..files import report
 
     scenario = scenario_of(document, options.scenario)
     state = rolling_state(scenario.state, scenario.contact, "Lyapunov exponents are")
@@ -106,15 +100,15 @@ def _exponents(options: argparse.Namespace) -> int:
             rtol=scenario.rtol,
             atol=scenario.atol,
         )
-    write_json(options, _content(scenario, spectrum))
-    if not spectrum.ok:
-        print(f"jaxball: {spectrum.message}", file=sys.stderr)
-        return FAILED_SOLVE
-    written = write_outputs(
-        options, scenario, lambda path: _save_means(spectrum, path), lambda plot: plot.lyapunov_convergence(spectrum)
+    return report(
+        options,
+        scenario,
+        _content(scenario, spectrum),
+        [spectrum],
+        save=lambda path: _save_means(spectrum, path),
+        draw=lambda plot: plot.lyapunov_convergence(spectrum),
+        failure="" if spectrum.ok else spectrum.message,
     )
-    say(options, scenario.title, spectrum, written)
-    return 0
 
 
 def _chart(options: argparse.Namespace) -> int:
@@ -145,7 +139,7 @@ def _poincare(options: argparse.Namespace) -> int:
     from ...chaos import poincare_map
     from ...physics.phase_space import phase_point
     from ...scenario.body import rolling_state
-    from ..files import write_json, write_outputs
+    from ..files import report
 
     scenario = scenario_of(document, options.scenario)
     state = rolling_state(scenario.state, scenario.contact, "a Poincaré map is")
@@ -174,19 +168,15 @@ def _poincare(options: argparse.Namespace) -> int:
     state = crossings.state
     columns = {"time": crossings.times} | {name: getattr(state, leaf)[:, *at] for name, (leaf, at) in known.items()}
     title = {"title": scenario.title} if scenario.title else {}
-    write_json(options, {**title, "ok": crossings.ok, "message": crossings.message, "count": crossings.count})
-    if crossings.status != Status.SUCCESS:
-        print(f"jaxball: {crossings.message}", file=sys.stderr)
-        return FAILED_SOLVE
-    written = write_outputs(
+    return report(
         options,
         scenario,
-        lambda path: _save_crossings(columns, path),
-        lambda plot: plot.poincare_section(columns[across], columns[up], (across, up)),
+        {**title, "ok": crossings.ok, "message": crossings.message, "count": crossings.count},
+        [f"{crossings.count} crossings of {path} = {value:g}", f"  {crossings.message}"],
+        save=lambda path: _save_crossings(columns, path),
+        draw=lambda plot: plot.poincare_section(columns[across], columns[up], (across, up)),
+        failure="" if crossings.status == Status.SUCCESS else crossings.message,
     )
-    heading = f"{crossings.count} crossings of {path} = {value:g}"
-    say(options, scenario.title, heading, f"  {crossings.message}", written)
-    return 0
 
 
 def _check_options(options: argparse.Namespace) -> None:
@@ -194,11 +184,9 @@ def _check_options(options: argparse.Namespace) -> None:
     for name in ("direction", "axes"):
         if getattr(options, name) is not None and options.poincare is None:
             raise BadInputError(f"Argument `--{name}` is for a Poincaré map; give --poincare COMPONENT=VALUE with it.")
-    for name in ("exponents", "interval"):
-        if options.poincare is not None and getattr(options, name) is not None:
+    for name in ("exponents", "interval", "transient"):
+        if options.poincare is not None and getattr(options, name):
             raise BadInputError(f"Argument `--{name}` is for Lyapunov exponents; leave it out with --poincare.")
-    if options.poincare is not None and options.transient:
-        raise BadInputError("Argument `--transient` is for Lyapunov exponents; leave it out with --poincare.")
 
 
 def _section(text: str) -> tuple[str, float]:

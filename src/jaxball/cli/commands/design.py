@@ -19,7 +19,6 @@ UNMET = 1
 
 
 def add(commands) -> None:
-    """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser(
         "design",
         description="Searches for a design, or resumes one that was interrupted, for whatever reason.",

@@ -5,7 +5,6 @@ import dataclasses
 import functools
 import math
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...interface.status import Status
@@ -19,13 +18,12 @@ from ..options import (
     FAILED_SOLVE,
     BadInputError,
     ChartAxis,
-    add_output,
+    add_results,
     chart_axes,
     check_outputs,
     count,
     number,
     positive,
-    say,
     working,
 )
 
@@ -33,8 +31,6 @@ if TYPE_CHECKING:
     import xarray
 
     from ...physics.system import AbstractState
-    from ...scenario import Scenario
-    from ...simulation.trajectory import Trajectory
     from ...stability import PeriodicMotion
 
 ITERATIONS = 20
@@ -43,7 +39,6 @@ COMPLEX = ("multipliers", "exponents")
 
 
 def add(commands) -> None:
-    """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser(
         "periodic",
         description=(
@@ -88,11 +83,7 @@ def add(commands) -> None:
         help="compute a chart instead: the growth rate of deviations over two numbers, as in "
         "'body.offset[2]=-0.3:-0.1:20' resistance.rolling=0:0.5:20",
     )
-    parser.add_argument("--out", type=Path, metavar="FILE", help="save the numbers: .csv, or .nc for a chart")
-    parser.add_argument(
-        "--plot", type=Path, metavar="FILE", help="draw the multipliers, or the chart: .png, .pdf or .svg"
-    )
-    add_output(parser)
+    add_results(parser, "the numbers: .csv, or .nc for a chart", "the multipliers, or the chart")
     parser.set_defaults(run=_run)
 
 
@@ -130,19 +121,24 @@ def _frequency(text: str) -> float | str:
 def _motion(options: argparse.Namespace, document: dict[str, Any], period: float | str) -> int:
     """Finds the motion of a document, saves it and draws its multipliers."""
     import jax
+    import numpy as np
 
     from ...numerics.programs import compiled_quickly
     from ...scenario.body import rolling_state
     from ...scenario.checks import message_in_keys
     from ...stability import periodic_motion
     from ...stability.periodic import DEFAULT_TOLERANCE
-    from ..files import motion_content, save_motions, write_json, write_outputs
+    from ..files import motion_content, report, save_motions
 
     scenario = scenario_of(document, options.scenario)
     state = rolling_state(scenario.state, scenario.contact, "periodic motions are")
     start = float(scenario.times[0])
     if options.after is not None:
-        before = _run_before(options, scenario)
+        if options.after <= start:
+            raise BadInputError(f"Argument `--after` must be after the start, {start:g}, but it is {options.after:g}.")
+        before = dataclasses.replace(scenario, times=np.array([start, options.after]))
+        with working(options, f"simulating to t = {options.after:g}"), compiled_for(before):
+            before = before.simulate()
         if not before.ok:
             print(f"jaxball: {message_in_keys(before)}", file=sys.stderr)
             return FAILED_SOLVE
@@ -164,19 +160,15 @@ def _motion(options: argparse.Namespace, document: dict[str, Any], period: float
             )
     except (ValueError, TypeError) as error:
         raise ScenarioError(str(error)) from None
-    motions = [motion_content(motion, (*NAMES, "message"), COMPLEX)]
-    write_json(options, {"title": scenario.title, "motions": motions})
-    if not motion.periodic:
-        print(f"jaxball: {motion.message}", file=sys.stderr)
-        return FAILED_SOLVE
-    written = write_outputs(
+    return report(
         options,
         scenario,
-        lambda path: save_motions([motion], path, NAMES, COMPLEX),
-        lambda plot: plot.multipliers([motion]),
+        {"title": scenario.title, "motions": [motion_content(motion, (*NAMES, "message"), COMPLEX)]},
+        _summary(motion),
+        save=lambda path: save_motions([motion], path, NAMES, COMPLEX),
+        draw=lambda plot: plot.multipliers([motion]),
+        failure="" if motion.periodic else motion.message,
     )
-    say(options, scenario.title, *_summary(motion), written)
-    return 0
 
 
 def _chart(
@@ -206,18 +198,6 @@ def _chart_summary(chart: "xarray.Dataset") -> list[str]:
         lines += [f"  {lifted:,} leave the plane"] if lifted else []
     lost = int(((status == Status.SUCCESS) & ~closed).sum())
     return [*lines, f"  {lost:,} where no periodic motion was found"] if lost else lines
-
-
-def _run_before(options: argparse.Namespace, scenario: "Scenario") -> "Trajectory[Any, Any]":
-    """The scenario's run to the time of --after."""
-    import numpy as np
-
-    start = float(scenario.times[0])
-    if options.after <= start:
-        raise BadInputError(f"Argument `--after` must be after the start, {start:g}, but it is {options.after:g}.")
-    before = dataclasses.replace(scenario, times=np.array([start, options.after]))
-    with working(options, f"simulating to t = {options.after:g}"), compiled_for(before):
-        return before.simulate()
 
 
 def _summary(motion: "PeriodicMotion") -> list[str]:

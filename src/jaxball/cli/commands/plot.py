@@ -5,11 +5,10 @@ from pathlib import Path
 
 from ...results.files import check_saved
 from ..jax_setup import set_up_jax
-from ..options import add_formats, add_quiet, add_replacing, check_figures_folder, working
+from ..options import add_formats, add_quiet, add_replacing, check_figures_folder, say, working, written_line
 
 
 def add(commands) -> None:
-    """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser(
         "plot",
         description="Draws the figures of a saved run, like `jaxball simulate --plot`.",
@@ -39,6 +38,5 @@ def _run(options: argparse.Namespace) -> int:
     with working(options, "drawing"), compiled_quickly():
         run = load_run(options.saved)
         written = draw_figures(options, run, options.out, options.format, saved_scenario(options.saved), options.saved)
-    if not options.quiet:
-        print(f"{run}\n  written: {written}")
+    say(options, run, written_line([written]))
     return 0

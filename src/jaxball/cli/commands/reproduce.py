@@ -9,7 +9,6 @@ from ..options import working
 
 
 def add(commands) -> None:
-    """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser("reproduce")
     parser.add_argument("--out", type=Path, default=Path("out"), metavar="FOLDER", help="where to write (default: out)")
     parser.add_argument(

@@ -6,7 +6,6 @@ from ...scenario.sources import builtin_scenarios, builtin_text, builtin_title
 
 
 def add(commands) -> None:
-    """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser("scenarios")
     parser.add_argument("name", nargs="?", help="the scenario to print")
     parser.set_defaults(run=_run)

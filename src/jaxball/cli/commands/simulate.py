@@ -45,7 +45,6 @@ MANY = 1_000_000  # times, for which a user should be warned of the wait
 
 
 def add(commands) -> None:
-    """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser("simulate")
     add_scenario(parser)
     parser.add_argument("--end", type=number, metavar="T", help="end at this time, instead of the scenario's")
@@ -87,11 +86,6 @@ def _run(options: argparse.Namespace) -> int:
     check_animation(options)
     document = scenario_document(options, options.end)
     set_up_jax()
-    return _checked_and_simulated(options, document)
-
-
-def _checked_and_simulated(options: argparse.Namespace, document: dict[str, Any]) -> int:
-    """Simulates the scenario of a document, saves and draws its run, and prints its summary."""
     from ...scenario.solve import check_dae
     from ..files import check_figures
 
@@ -116,9 +110,11 @@ def _simulate(options: argparse.Namespace, scenario: "Scenario") -> int:
     from ..files import write_json
 
     rolls = isinstance(scenario.system, AbstractBody) and scenario.contact is None
+    # Of what shows how close the ball came to slipping or leaving the plane.
+    shown = not options.quiet or any(getattr(options, name) is not None for name in ("out", "json", "plot"))
     events = _events(options, scenario)
     with working(options, "compiling and simulating"):
-        trajectory = scenario.simulate(dense=rolls and _shows_contact(options), events=events)
+        trajectory = scenario.simulate(dense=rolls and shown, events=events)
     written = []
     if options.out is not None:
         with working(options, "evaluating and saving"):
@@ -131,7 +127,8 @@ def _simulate(options: argparse.Namespace, scenario: "Scenario") -> int:
         written.append(str(options.view))
     if not trajectory.ok:
         write_json(options, _content(scenario, trajectory))
-        saved = f" What was computed is in {_quoted(written)}, marked as failed." if written else ""
+        files = " and ".join(f'"{path}"' for path in written)
+        saved = f" What was computed is in {files}, marked as failed." if written else ""
         print(f"jaxball: {message_in_keys(trajectory)}{saved}", file=sys.stderr)
         return FAILED_SOLVE
     written += _draw(options, scenario, trajectory)
@@ -141,15 +138,6 @@ def _simulate(options: argparse.Namespace, scenario: "Scenario") -> int:
     write_json(options, content)
     say(options, scenario.title, trajectory, *checks, written_line(written))
     return 0
-
-
-def _quoted(paths: list[str]) -> str:
-    return " and ".join(f'"{path}"' for path in paths)
-
-
-def _shows_contact(options: argparse.Namespace) -> bool:
-    """Whether any requested output shows how close the ball came to slipping or leaving the plane."""
-    return not options.quiet or any(getattr(options, name) is not None for name in ("out", "json", "plot"))
 
 
 def _evaluate(trajectory: "Trajectory[Any, Any]") -> None:
@@ -265,11 +253,9 @@ def _contact_content(contact: "ContactHistory") -> dict[str, Any]:
     from ...scenario.body import CONTACT
 
     end = {name: np.asarray(getattr(contact, name))[-1] for name in ("V", "height", "slip", "rubbed", "struck")}
-    modes = [_mode_name(mode) for mode in np.asarray(contact.mode)]
-    law = CONTACT.write(contact.law, "contact")
     return {
-        "law": law,
-        "modes": modes,
+        "law": CONTACT.write(contact.law, "contact"),
+        "modes": [_mode_name(mode) for mode in np.asarray(contact.mode)],
         "end": end,
         "count": int(contact.switches.count),
         "switches": _switches(contact),

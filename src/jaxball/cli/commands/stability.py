@@ -2,14 +2,13 @@
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...interface.wording import all_of
 from ...scenario.errors import ScenarioError
 from ..input import add_scenario, scenario_document, scenario_of
 from ..jax_setup import set_up_jax
-from ..options import BadInputError, add_output, check_outputs, number, say, working
+from ..options import BadInputError, add_results, check_outputs, number, working
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
@@ -21,7 +20,6 @@ ELSE = "give --initial for a state that is steady, or use jaxball periodic for a
 
 
 def add(commands) -> None:
-    """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser(
         "stability",
         description=(
@@ -39,9 +37,7 @@ def add(commands) -> None:
     motions.add_argument("--initial", action="store_true", help="the scenario's initial state")
     parser.add_argument("--turning", type=number, metavar="RATE", help="rate at which the state of --initial turns")
     parser.add_argument("--time", type=number, metavar="T", help="the time of the schedules (default: the start)")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="save the states and eigenvalues: .csv")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the eigenvalues: .png, .pdf or .svg")
-    add_output(parser)
+    add_results(parser, "the states and eigenvalues: .csv", "the eigenvalues")
     parser.set_defaults(run=_run)
 
 
@@ -52,7 +48,7 @@ def _run(options: argparse.Namespace) -> int:
     document = scenario_document(options)
     set_up_jax()
     from ...numerics.programs import compiled_quickly
-    from ..files import motion_content, save_motions, write_json, write_outputs
+    from ..files import motion_content, report, save_motions
 
     scenario = scenario_of(document, options.scenario)
     try:
@@ -60,16 +56,17 @@ def _run(options: argparse.Namespace) -> int:
             motions = _motions(options, scenario)
     except (ValueError, TypeError) as error:
         raise ScenarioError(str(error)) from None
-    written = write_outputs(
+    return report(
         options,
         scenario,
-        lambda path: save_motions(motions, path, NAMES, COMPLEX),
-        lambda plot: plot.eigenvalues(motions),
+        {
+            "title": scenario.title,
+            "motions": [motion_content(motion, (*NAMES, "message"), COMPLEX) for motion in motions],
+        },
+        _summary(motions),
+        save=lambda path: save_motions(motions, path, NAMES, COMPLEX),
+        draw=lambda plot: plot.eigenvalues(motions),
     )
-    contents = [motion_content(motion, (*NAMES, "message"), COMPLEX) for motion in motions]
-    write_json(options, {"title": scenario.title, "motions": contents})
-    say(options, scenario.title, *_summary(motions), written)
-    return 0
 
 
 def _motions(options: argparse.Namespace, scenario: "Scenario") -> "Sequence[SteadyMotion]":

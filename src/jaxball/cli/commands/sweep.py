@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ...interface.installation import pip_install
 from ...interface.interruption import STOPPED, exit_code, interrupt_message
-from ...interface.output import OutputError, check_folder
+from ...interface.output import check_folder
 from ...interface.wording import all_of, counted
 from ...scenario.errors import ScenarioError
 from ...scenario.sources import document_of, naming, text_of
@@ -18,7 +18,6 @@ NEEDED = ("zarr", "google_crc32c", "pandas", "pyarrow", "scipy")
 
 
 def add(commands) -> None:
-    """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser(
         "sweep",
         usage=(
@@ -136,8 +135,6 @@ def _plot(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
                 svg_text=options.svg_text,
                 replace=options.force,
             )
-    except OutputError as error:
-        raise OutputError(str(error).replace("replace=True", "--force")) from None
     except plot.PictureError as error:
         raise BadInputError(str(error)) from None
     print(f"{counted(len(paths), 'figure')} of {options.store}")

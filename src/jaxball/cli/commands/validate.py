@@ -17,7 +17,6 @@ WHAT = "scenario, study or problem"
 
 
 def add(commands) -> None:
-    """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser(
         "validate",
         description=(

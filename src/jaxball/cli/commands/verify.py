@@ -30,7 +30,6 @@ LAW_BROKEN = 1
 
 
 def add(commands) -> None:
-    """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser(
         "verify",
         description="Runs scenarios and checks every law that applies. A saved run is compared with a new run of the "

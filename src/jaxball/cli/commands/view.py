@@ -9,11 +9,10 @@ from ...interface.views import MOST_BODIES, check_view
 from ...interface.wording import counted
 from ...results.files import READ_BACK, RunError, check_saved
 from ..jax_setup import compiled_for, set_up_jax
-from ..options import BadInputError, add_quiet, positive, working, written_line
+from ..options import BadInputError, add_quiet, positive, say, working, written_line
 from .sweep import require_packages
 
 if TYPE_CHECKING:
-    from ...plot import ColourScale
     from ...scenario import Scenario
     from ...simulation.events import AbstractEvent
     from ...simulation.trajectory import Trajectory
@@ -22,7 +21,6 @@ DESIGN, SWEEP = "design.toml", "zarr.json"  # by which folders are recognised
 
 
 def add(commands) -> None:
-    """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser(
         "view",
         usage=(
@@ -95,7 +93,7 @@ def _of_run(options: argparse.Namespace) -> int:
         _check(options, run, f'The run "{options.saved}"')
         title = saved_scenario(options.saved).title
         plot.write_view(run, options.out, title, friction=options.friction, all_times=options.all_times)
-    return _say(options, run)
+    return _finished(options, run)
 
 
 def _of_design(options: argparse.Namespace) -> int:
@@ -106,7 +104,7 @@ def _of_design(options: argparse.Namespace) -> int:
     runs = _simulated(options, {"before": result.before, "after": result.after})
     with working(options, "writing the view"):
         _write(options, runs, result.title, wanted=result.wanted, discs=result.discs)
-    return _say(options, *(f"{name}: {run}" for name, run in runs.items()))
+    return _finished(options, *(f"{name}: {run}" for name, run in runs.items()))
 
 
 def _of_sweep(options: argparse.Namespace) -> int:
@@ -125,7 +123,7 @@ def _of_sweep(options: argparse.Namespace) -> int:
     title = ", ".join([title_of(data), *(named if len(named) == 1 else ())])
     with working(options, "writing the view"):
         _write(options, runs, title, scale=scale)
-    return _say(options, title, *(f"  {name}: {run.message}" for name, run in runs.items()))
+    return _finished(options, title, *(f"  {name}: {run.message}" for name, run in runs.items()))
 
 
 def _check(options: argparse.Namespace, trajectory: "Trajectory[Any, Any]", what: str) -> None:
@@ -155,16 +153,8 @@ def _simulated(
     return runs
 
 
-def _write(
-    options: argparse.Namespace,
-    runs: "Mapping[str, Trajectory[Any, Any]]",
-    title: str,
-    *,
-    wanted: Any = None,
-    discs: Any = (),
-    scale: "ColourScale | None" = None,
-) -> None:
-    """Writes several runs; those of bodies that roll must be on one plane."""
+def _write(options: argparse.Namespace, runs: "Mapping[str, Trajectory[Any, Any]]", title: str, **more: Any) -> None:
+    """Writes several runs, with ``more`` of :func:`~jaxball.plot.write_view`; bodies that roll must be on one plane."""
     from ... import plot
     from ...physics.body import System
     from ...plot.view.rolling import other_ground
@@ -177,19 +167,9 @@ def _write(
             f'The runs of "{options.saved}" must be on the same plane to be shown together, but the plane of '
             f'"{names[other]}" differs from that of "{names[0]}".'
         )
-    plot.write_view(
-        runs,
-        options.out,
-        title,
-        friction=options.friction,
-        wanted=wanted,
-        discs=discs,
-        scale=scale,
-        all_times=options.all_times,
-    )
+    plot.write_view(runs, options.out, title, friction=options.friction, all_times=options.all_times, **more)
 
 
-def _say(options: argparse.Namespace, *lines: object) -> int:
-    if not options.quiet:
-        print("\n".join([*map(str, lines), written_line([options.out])]))
+def _finished(options: argparse.Namespace, *lines: object) -> int:
+    say(options, *lines, written_line([options.out]))
     return 0

@@ -124,7 +124,8 @@ def compare_solvers(
     """
     check_names("solvers", solvers, ODE)
     check_names("systems", systems, EXPERIMENTS)
-    cases = list(_cases(solvers, systems))
+    forms = [form for system in systems for form in _forms(system)]
+    cases = [(form, name, known[name]) for form, known in forms for name in solvers if name in known]
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
 
@@ -139,26 +140,16 @@ def compare_solvers(
     return comparisons
 
 
-def _cases(solvers: Sequence[str], systems: Sequence[str]) -> Iterator[tuple[Experiment, str, Counterpart]]:
-    """The cases: each system in each of its forms, with each of the solvers that the authors used for it."""
-    for system in systems:
-        for experiment, counterparts in _forms(system):
-            yield from ((experiment, name, counterparts[name]) for name in solvers if name in counterparts)
-
-
 def _forms(system: str) -> Iterator[tuple[Experiment, Mapping[str, Counterpart]]]:
+    """The experiment in each of its forms, with the solvers that the authors used for it."""
     yield EXPERIMENTS[system](), ODE
     if system == "ball":
         yield ball_experiment(dae=True), DAE
 
 
 def _compared(experiment: Experiment, name: str, counterpart: Counterpart) -> Comparison:
-    return Comparison(
-        paper_solver=name,
-        form="DAE" if experiment.dae else "ODE",
-        authors_time=None if experiment.dae else TIMES[experiment.name][name],
-        measurement=measure(experiment, counterpart.name, counterpart.solver),
-    )
+    form, time = ("DAE", None) if experiment.dae else ("ODE", TIMES[experiment.name][name])
+    return Comparison(name, form, time, measure(experiment, counterpart.name, counterpart.solver))
 
 
 def _conclusion(comparisons: Sequence[Comparison]) -> str:

@@ -3,9 +3,13 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
+
+from ... import paper
 from ...interface.wording import counted
 from ...numerics.programs import compiled_quickly
-from .experiments import EXPERIMENTS, SOLVERS, Measurement, check_names, measure
+from ...simulation.simulate import simulate
+from .experiments import EXPERIMENTS, SOLVERS, Experiment, Measurement, check_names, measure
 from .table import STEPS, Column, Table, agreement
 
 TABLE: Table[Measurement] = Table(
@@ -25,6 +29,30 @@ TABLE: Table[Measurement] = Table(
         "relative to a 30-digit reference. Run: median of warm calls. Compile: how much longer the first call took.",
     ),
 )
+
+
+TIMES = 2001
+TITLES = {"disk": "The paper's disk, section 4", "ball": "The paper's ball, section 5"}
+
+FIGURES = {
+    "disk": {
+        "fig_abs_ui": "acceleration",
+        "fig_disk_masses_rails_bf_gc": "configuration",
+        "fig_disk_cm_time_bf_gc": "body_paths",
+        "fig_disk_cm_time_spatial_gc": "space_paths",
+        "fig_disk_dot_angle": "angular_velocity",
+        "fig_disk_gc": "centre_path",
+    },
+    "ball": {
+        "fig_ball_masses_rail_bf_gc": "configuration",
+        "fig_ball_cm_bf_gc": "body_paths",
+        "fig_ball_cm_spatial_gc": "space_paths",
+        "fig_ball_Omega": "angular_velocity",
+        "fig_ball_gc_path": "centre_path",
+    },
+}
+
+ADDITIONAL = ("energies", "power", "contact_force", "friction_ratio")  # which the paper does not draw
 
 
 def reproduce(
@@ -62,8 +90,6 @@ def reproduce(
     TABLE.write(out, measurements, conclusion)
     drawn = []
     if figures:
-        from .figures import draw  # here, so that a table without figures does not load matplotlib
-
         with compiled_quickly():
             for experiment in experiments:
                 drawn += draw(experiment, out)
@@ -72,3 +98,22 @@ def reproduce(
     echo(f"\nWrote table.md, table.json and {counted(len(drawn), 'figure')} into {out}.")
     echo("\n" + conclusion)
     return measurements
+
+
+def draw(experiment: Experiment, folder: Path) -> list[Path]:
+    """Writes the figures of ``experiment`` as PNG into ``folder``, and returns their paths.
+
+    **Raises:** :class:`~jaxball.SolveError` when the solve fails.
+    """
+    from ... import plot  # here, so that a table without figures does not load matplotlib
+    from ...plot.report import write_figure
+
+    times = np.linspace(paper.START, paper.END, TIMES)
+    tolerance = experiment.tolerance
+    trajectory = simulate(experiment.system, times, rtol=tolerance, atol=tolerance, throw=True)
+    functions = FIGURES[experiment.name] | {f"{experiment.name}_{name}": name for name in ADDITIONAL}
+    paths = []
+    for name, function in functions.items():
+        paths.append(folder / f"{name}.png")
+        write_figure(getattr(plot, function)(trajectory), paths[-1], trajectory.system, TITLES[experiment.name])
+    return paths

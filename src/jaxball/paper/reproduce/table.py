@@ -6,9 +6,9 @@ import platform
 from collections.abc import Callable, Iterable, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar, cast
 
-from ...interface.output import replacing
+from ...interface.output import write_text
 from .experiments import Measurement
 
 PACKAGES = ("jaxball", "diffrax", "equinox", "jax", "jaxlib", "numpy")
@@ -60,14 +60,17 @@ class Table(NamedTuple, Generic[Row]):
         return taken
 
     def write(self, folder: Path, rows: Sequence[Row], conclusion: str, **about: Any) -> None:
-        """Writes the table with its legend and ``conclusion`` as Markdown, and the rows with ``about`` as JSON.
+        """Writes the table with its legend and ``conclusion`` as Markdown, and as JSON the rows with ``about``.
+
+        The JSON has the rows in full precision, with the versions that made them.
 
         **Raises:** :class:`~jaxball.results.OutputError` when a file cannot be written.
         """
-        contents = self._markdown(rows, conclusion), _as_json(rows, about)
-        for name, content in zip(self.files, contents, strict=True):
-            with replacing(folder / name) as temporary:
-                temporary.write_text(content, encoding="utf-8")
+        versions = {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
+        content = {"versions": versions, **about, "measurements": [dataclasses.asdict(cast(Any, row)) for row in rows]}
+        as_json = json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+        for name, text in zip(self.files, (self._markdown(rows, conclusion), as_json), strict=True):
+            write_text(folder / name, text)
 
     def _markdown(self, rows: Sequence[Row], conclusion: str) -> str:
         lines = [
@@ -76,16 +79,6 @@ class Table(NamedTuple, Generic[Row]):
             *("| " + " | ".join(column.cell(row) for column in self.columns) + " |" for row in rows),
         ]
         return "\n\n".join(["\n".join(lines), *self.legend, conclusion]) + "\n"
-
-
-def _as_json(rows: Sequence[Any], about: dict[str, Any]) -> str:
-    """The rows in full precision, with the versions that made them."""
-    content = {
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
-        **about,
-        "measurements": [dataclasses.asdict(row) for row in rows],
-    }
-    return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
 
 
 # The columns that the tables share.

@@ -12,10 +12,9 @@ from matplotlib.axis import Axis
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 
 from ...interface.status import Status
-from ..style import SMALL, caption, colour_bar, number_decades, plane_axes
+from ..style import ABOVE, SMALL, caption, colour_bar, number_decades, plane_axes
 
 if TYPE_CHECKING:
     import xarray
@@ -51,19 +50,9 @@ def heading(ax: Axes, sentences: Sequence[str], keys: Sequence[Any] = (), most: 
     if not keys:
         ax.set_title(title, fontproperties=SMALL)
         return
-    ax.legend(
-        handles=keys,
-        loc="lower center",
-        bbox_to_anchor=(0.5, 1.0),
-        ncols=min(len(keys), most),
-        frameon=False,
-        prop=SMALL,
-        title=title or None,
-        title_fontproperties=SMALL,
-        handlelength=1.6,
-        columnspacing=1.2,
-        handletextpad=0.5,
-    )
+    wide: dict[str, Any] = {"handlelength": 1.6, "columnspacing": 1.2, "handletextpad": 0.5}
+    columns = min(len(keys), most)
+    ax.legend(handles=keys, ncols=columns, title=title or None, title_fontproperties=SMALL, **ABOVE, **wide)
 
 
 def scale(axis: Axis, logarithmic: bool, values: np.ndarray) -> None:
@@ -173,7 +162,6 @@ def make_room(ax: Axes, names: Mapping[int, str]) -> None:
         ax.set_ylim(low - share / (1 - share) * (high - low), high)
 
 
-def patch(code: int, name: str) -> Patch:
-    """The legend key of a failure shown by cells."""
-    look = LOOKS[code]
-    return Patch(facecolor=look.colour, edgecolor="white", hatch=look.hatch, linewidth=0.0, label=name)
+def hatching(code: int) -> dict[str, Any]:
+    """The look of cells with a failure."""
+    return {"facecolor": LOOKS[code].colour, "edgecolor": "white", "hatch": LOOKS[code].hatch, "linewidth": 0.0}

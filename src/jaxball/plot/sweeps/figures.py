@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex, to_rgba
-from matplotlib.patches import PathPatch
+from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
 
 from ...interface.status import Status
@@ -21,12 +21,12 @@ from .axes import (
     MANY,
     coloured,
     edges_of,
+    hatching,
     heading,
     make_room,
     marks,
     names_of,
     outcomes,
-    patch,
     scale,
     study_axes,
 )
@@ -84,13 +84,20 @@ def sweep_slice(
     """
     rows = rows_of(data)
     rows, notes = at_fixed(rows, _free(rows, against, by), at, labels)
-    rows = rows if by is None else _few(rows, by)
+    if by is not None:  # a few points of its axis, equally spaced
+        along = rows.indices[:, rows.axis_of(by)]
+        points = np.unique(along)
+        places = np.linspace(0, len(points) - 1, min(len(points), MOST_CURVES)).round().astype(int)
+        rows = rows.chosen(np.isin(along, points[places]))
     outcome = outcomes(rows.status, values_of(rows, result))
     names, (drawn, left_out) = names_of(outcome), sample(rows, MOST_DRAWN)
     rows, outcome = rows.chosen(drawn), outcome[drawn]
     numbers, values = rows.number(against), np.where(outcome == Status.SUCCESS, values_of(rows, result), np.nan)
     ax, keys = study_axes(rows.data, ax, SLICE), []
-    look = {"linestyle": "none" if rows.is_scattered(against) else "-", **_markers(rows, against)}
+    # Dots if a curve has few points, or if no line joins them.
+    few, scattered = len(np.unique(rows.number(against))) <= MOST_DOTTED, rows.is_scattered(against)
+    look: dict[str, Any] = {"linestyle": "none" if scattered else "-", "marker": "o" if few or scattered else ""}
+    look |= {"markersize": 3.5 if few else 1.5, "rasterized": not few}
     for label, which, colour in _curves(rows, by, labels):
         order = which[np.argsort(numbers[which], kind="stable")]
         lines = ax.plot(numbers[order], values[order], color=colour, linewidth=1.2, label=label or None, **look)
@@ -114,14 +121,6 @@ def _free(rows: Rows, against: str, by: str | None) -> set[int]:
     return free | {rows.axis_of(by)}
 
 
-def _few(rows: Rows, by: str) -> Rows:
-    """The rows at a few points of the axis of ``by``, equally spaced."""
-    along = rows.indices[:, rows.axis_of(by)]
-    points = np.unique(along)
-    places = np.linspace(0, len(points) - 1, min(len(points), MOST_CURVES)).round().astype(int)
-    return rows.chosen(np.isin(along, points[places]))
-
-
 def _curves(rows: Rows, by: str | None, labels: Labels) -> Iterator[tuple[str, np.ndarray, str]]:
     """The label of each curve, the indices of its rows, and its colour."""
     if by is None:
@@ -130,18 +129,8 @@ def _curves(rows: Rows, by: str | None, labels: Labels) -> Iterator[tuple[str, n
     numbers = rows.number(by)
     points = np.unique(numbers)
     for number, colour in zip(points, colormaps[COLOURS](np.linspace(0.0, 0.85, len(points))), strict=True):
-        yield (
-            f"{number_label(by, labels, with_unit=False)} = {number:.4g}",
-            np.flatnonzero(numbers == number),
-            to_hex(colour),
-        )
-
-
-def _markers(rows: Rows, against: str) -> dict[str, Any]:
-    """Dots if a curve has few points, or if no line joins them."""
-    few = len(np.unique(rows.number(against))) <= MOST_DOTTED
-    dotted = few or rows.is_scattered(against)
-    return {"marker": "o" if dotted else "", "markersize": 3.5 if few else 1.5, "rasterized": not few}
+        label = f"{number_label(by, labels, with_unit=False)} = {number:.4g}"
+        yield label, np.flatnonzero(numbers == number), to_hex(colour)
 
 
 def sweep_map(
@@ -183,8 +172,9 @@ def sweep_map(
 
 def _cells(ax: Axes, rows: Rows, result: str, right: str, up: str) -> tuple[Any, list[Any], list[str]]:
     names, size = names_of(outcomes(rows.status, values_of(rows, result))), len(rows)
-    for path in (right, up):
-        rows = _with_fewer_points(rows, path)
+    for path in (right, up):  # every k-th point, so that there are at most MOST_CELLS
+        along = rows.indices[:, rows.axis_of(path)]
+        rows = rows.chosen(along % -(-(np.max(along) + 1) // MOST_CELLS) == 0)
     notes = [] if len(rows) == size else [f"{len(rows):,} of {size:,} rows drawn"]
     (columns, x), (lines, y) = _ordered(rows, right), _ordered(rows, up)
     values = values_of(rows, result)
@@ -197,14 +187,7 @@ def _cells(ax: Axes, rows: Rows, result: str, right: str, up: str) -> tuple[Any,
     for code in names:
         # Not add_patch, which would visit all corners to find limits that the mesh has already set.
         ax.add_artist(_hatched(code, columns[outcome == code], lines[outcome == code], *edges))
-    return shown, [patch(*item) for item in names.items()], notes
-
-
-def _with_fewer_points(rows: Rows, path: str) -> Rows:
-    """The rows at every k-th point of the axis of ``path``, so that there are at most ``MOST_CELLS`` points."""
-    along = rows.indices[:, rows.axis_of(path)]
-    step = -(-(np.max(along) + 1) // MOST_CELLS)
-    return rows.chosen(along % step == 0)
+    return shown, [Patch(**hatching(code), label=name) for code, name in names.items()], notes
 
 
 def _ordered(rows: Rows, path: str) -> tuple[np.ndarray, Float[np.ndarray, " points"]]:
@@ -232,15 +215,7 @@ def _hatched(code: int, columns: np.ndarray, lines: np.ndarray, x: np.ndarray, y
     corners = [(columns, lines), (columns + 1, lines), (columns + 1, lines + 1), (columns, lines + 1), (columns, lines)]
     points = np.stack([np.stack([x[column], y[line]], axis=-1) for column, line in corners], axis=1)
     codes = np.tile([Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY], len(points))
-    look = LOOKS[code]
-    return PathPatch(
-        Path(points.reshape(-1, 2), codes),
-        facecolor=look.colour,
-        edgecolor="white",
-        hatch=look.hatch,
-        linewidth=0.0,
-        rasterized=True,
-    )
+    return PathPatch(Path(points.reshape(-1, 2), codes), **hatching(code), rasterized=True)
 
 
 def _dots(ax: Axes, rows: Rows, result: str, right: str, up: str) -> tuple[Any, list[Any], list[str]]:
@@ -249,16 +224,8 @@ def _dots(ax: Axes, rows: Rows, result: str, right: str, up: str) -> tuple[Any, 
     x, y, values = rows.number(right), rows.number(up), values_of(rows, result)
     outcome = outcomes(rows.status, values)
     good = outcome == Status.SUCCESS
-    shown = ax.scatter(
-        x[good],
-        y[good],
-        c=values[good],
-        s=14.0 if len(rows) <= MANY else 4.0,
-        cmap=COLOURS,
-        norm=norm_of(values[good]),
-        linewidths=0.0,
-        rasterized=True,
-    )
+    look = {"s": 14.0 if len(rows) <= MANY else 4.0, "cmap": COLOURS, "norm": norm_of(values[good])}
+    shown = ax.scatter(x[good], y[good], c=values[good], **look, linewidths=0.0, rasterized=True)
     return shown, marks(ax, x, y, outcome, names), notes
 
 
@@ -290,7 +257,8 @@ def sweep_fan(
     names, (drawn, left_out) = names_of(rows.status), sample(rows, MOST_PATHS)
     rows, ax = rows.chosen(drawn), study_axes(rows.data, ax, FAN)
     in_plane = result is None and {"z[0]", "z[1]"} <= set(result_names(data))
-    results = ["z[0]", "z[1]"] if in_plane else [result or _standard(data)]
+    at_all_times = (name for name in result_names(data) if "save" in data[parsed(data, name)[0]].dims)
+    results = ["z[0]", "z[1]"] if in_plane else [result or next(at_all_times, result_names(data)[0])]
     curves, numbers = _paths(rows, results), rows.number(by)
     shown = ScalarMappable(norm_of(numbers, rows.is_logarithmic(by)), COLOURS)
     shown.set_array(numbers)
@@ -320,12 +288,6 @@ def _paths(rows: Rows, results: list[str]) -> Float[np.ndarray, "rows saves 2"]:
     curves = np.stack(histories if len(histories) == 2 else [times, *histories], axis=-1)
     late = rows.failed[:, None] & ~(times <= rows.data["reached"].values[rows.places][:, None])
     return np.where(late[:, :, None], np.nan, curves)
-
-
-def _standard(data: "xarray.Dataset") -> str:
-    """The first result that was saved at all times, or the first of all if there is none."""
-    names = result_names(data)
-    return next((name for name in names if "save" in data[parsed(data, name)[0]].dims), names[0])
 
 
 def _end(curve: Float[np.ndarray, "saves 2"]) -> Float[np.ndarray, " 2"]:

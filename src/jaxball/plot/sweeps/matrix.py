@@ -31,9 +31,9 @@ _MOST_POINTS = 100_000
 class _Variable(NamedTuple):
     label: str
     values: np.ndarray
-    is_number: bool
-    logarithmic: bool
-    crossed: bool  # one of the numbers of a crossed axis
+    is_number: bool = False
+    logarithmic: bool = False
+    crossed: bool = False  # one of the numbers of a crossed axis
 
 
 def sweep_matrix(
@@ -65,23 +65,13 @@ def sweep_matrix(
             f"Arguments `results` and `numbers` must be 2 to {MOST_VARIABLES} together, but they are "
             f"{len(results)} and {len(numbers)}; choose some of {', '.join([*results, *numbers])}."
         )
-    variables = [
-        _Variable(
-            _wrapped(number_label(path, labels)),
-            rows.number(path),
-            True,
-            rows.is_logarithmic(path),
-            not rows.is_scattered(path),
-        )
-        for path in numbers
-    ]
-    variables += [
-        _Variable(label_of(data, name, labels), values_of(rows, name), False, False, False) for name in results
-    ]
-    return _drawn(rows, variables)
-
-
-def _drawn(rows: Rows, variables: Sequence[_Variable]) -> Figure:
+    variables = []
+    for path in numbers:
+        logarithmic, crossed = rows.is_logarithmic(path), not rows.is_scattered(path)
+        label = _wrapped(number_label(path, labels))
+        variables.append(_Variable(label, rows.number(path), True, logarithmic, crossed))
+    for name in results:
+        variables.append(_Variable(label_of(data, name, labels), values_of(rows, name)))
     n, keys, panels = len(variables), {}, {}
     drawn, left_out = sample(rows, MOST_DOTS)
     figure = Figure(figsize=(PANEL * n + 0.6, PANEL * n + 0.6), layout="constrained")
@@ -115,16 +105,8 @@ def _panel(ax: Axes, rows: Rows, drawn: np.ndarray, right: _Variable, up: _Varia
     outcome = rows.status if up.is_number else outcomes(rows.status, up.values)
     names, outcome = names_of(outcome), outcome[drawn]
     good = drawn[outcome == Status.SUCCESS]
-    ax.plot(
-        right.values[good],
-        up.values[good],
-        "o",
-        color=COMPONENTS[0],
-        markersize=2.5 if len(drawn) <= MANY else 1.2,
-        markeredgewidth=0.0,
-        linestyle="none",
-        rasterized=True,
-    )
+    size = 2.5 if len(drawn) <= MANY else 1.2
+    ax.plot(right.values[good], up.values[good], "o", ms=size, mew=0.0, color=COMPONENTS[0], ls="none", rasterized=True)
     scale(ax.xaxis, right.logarithmic, right.values)
     scale(ax.yaxis, up.logarithmic, up.values)
     if first and right.is_number and not up.is_number:
@@ -160,20 +142,17 @@ def _edges(different: Float[np.ndarray, " values"], variable: _Variable) -> Floa
     There is one bar for each point of a crossed axis. Where the values lie on another grid, such as the whole numbers,
     all bars hold equally many of its points; otherwise the bars are equally wide.
     """
-    if variable.crossed:
+    if variable.crossed or len(different) == 1:
         return edges_of(different, variable.logarithmic)
     logarithmic = variable.logarithmic and different[0] > 0
     places = np.log(different) if logarithmic else different
-    if len(places) == 1:
-        edges = places[0] + np.array([-0.5, 0.5])
+    step = np.min(np.diff(places))
+    points = (places - places[0]) / step
+    if points[-1] < _MOST_POINTS and np.allclose(points, np.round(points), rtol=0.0, atol=1e-3):
+        each = math.ceil((points[-1] + 1) / _BINS)
+        edges = places[0] + step * (each * np.arange(math.ceil((points[-1] + 1) / each) + 1) - 0.5)
     else:
-        step = np.min(np.diff(places))
-        points = (places - places[0]) / step
-        if points[-1] < _MOST_POINTS and np.allclose(points, np.round(points), rtol=0.0, atol=1e-3):
-            each = math.ceil((points[-1] + 1) / _BINS)
-            edges = places[0] + step * (each * np.arange(math.ceil((points[-1] + 1) / each) + 1) - 0.5)
-        else:
-            edges = np.linspace(places[0], places[-1], _BINS + 1)
+        edges = np.linspace(places[0], places[-1], _BINS + 1)
     return np.exp(edges) if logarithmic else edges
 
 

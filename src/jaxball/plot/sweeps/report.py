@@ -2,12 +2,13 @@
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..files import check_others, save_figure, scenario_mark
+from ..files import save_figures, scenario_mark
 from .figures import MOST_CURVES, sweep_fan, sweep_map, sweep_slice
 from .matrix import MOST_VARIABLES, sweep_matrix
 from .rows import Rows, listed, parsed, plain, result_names, rows_of, standard_results
@@ -63,50 +64,34 @@ def sweep_figures(
     rows.data.drop_vars([name for name in data.variables if "save" in data[name].dims]).load()  # once for all figures
     numbers = list(against) or (rows.varying() or list(rows.paths))[:MOST_NUMBERS]
     pairs = list(itertools.combinations(numbers, 2))
-    drawings = list(
-        _drawings(rows, list(results) or standard_results(data), numbers, pairs if against else pairs[:1], labels)
-    )
-    folder, mark = Path(folder), scenario_mark(_identity(data))
-    paths = [[folder / f"{'_'.join(map(plain, words))}.{suffix}" for suffix in formats] for words, _ in drawings]
-    if not replace:
-        check_others(itertools.chain(*paths), mark, "replace=True")
-    folder.mkdir(parents=True, exist_ok=True)
-    for files, (_, draw) in zip(paths, drawings, strict=True):
-        drawn = draw()
-        for path in files:
-            save_figure(drawn, path, mark, svg_text=svg_text)
-    return list(itertools.chain(*paths))
-
-
-def _identity(data: "xarray.Dataset") -> str:
-    """The mark of a study: its scenario, and what it changes."""
-    return repr([data.attrs.get("scenario", ""), *(listed(data, name) for name in ("shape", "paths"))])
+    chosen = list(results) or standard_results(data)
+    drawings = [
+        ("_".join([kind, *map(plain, words)]), draw)
+        for kind, words, draw in _drawings(rows, chosen, numbers, pairs if against else pairs[:1], labels)
+    ]
+    # Of a study, its scenario and what it changes.
+    mark = scenario_mark(repr([data.attrs.get("scenario", ""), *(listed(data, name) for name in ("shape", "paths"))]))
+    return save_figures(drawings, folder, mark, formats, svg_text=svg_text, replace=replace)
 
 
 def _drawings(
     rows: Rows, results: list[str], numbers: list[str], pairs: list[tuple[str, str]], labels: Mapping[str, str] | None
-) -> Iterator[tuple[list[str], Callable[[], Any]]]:
-    """The parts of each file's name, and the function that draws the figure."""
+) -> Iterator[tuple[str, tuple[str, ...], Callable[[], Any]]]:
+    """The kind of each figure, what it shows, and the function that draws it."""
     data = rows.data
     for result, number in itertools.product(results, numbers):
         if not rows.is_scattered(number) or len(numbers) == 1:
             by = _few_curves(rows, number, numbers)
-            yield (
-                ["slice", result, number],
-                lambda r=result, n=number, b=by: sweep_slice(data, r, n, by=b, labels=labels),
-            )
-    for result, (first, second) in itertools.product(results, pairs):
-        if rows.axis_of(first) != rows.axis_of(second) or rows.is_scattered(first):
-            yield (
-                ["map", result, first, second],
-                lambda r=result, a=first, b=second: sweep_map(data, r, a, b, labels=labels),
-            )
+            yield "slice", (result, number), partial(sweep_slice, data, result, number, by=by, labels=labels)
+    for result, pair in itertools.product(results, pairs):
+        if rows.axis_of(pair[0]) != rows.axis_of(pair[1]) or rows.is_scattered(pair[0]):
+            yield "map", (result, *pair), partial(sweep_map, data, result, *pair, labels=labels)
     if any("save" in data[parsed(data, name)[0]].dims for name in result_names(data)):
         for number in numbers:
-            yield ["fan", number], lambda n=number: sweep_fan(data, n, labels=labels)
+            yield "fan", (number,), partial(sweep_fan, data, number, labels=labels)
     fitting = results[: MOST_VARIABLES - len(numbers)]
     if len(numbers) >= 2 and fitting:
-        yield ["matrix"], lambda: sweep_matrix(data, fitting, numbers, labels=labels)
+        yield "matrix", (), partial(sweep_matrix, data, fitting, numbers, labels=labels)
 
 
 def _few_curves(rows: Rows, number: str, numbers: Sequence[str]) -> str | None:

@@ -51,16 +51,7 @@ NUMBERS = {
     "time.end": ("t_1", "time"),
 }
 Labels = Mapping[str, str] | None
-GREEK = {
-    "Gamma": "Γ",
-    "Lambda": "Λ",
-    "Omega": "Ω",
-    "chi": "χ",
-    "lambda": "λ",
-    "mu": "μ",
-    "phi": "φ",
-    "theta": "θ",
-}
+GREEK = {"Gamma": "Γ", "Lambda": "Λ", "Omega": "Ω", "chi": "χ", "lambda": "λ", "mu": "μ", "phi": "φ", "theta": "θ"}
 SUBSCRIPTS = str.maketrans("0123456789sx", "₀₁₂₃₄₅₆₇₈₉ₛₓ")
 SEED = 0
 FEW_PATHS = 2
@@ -68,6 +59,7 @@ _NEEDED = ("shape", "paths", "path_axis", "path_logarithmic", "axis_scattered")
 _KNOWN = RUN | EXTREMES | FINDS
 _FIRST = ("friction_needed", "z", "phi", "x", "y")
 _NOT_RESULTS = ("row", "status")
+_LEADING = ("row", "save")  # dimensions before those of a result itself
 MOST_STANDARD = 3
 
 
@@ -144,10 +136,6 @@ class Rows:
             raise PictureError(f"Path `{path}` must be one of the numbers that the study changes{hint}")
         return int(listed(self.data, "path_axis")[self.paths.index(path)])
 
-    def paths_of(self, axis: int) -> tuple[str, ...]:
-        """The paths of the numbers that change along an axis."""
-        return tuple(path for path in self.paths if self.axis_of(path) == axis)
-
     def is_scattered(self, path: str) -> bool:
         """Whether the values at ``path`` are those of a design or of a file."""
         return bool(listed(self.data, "axis_scattered")[self.axis_of(path)])
@@ -220,7 +208,7 @@ def at_fixed(
         present = np.unique(rows.indices[:, axis])
         if len(present) == 1:
             continue
-        paths = rows.paths_of(axis)
+        paths = [path for path in rows.paths if rows.axis_of(path) == axis]
         given = [path for path in paths if path in at]
         if given:
             distances = sum(np.abs(rows.number(path) - at[path]) for path in given)
@@ -263,7 +251,8 @@ def result_names(data: "xarray.Dataset") -> list[str]:
     names = [str(name) for name in data.data_vars if name not in _NOT_RESULTS and "row" in data[name].dims]
     first = [*_finds(data), *_FIRST]
     names.sort(key=lambda name: (first.index(name) if name in first else len(first), name))
-    return [entry for name in names for entry in entries(name, _shape(data, name))]
+    sizes = {name: {axis: size for axis, size in data[name].sizes.items() if axis not in _LEADING} for name in names}
+    return [entry for name in names for entry in entries(name, tuple(sizes[name].values()))]
 
 
 def standard_results(data: "xarray.Dataset") -> list[str]:
@@ -325,7 +314,7 @@ def label_of(data: "xarray.Dataset", result: str, labels: Labels = None, *, at_t
     known = _KNOWN.get(name)
     words = (known and known.words) or name.replace("_", " ")
     if symbol_of(name):
-        dimensions = [dimension for dimension in data[name].dims if dimension not in ("row", "save")]
+        dimensions = [dimension for dimension in data[name].dims if dimension not in _LEADING]
         indices = [_index(data, str(dimension), k) for dimension, k in zip(dimensions, index, strict=True)]
         words = f"${symbol_of(name)}{'_{' + ','.join(indices) + '}' if indices else ''}$"
         words += " at the end" if at_the_end else ""
@@ -339,10 +328,6 @@ def _index(data: "xarray.Dataset", dimension: str, k: int) -> str:
         return str(k)
     masses = dimension == "driven" and dimension in data.variables and data[dimension].dtype.kind == "i"
     return str(1 + (int(data[dimension][k]) if masses else k))
-
-
-def _shape(data: "xarray.Dataset", name: str) -> tuple[int, ...]:
-    return tuple(size for dimension, size in data[name].sizes.items() if dimension not in ("row", "save"))
 
 
 def sweep_scale(data: "xarray.Dataset", rows: Sequence[int], by: str | None = None) -> ColourScale | None:

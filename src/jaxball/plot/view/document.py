@@ -84,15 +84,20 @@ def view_document(
     if friction is not None and not 0 < friction < np.inf:
         raise ValueError(f"Argument `friction` must be a positive number, but it is {friction}.")
     named = trajectories if isinstance(trajectories, Mapping) else {"": trajectories}
-    _check_number(len(named), scale)
-    runs = list(named.values())
+    count, runs = len(named), list(named.values())
+    if not 1 <= count <= MOST_BODIES:
+        raise ValueError(f"Argument `trajectories` must have from one run to {MOST_BODIES}, but it has {count}.")
+    if scale is not None and len(scale.values) != count:
+        raise ValueError(
+            f"Argument `scale` must have a value for each of the {count} runs, but it has {len(scale.values)}."
+        )
     scene = _scene(named, friction, wanted, discs)
-    looks = _looks(len(named), scale)
+    looks, same_units = _looks(count, scale), all(dimensionless(one.system) for one in runs)
     document = {
         "format": FORMAT,
         "version": VERSION,
-        "title": title or _title(runs),
-        "units": _units(runs),
+        "title": title or (described(runs[0].system) if count == 1 else f"{count} runs"),
+        "units": "dimensionless, m₀ = r = g = 1" if same_units else "in the units of its parameters",
         "friction": friction,
         "palette": {"components": list(COMPONENTS)} | PALETTE,
         "scale": None if scale is None else _stops(scale),
@@ -155,24 +160,6 @@ def in_element(document: Mapping[str, Any]) -> str:
     """JSON that can stand in an element of HTML."""
     text = json.dumps(document, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return text.translate(ESCAPES)
-
-
-def _check_number(count: int, scale: ColourScale | None) -> None:
-    if not 1 <= count <= MOST_BODIES:
-        raise ValueError(f"Argument `trajectories` must have from one run to {MOST_BODIES}, but it has {count}.")
-    if scale is not None and len(scale.values) != count:
-        raise ValueError(
-            f"Argument `scale` must have a value for each of the {count} runs, but it has {len(scale.values)}."
-        )
-
-
-def _title(trajectories: Sequence[Trajectory[Any, Any]]) -> str:
-    return described(trajectories[0].system) if len(trajectories) == 1 else f"{len(trajectories)} runs"
-
-
-def _units(trajectories: Sequence[Trajectory[Any, Any]]) -> str:
-    same = all(dimensionless(one.system) for one in trajectories)
-    return "dimensionless, m₀ = r = g = 1" if same else "in the units of its parameters"
 
 
 def _looks(count: int, scale: ColourScale | None) -> list[dict[str, Any]]:

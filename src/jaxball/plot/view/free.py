@@ -17,7 +17,6 @@ from ..record import known_rows
 from .scene import (
     BLUE,
     PAIR,
-    RED,
     YELLOW,
     Numbers,
     Scene,
@@ -63,6 +62,13 @@ class Turning(NamedTuple):
     inertia: Float[np.ndarray, "3"] | None  # None where the system does not say
     shape: Ellipsoid
 
+    @classmethod
+    def of(cls, trajectory: Trajectory[Any, Any]) -> "Turning":
+        rows = known_rows(trajectory)
+        stated: Any = getattr(trajectory.system, "inertia", ())
+        inertia = np.asarray(stated, dtype=float) if np.shape(stated) == (3,) else None
+        return cls(trajectory, rows, inertia, ellipsoid_of(trajectory.system, inertia))
+
     @property
     def top(self) -> HeavyTop | None:
         system = self.trajectory.system
@@ -82,25 +88,15 @@ def rigid_scene(trajectories: Sequence[Trajectory[Any, Any]]) -> Scene:
 
     **Raises:** ``ValueError`` for a batch, and where no state is known.
     """
-    bodies = [_turning(trajectory) for trajectory in trajectories]
+    bodies = [Turning.of(trajectory) for trajectory in trajectories]
     apart = APART * max(one.shape.radius for one in bodies)
-    changes = [law_changes(one.trajectory, one.rows) for one in bodies]
+    names, changes = zip(*(law_changes(one.trajectory, one.rows) for one in bodies), strict=True)
     return Scene(
         free_stand(-60.0 if len(bodies) == 1 else -80.0),
         [_rigid_parts(one) for one in bodies],
-        [
-            _rigid_numbers(one, k * apart, found)
-            for k, (one, (_, found)) in enumerate(zip(bodies, changes, strict=True))
-        ],
-        _rigid_graphs(bodies, changes[0][0]),
+        [_rigid_numbers(one, k * apart, change) for k, (one, change) in enumerate(zip(bodies, changes, strict=True))],
+        _rigid_graphs(bodies, names[0]),
     )
-
-
-def _turning(trajectory: Trajectory[Any, Any]) -> Turning:
-    rows = known_rows(trajectory)
-    stated: Any = getattr(trajectory.system, "inertia", ())
-    inertia = np.asarray(stated, dtype=float) if np.shape(stated) == (3,) else None
-    return Turning(trajectory, rows, inertia, ellipsoid_of(trajectory.system, inertia))
 
 
 def ellipsoid_of(system: Any, inertia: Float[np.ndarray, "3"] | None) -> Ellipsoid:
@@ -186,24 +182,15 @@ def _rigid_graphs(bodies: Sequence[Turning], names: list[str]) -> list[dict[str,
     if known:
         kinetic = graph("Kinetic energy", [series("T", None if count > PAIR else BLUE, "energies", [0])])
         graphs.append(energies(count) if tops else kinetic)
-        graphs.append(_momentum(count))
+        whole = graph("Angular momentum", [series("|L|", None, "angular_momentum", [0, 1, 2], norm=True)])
+        each_axis = each(("L1", "L2", "L3"), COMPONENTS, "momentum_in_space")
+        graphs.append(whole if count > PAIR else graph("Angular momentum, space axes", each_axis))
     if tops:
-        graphs.append(_vertical(count))
+        third = graph("Vertical", [series("Γ3", None, "vertical", [2])])
+        each_axis = each(("Γ1", "Γ2", "Γ3"), COMPONENTS, "vertical")
+        graphs.append(third if count > PAIR else graph("Vertical, body axes", each_axis))
     alike = all(type(one.trajectory.system) is type(bodies[0].trajectory.system) for one in bodies)
     return graphs + (laws(names) if count <= PAIR and alike else [])
-
-
-def _momentum(count: int) -> dict[str, Any]:
-    if count > PAIR:
-        return graph("Angular momentum", [series("|L|", None, "angular_momentum", [0, 1, 2], norm=True)])
-    return graph("Angular momentum, space axes", each(("L1", "L2", "L3"), (BLUE, RED, YELLOW), "momentum_in_space"))
-
-
-def _vertical(count: int) -> dict[str, Any]:
-    """Γ in body axes of one or two bodies; Γ3 of more."""
-    if count > PAIR:
-        return graph("Vertical", [series("Γ3", None, "vertical", [2])])
-    return graph("Vertical, body axes", each(("Γ1", "Γ2", "Γ3"), COMPONENTS, "vertical"))
 
 
 def particle_scene(trajectories: Sequence[Trajectory[Any, Any]]) -> Scene:
@@ -211,21 +198,16 @@ def particle_scene(trajectories: Sequence[Trajectory[Any, Any]]) -> Scene:
 
     **Raises:** ``ValueError`` for a batch, and where no state is known.
     """
-    rows = [known_rows(trajectory) for trajectory in trajectories]
-    pairs = list(zip(trajectories, rows, strict=True))
-    places = np.concatenate([_columns(trajectory, kept, "x", "y", "z") for trajectory, kept in pairs])
+    pairs = [(trajectory, known_rows(trajectory)) for trajectory in trajectories]
+    places = np.concatenate([_columns(trajectory, rows, "x", "y", "z") for trajectory, rows in pairs])
     radius = SMALL * (float(np.max(np.ptp(places, axis=0))) or 1.0)
-    changes = [law_changes(trajectory, kept) for trajectory, kept in pairs]
-    numbers = [
-        _particle_numbers(trajectory, kept, radius, found)
-        for (trajectory, kept), (_, found) in zip(pairs, changes, strict=True)
-    ]
+    names, changes = zip(*(law_changes(*pair) for pair in pairs), strict=True)
     alike = all(isinstance(one.state, type(trajectories[0].state)) for one in trajectories)
     return Scene(
         free_stand(-60.0),
-        [made("particle", trajectory, radius, len(kept)) for trajectory, kept in pairs],
-        numbers,
-        _particle_graphs(trajectories, changes[0][0] if alike else []),
+        [made("particle", trajectory, radius, len(rows)) for trajectory, rows in pairs],
+        [_particle_numbers(*pair, radius, change) for pair, change in zip(pairs, changes, strict=True)],
+        _particle_graphs(trajectories, names[0] if alike else []),
     )
 
 

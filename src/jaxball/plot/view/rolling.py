@@ -19,13 +19,13 @@ from ...physics.moments import velocity_moments
 from ...physics.momentum import contact_momentum
 from ...physics.state import ReducedState
 from ...simulation.trajectory import Trajectory
-from ..coordinates import ANGLE, LENGTH, UNKNOWN, angles_of, mass_units, unit_of, units_of
-from ..floor import Setting, floor_under, place, setting_of
+from ..coordinates import ANGLE, LENGTH, UNKNOWN, angles_of, joint_units, joints_of, mass_units
+from ..floor import Placed, Setting, floor_under, place
 from ..modes import modes_of
 from ..over_time import Sizes, sizes_of, without_rounding
 from ..palette import mass_colour
-from ..record import Record, drawn_run, finite_rows, known_rows, record_to_show, require_one
-from ..shapes import arms_of_run, rails_of
+from ..record import Record, drawn_run, finite_rows, known_rows, record, require_one
+from ..shapes import rails_of
 from ..time_series import height, of_contact, slip_speed
 from .scene import (
     BLUE,
@@ -57,7 +57,7 @@ class Shown(NamedTuple):
 
     trajectory: Trajectory
     run: Record
-    setting: Setting
+    placed: Placed
     angles: dict[int, np.ndarray]  # θ of the masses on rails
 
     @property
@@ -82,8 +82,8 @@ def shown(trajectory: Trajectory[Any, Any]) -> Shown:
         )
     known_rows(trajectory)
     trajectory = drawn_run(trajectory)
-    run = record_to_show(trajectory)
-    return Shown(trajectory, run, setting_of(trajectory.system, run.times), angles_of(trajectory))
+    run = record(trajectory)
+    return Shown(trajectory, run, place(trajectory, run), angles_of(trajectory))
 
 
 def body_document(one: Shown) -> dict[str, Any]:
@@ -105,15 +105,18 @@ def body_document(one: Shown) -> dict[str, Any]:
 
 def body_numbers(one: Shown, plane: float) -> dict[str, Numbers]:
     """The numbers of the body above a plane at ``plane`` below the origin, which may differ from its own radius."""
-    system, run, setting, r = one.system, one.run, one.setting, one.radius
-    placed, seen = place(run, setting), run.observables
+    system, run, placed, r = one.system, one.run, one.placed, one.radius
+    setting, seen, trajectory = placed.setting, run.observables, one.trajectory
+    rows, history = finite_rows(trajectory), trajectory.contact
+    slips = None if history is None else history.slip
+    momentum = _momentum(system, to_array(trajectory.times), trajectory.state, slips)
     numbers = {
         "time": Numbers(run.times, 0.0),
         "centre": Numbers(placed.centre + (r - plane) * setting.page[:, 2], r),
         "quaternion": Numbers(continuous(Rotation.from_matrix(placed.Lambda).as_quat()), 1.0),
         "masses": Numbers(seen.mass_positions_body, r),
     }
-    numbers |= {f"arms_{j}": Numbers(points, r) for j, points in enumerate(arms_of_run(one.trajectory))}
+    numbers |= {f"arms_{j}": Numbers(points, r) for j, points in enumerate(placed.arms)}
     if np.any(setting.moved):
         numbers["moved"] = Numbers(setting.moved, r)
     if setting.turned is not None:
@@ -124,14 +127,13 @@ def body_numbers(one: Shown, plane: float) -> dict[str, Numbers]:
     }
     numbers |= {
         "angular_velocity": Numbers(seen.angular_velocity_body),
-        "angular_momentum": Numbers(_momentum_of(one)),
+        "angular_momentum": Numbers(np.asarray(momentum)[rows]),
         "normal_force": Numbers(seen.normal_force),
         "friction": Numbers(seen.friction),
         "energies": Numbers(np.stack([seen.kinetic_energy, seen.potential_energy], axis=1)),
     }
     if isinstance(system, Disk):
         numbers["turning"] = Numbers(-seen.angular_velocity_body[:, 1])
-    history, rows = one.trajectory.contact, finite_rows(one.trajectory)
     if history is not None:
         numbers |= {
             "height": Numbers(np.asarray(history.height)[rows], r),
@@ -143,13 +145,6 @@ def body_numbers(one: Shown, plane: float) -> dict[str, Numbers]:
     if system.mechanisms:
         numbers["joint_angles"] = Numbers(seen.joint_angles)
     return numbers
-
-
-def _momentum_of(one: Shown) -> Float[np.ndarray, "T 3"]:
-    trajectory = one.trajectory
-    slips = None if trajectory.contact is None else trajectory.contact.slip
-    found = _momentum(one.system, to_array(trajectory.times), trajectory.state, slips)
-    return np.asarray(found)[finite_rows(trajectory)]
 
 
 @programs.filter_jit
@@ -186,18 +181,25 @@ def rolling_scene(
 ) -> Scene:
     """The scene of balls or disks, with a desired path and discs to avoid.
 
-    **Raises:** ``ValueError`` for bodies that do not roll on the same plane, and as :func:`~.body.shown`.
+    **Raises:** ``ValueError`` for bodies that do not roll on the same plane, and as :func:`shown`.
     """
-    bodies = [shown(trajectory) for trajectory in named.values()]
-    _check_grounds(bodies, list(named))
-    first, setting, planar = bodies[0], bodies[0].setting, isinstance(bodies[0].system, Disk)
+    bodies, names = [shown(trajectory) for trajectory in named.values()], list(named)
+    other = other_ground([one.system for one in bodies])
+    if other is not None:
+        raise ValueError(
+            f'Argument `trajectories` must have runs on the same plane, but the plane of "{names[other]}" differs from '
+            f'that of "{names[0]}"; show them one by one.'
+        )
+    first, setting, planar = bodies[0], bodies[0].placed.setting, isinstance(bodies[0].system, Disk)
     # On the plane a disk's line is at e2 = 0.
     goal = None if wanted is None else np.column_stack([wanted, np.full(len(wanted), -first.radius)])
+    corners = [[*(np.asarray(centre) + side * r), -first.radius] for centre, r in discs for side in (-1, 1)]
+    law = _law(bodies)
     stand = {
         "axes": setting.page.tolist(),
-        "floor": _floor(bodies, setting, [*([] if goal is None else [goal]), *_bounds(discs, first.radius)]),
+        "floor": _floor(bodies, setting, [*([] if goal is None else [goal]), np.reshape(corners, (-1, 3))]),
         "obstacles": [[float(centre[0]), float(centre[1]), float(radius)] for centre, radius in discs],
-        **_cone(bodies),
+        **({} if law is None or not law.static > 0 else {"cone": float(law.static)}),
         "camera": {"elevation": ELEVATION[planar], "azimuth": AZIMUTH[planar] + (0 if planar else setting.downhill)},
     }
     return Scene(
@@ -209,25 +211,10 @@ def rolling_scene(
     )
 
 
-def _check_grounds(bodies: Sequence[Shown], names: Sequence[str]) -> None:
-    """Raises a ``ValueError`` for bodies that do not roll on the same plane."""
-    other = other_ground([one.system for one in bodies])
-    if other is not None:
-        raise ValueError(
-            f'Argument `trajectories` must have runs on the same plane, but the plane of "{names[other]}" differs from '
-            f'that of "{names[0]}"; show them one by one.'
-        )
-
-
 def other_ground(systems: Sequence[System]) -> int | None:
     """The index of the first body whose ground differs from that of the first of all; None if all have the same."""
     others = (k for k, system in enumerate(systems) if not eqx.tree_equal(system.ground, systems[0].ground))
     return next(others, None)
-
-
-def _bounds(discs: Discs, r: float) -> list[Float[np.ndarray, "2 3"]]:
-    """Two corners of the square about each disc, on the plane."""
-    return [np.array([[*(np.asarray(centre) + side * radius), -r] for side in (-1, 1)]) for centre, radius in discs]
 
 
 def _floor(bodies: Sequence[Shown], setting: Setting, drawn: Sequence[Float[np.ndarray, "_ 3"]]) -> dict[str, Any]:
@@ -292,11 +279,10 @@ def _of_masses(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
 
 
 def _of_joints(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
-    joints = max((_joints(one) for one in bodies), key=len)
-    fullest = next(one for one in bodies if _joints(one) == joints)
-    units = units_of([unit_of(joint) for one in fullest.system.mechanisms for joint in getattr(one, "joints", ())])
-    lines = each(joints, of_masses(range(1, len(joints) + 1)), "joint_angles")
-    return [graph(f"Joints{units}", lines, 1.0)] if joints else []
+    fullest = max((one.system for one in bodies), key=lambda system: len(joints_of(system)))
+    names = [f"θ{joint}" for joint in joints_of(fullest)]
+    lines = each(names, of_masses(range(1, len(names) + 1)), "joint_angles")
+    return [graph(f"Joints{joint_units(fullest)}", lines, 1.0)] if lines else []
 
 
 def _law(bodies: Sequence[Shown]) -> Contact | None:
@@ -304,12 +290,6 @@ def _law(bodies: Sequence[Shown]) -> Contact | None:
     histories = [one.trajectory.contact for one in bodies]
     laws = [None if history is None else history.law for history in histories]
     return laws[0] if all(eqx.tree_equal(law, laws[0]) for law in laws) else None
-
-
-def _cone(bodies: Sequence[Shown]) -> dict[str, float]:
-    """The coefficient of static friction, if a law gives it."""
-    law = _law(bodies)
-    return {} if law is None or not law.static > 0 else {"cone": float(law.static)}
 
 
 def _levels(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
@@ -331,8 +311,3 @@ def _of_contact(bodies: Sequence[Shown], sizes: Sizes) -> list[dict[str, Any]]:
         slip_speed: graph("Slip speed", [series("|vₛ|", colour, "slip", [0, 1], norm=True)], sizes.speed),
     }
     return [drawn for figure, drawn in graphs.items() if figure in figures]
-
-
-def _joints(one: Shown) -> list[str]:
-    mechanisms = enumerate(one.system.mechanisms, start=1)
-    return [f"θ{j},{a}" for j, mechanism in mechanisms for a in range(1, mechanism.n_joints + 1)]
