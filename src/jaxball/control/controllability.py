@@ -13,22 +13,28 @@ ROUNDING = 1e-6  # of the largest entry of a combination
 
 def uncontrollable(linear: Linear, names: Sequence[str]) -> tuple[str, ...]:
     """The combinations of deviations at the end of a linear flow that no input changes, by name."""
-    A, B = np.asarray(linear.A), np.asarray(linear.B)
-    return tuple(_in_words(row, names) for row in _reduced(unreached(A, B)))
+    return in_words(unreached_by(reached(np.asarray(linear.A), np.asarray(linear.B))), names)
 
 
-def unreached(A: Float[np.ndarray, "samples n n"], B: Float[np.ndarray, "samples n m"]) -> Float[np.ndarray, "rows n"]:
-    """An orthonormal basis of the rows v for which v·ξ at the end is the same for all inputs.
-
-    A factor of the Gramian of what inputs reach, Σ Φ B Bᵀ Φᵀ, is kept small by a QR factorisation at each sample.
-    """
+def reached(A: Float[np.ndarray, "samples n n"], B: Float[np.ndarray, "samples n m"]) -> Float[np.ndarray, "n rank"]:
+    """A factor of the Gramian of what inputs reach, Σ Φ B Bᵀ Φᵀ, kept small by a QR factorisation at each sample."""
     n = A.shape[1]
-    reached = np.zeros((n, n))
+    found = np.zeros((n, n))
     for step, own in zip(A, B, strict=True):
-        reached = np.linalg.qr(np.concatenate([(step @ reached).T, own.T]), mode="r").T
-    rows, sizes, _ = np.linalg.svd(reached)
-    sizes = np.append(sizes, np.zeros(n - len(sizes)))
-    return rows.T[sizes <= LEAST * np.max(sizes, initial=0.0)]
+        found = np.linalg.qr(np.concatenate([(step @ found).T, own.T]), mode="r").T
+    return found
+
+
+def unreached_by(factor: Float[np.ndarray, "n rank"]) -> Float[np.ndarray, "rows n"]:
+    """An orthonormal basis of what a Gramian with this factor leaves out."""
+    columns, sizes, _ = np.linalg.svd(factor)
+    sizes = np.append(sizes, np.zeros(len(factor) - len(sizes)))
+    return columns.T[sizes <= LEAST * np.max(sizes, initial=0.0)]
+
+
+def in_words(rows: Float[np.ndarray, "rows n"], names: Sequence[str]) -> tuple[str, ...]:
+    """The combinations that span the same space, each of as few names as possible."""
+    return tuple(_in_words(row, names) for row in _reduced(rows))
 
 
 def _reduced(rows: Float[np.ndarray, "rows n"]) -> Float[np.ndarray, "rows n"]:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..interface.printing import Printed
-from ..numerics.arrays import Numbers, numbers
+from ..numerics.arrays import Numbers, default_dtype, numbers
 from ..physics.body import System
 from ..physics.state import BallState, DiskState, RotationState
 from ..simulation.defaults import DEFAULT_TOLERANCE
@@ -80,6 +80,14 @@ class SampledSystem(Printed):
         limits = (numbers(name)(x) for name, x in (("sample", sample), ("rtol", rtol), ("atol", atol)))
         return cls(with_inputs(system, places), limits_of(system, places), *limits, places)
 
+    @classmethod
+    def without_inputs(
+        cls, system: System, sample: Numbers, rtol: Numbers = DEFAULT_TOLERANCE, atol: Numbers = DEFAULT_TOLERANCE
+    ) -> "SampledSystem":
+        """The sampled system of a body that nobody steers: whatever moves it stays. Arguments as for :meth:`of`."""
+        given = (numbers(name)(x) for name, x in (("sample", sample), ("rtol", rtol), ("atol", atol)))
+        return cls(system, jnp.zeros((0,), default_dtype()), *given, ())
+
     @property
     def inputs(self) -> tuple[str, ...]:
         """The names of the inputs, in the order of u."""
@@ -87,7 +95,7 @@ class SampledSystem(Printed):
 
     def held(self, u: Float[Array, " m"]) -> System:
         """The body while its inputs are ``u``."""
-        return held(self.system, self.places, u)
+        return held(self.system, self.places, u) if self.places else self.system
 
     def flow(
         self,
