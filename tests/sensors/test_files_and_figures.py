@@ -9,7 +9,7 @@ import xarray
 import jaxball
 from jaxball import ScenarioError, plot, read_scenario, write_scenario
 from jaxball.results import saved_scenario
-from jaxball.sensors import Accelerometer, Encoder, Gyroscope, Tachometer
+from jaxball.sensors import Accelerometer, Encoder, Gyroscope, Position, SensorErrors, Tachometer
 
 JOINT = "mechanisms[0].joints[0]"
 ROBOT = f"""
@@ -41,12 +41,30 @@ on = "{JOINT}"
 [sensors.rate]
 kind = "tachometer"
 on = "{JOINT}"
+
+[sensors.seen]
+kind = "position"
+at = [0.0, 0.0, 0.5]
+[sensors.seen.errors]
+noise = 0.01
+bias = [0.1, 0.0, 0.2]
+random_walk = 0.02
+rate = 1.0
+delay = 0.5
+missing = 0.1
+seed = 3
 """
 IN_PYTHON = {
     "turned": Gyroscope(on=JOINT, frame=jaxball.VersorFrame((1.0, 0.2, 0.0, 0.0))),
     "felt": Accelerometer(at=(0.1, 0.0, 0.2)),
     "angle": Encoder(JOINT),
     "rate": Tachometer(JOINT),
+    "seen": Position(
+        at=(0.0, 0.0, 0.5),
+        errors=SensorErrors(
+            noise=0.01, bias=(0.1, 0.0, 0.2), random_walk=0.02, rate=1.0, delay=0.5, missing=0.1, seed=3
+        ),
+    ),
 }
 
 
@@ -117,6 +135,8 @@ def test_each_sensor_has_a_panel_with_what_it_read(robot, tmp_path):
             r"Key `sensors\.rate\.at` is not known",
         ),
         ("[sensors.felt]", "[sensors.felt]\nmass = 3", r"Key `sensors\.felt\.mass` is not known"),
+        ("missing = 0.1", "missing = 2", r"Key `sensors\.seen\.errors\.missing` must be a finite number from 0 to 1"),
+        ("noise = 0.01", "nois = 0.01", r"Key `sensors\.seen\.errors\.nois` is not known; did you mean `noise`"),
     ],
 )
 def test_what_is_no_sensor_is_told(old, new, words):

@@ -11,6 +11,8 @@ from jaxtyping import Array, Float
 
 from .vectors import cross, dot
 
+SMALL_ANGLE = 1e-4  # squared; the series below it have an error of a rounding
+
 
 def identity() -> Float[Array, "4"]:
     """The versor of no rotation, (1, 0, 0, 0)."""
@@ -37,6 +39,28 @@ def from_axis_angle(axis: Float[Array, "3"], angle: Float[Array, ""]) -> Float[A
     """The versor that turns by ``angle`` (radians) about ``axis``, which need not be a unit vector."""
     unit = axis / jnp.sqrt(jnp.sum(axis * axis))
     return jnp.concatenate([jnp.cos(angle / 2)[None], jnp.sin(angle / 2) * unit])
+
+
+def exponential(rotation: Float[Array, "3"]) -> Float[Array, "4"]:
+    """The versor of a rotation vector, whose direction is the axis and whose length the angle, rad."""
+    s = dot(rotation, rotation)
+    small = s < SMALL_ANGLE
+    angle = jnp.sqrt(jnp.where(small, 1.0, s))
+    real = jnp.where(small, 1 - s / 8 * (1 - s / 48 * (1 - s / 120)), jnp.cos(angle / 2))
+    factor = jnp.where(small, 0.5 - s / 48 * (1 - s / 80 * (1 - s / 168)), jnp.sin(angle / 2) / angle)
+    return jnp.concatenate([real[None], factor * rotation])
+
+
+def logarithm(q: Float[Array, "4"]) -> Float[Array, "3"]:
+    """The rotation vector of a versor, of a length up to π; the same of q and of −q, which are one rotation."""
+    real, imaginary = jnp.abs(q[0]), jnp.where(q[0] < 0, -q[1:], q[1:])
+    s = dot(imaginary, imaginary)
+    small = s < SMALL_ANGLE
+    sine = jnp.sqrt(jnp.where(small, 1.0, s))
+    known = jnp.where(small, real, 1.0)
+    ratio = s / (known * known)
+    series = 2 / known * (1 - ratio * (1 / 3 - ratio * (1 / 5 - ratio * (1 / 7 - ratio / 9))))
+    return jnp.where(small, series, 2 * jnp.arctan2(sine, real) / sine) * imaginary
 
 
 @functools.partial(jnp.vectorize, signature="(n,n)->(k)")

@@ -86,7 +86,7 @@ class BallState(AbstractBodyState):
         converter=numbers("thetadot", ("driven",), batch=True), default=EMPTY
     )
 
-    unit_vector = "q"
+    unit_vector, attitude = "q", "q"
 
     @property
     def Lambda(self) -> Float[Array, "*batch 3 3"]:
@@ -114,6 +114,12 @@ class BallState(AbstractBodyState):
     def in_space(self) -> "BallState":
         """The state itself; see :meth:`DiskState.in_space`."""
         return self
+
+    def turned(self, rotation: Float[Array, "3"]) -> Float[Array, "4"]:
+        return versor.product(self.q, versor.exponential(rotation))
+
+    def turn_to(self, other: "BallState") -> Float[Array, "3"]:
+        return versor.logarithm(versor.product(versor.conjugate(self.q), other.q))
 
     def reduced(self) -> "ReducedState":
         """(Ω, Γ), without position and heading."""
@@ -148,6 +154,8 @@ class RotationState(AbstractBodyState):
     thetadot: Float[Array, "*batch driven"] = eqx.field(
         converter=numbers("thetadot", ("driven",), batch=True), default=EMPTY
     )
+
+    attitude = "Lambda"
 
     @property
     def Gamma(self) -> Float[Array, "*batch 3"]:
@@ -185,6 +193,14 @@ class RotationState(AbstractBodyState):
     def in_space(self) -> BallState:
         """The same state with a versor."""
         return BallState(versor.from_rotation_matrix(self.Lambda), self.Omega, self.z, self.theta, self.thetadot)
+
+    def turned(self, rotation: Float[Array, "3"]) -> Float[Array, "3 3"]:
+        turn = versor.rotation_matrix(versor.exponential(rotation))
+        return jnp.sum(self.Lambda[:, :, None] * turn[None], axis=1)
+
+    def turn_to(self, other: "RotationState") -> Float[Array, "3"]:
+        turn = jnp.sum(self.Lambda[:, :, None] * other.Lambda[:, None, :], axis=0)
+        return versor.logarithm(versor.from_rotation_matrix(turn))
 
     def reduced(self) -> "ReducedState":
         """(Ω, Γ), without position and heading."""

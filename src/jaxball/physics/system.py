@@ -15,6 +15,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.arguments import a, described, refusal
@@ -51,10 +52,16 @@ class AbstractState(Printed):
     - ``unit_vector``: the name of the field that is a unit vector, if there is one. It must be one at the start,
       ``project`` and ``dae`` of :func:`jaxball.simulate` keep it one, and it counts one dimension less.
     - ``sized``: the names of fields whose length depends on the system; its ``require_state`` checks them.
+    - ``attitude``: the name of the field that is an attitude, if there is one. Around a state it has three coordinates,
+      a rotation vector, which ``turned`` and ``turn_to`` add and take.
+
+    States near one have **local coordinates** around it, as many as there are directions in which they can differ:
+    ``directions`` names them, ``retract`` goes from them to a state, and ``difference`` back.
     """
 
     unit_vector: ClassVar[str | None] = None
     sized: ClassVar[tuple[str, ...]] = ()
+    attitude: ClassVar[str | None] = None
 
     def conditions(self) -> Iterator[Condition]:
         """Every condition that an initial state must meet; traceable. A state that is not finite meets none."""
@@ -74,6 +81,58 @@ class AbstractState(Printed):
     def reduced(self) -> "AbstractState":
         """The part of the state that the motion depends on if nothing breaks the symmetries: the phase space."""
         return self
+
+    @property
+    def directions(self) -> tuple[str, ...]:
+        """The local coordinates around a state, by name: those of the attitude, then the numbers of other fields."""
+        names = [] if self.attitude is None else [f"attitude[{k}]" for k in range(3)]
+        for path, leaf in jax.tree_util.tree_leaves_with_path(self._without_attitude()):
+            field = jax.tree_util.keystr(path).removeprefix(".")
+            names += [f"{field}[{k}]" for k in range(np.size(leaf))] if np.ndim(leaf) else [field]
+        return tuple(names)
+
+    def retract(self: AnyState, xi: Float[Array, " directions"]) -> AnyState:
+        """The state with local coordinates ``xi`` around this one.
+
+        The attitude is turned by the first three, a rotation vector in body axes; the rest are added.
+
+        **Raises:** ``TypeError`` for a state with a unit vector that is no attitude.
+        """
+        first = 0 if self.attitude is None else 3
+        flat, unravel = ravel_pytree(self._without_attitude())
+        moved = unravel(flat + xi[first:])
+        if self.attitude is None:
+            return moved
+        turned = self.turned(xi[:first])
+        return eqx.tree_at(lambda s: getattr(s, self.attitude), moved, turned, is_leaf=lambda x: x is None)
+
+    def difference(self: AnyState, other: AnyState) -> Float[Array, " directions"]:
+        """The local coordinates of ``other`` around this state: the inverse of :meth:`retract`.
+
+        **Raises:** as :meth:`retract`.
+        """
+        flat, there = (ravel_pytree(state._without_attitude())[0] for state in (self, other))
+        return there - flat if self.attitude is None else jnp.concatenate([self.turn_to(other), there - flat])
+
+    def turned(self, rotation: Float[Array, "3"]) -> Float[Array, "..."]:
+        """The attitude, turned by a rotation vector in body axes."""
+        raise NotImplementedError
+
+    def turn_to(self: AnyState, other: AnyState) -> Float[Array, "3"]:
+        """The rotation vector, in body axes, that turns this attitude into that of ``other``; no longer than π."""
+        raise NotImplementedError
+
+    def _without_attitude(self: AnyState) -> AnyState:
+        if self.attitude is None and self.unit_vector is None:
+            return self
+        if self.attitude is None:
+            kind = type(self).__name__
+            raise TypeError(
+                f"Argument `state` must have an attitude where local coordinates around it are needed, but it is "
+                f"{a(kind)}, whose `{self.unit_vector}` is a unit vector; use a state with an attitude, such as a "
+                "BallState."
+            )
+        return eqx.tree_at(lambda state: getattr(state, self.attitude), self, None)
 
 
 class NoLaws(NamedTuple):

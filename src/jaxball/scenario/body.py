@@ -16,7 +16,7 @@ from ..physics.ground import Ground, Turntable
 from ..physics.released import ReleasedState
 from ..physics.resistance import SMOOTHING, AbstractResistance, Resistance
 from ..physics.system import AbstractState
-from ..sensors import AbstractSensor, Accelerometer, Encoder, Gyroscope, Tachometer
+from ..sensors import AbstractSensor, Accelerometer, Encoder, Gyroscope, Position, SensorErrors, Tachometer
 from .mechanisms import MOTIONS, read_motion, write_motion
 from .motions import FRAME, HARMONIC_FORCE, SCHEDULE
 from .own import FUNCTION, Open, names_own, read_own, trying, trying_class
@@ -36,6 +36,7 @@ from .values import (
     ANGLE,
     FULL_TURN,
     LENGTH,
+    NOT_NEGATIVE,
     POSITIVE,
     QUARTER_TURN,
     RATE,
@@ -45,6 +46,7 @@ from .values import (
     Nested,
     Numbers,
     Radians,
+    Rule,
     ScenarioError,
     Text,
     key_error,
@@ -254,13 +256,29 @@ def kind_of(system: System) -> str:
 _NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
 _ON = Key(Text("the name of a part of the body, such as masses[0] or mechanisms[0].joints[0]"))
 _MOUNT = {"on": Key(_ON.kind, None), "frame": FRAME}
+_PROBABILITY = Rule("finite", lambda x: ((x >= 0) & (x <= 1)).all(), " from 0 to 1")
+_ERRORS = Module(
+    SensorErrors,
+    {
+        "noise": Key(Numbers(rule=NOT_NEGATIVE), 0.0),
+        "bias": Key(Numbers((None,)), (0.0,)),
+        "random_walk": Key(Numbers(rule=NOT_NEGATIVE), 0.0),
+        "rate": Key(Numbers(rule=POSITIVE), None),
+        "delay": Key(Numbers(rule=NOT_NEGATIVE, dimension=TIME), 0.0),
+        "missing": Key(Numbers(rule=_PROBABILITY), 0.0),
+        "seed": Key(Integer(0, 2**31 - 1), 0),
+    },
+)
+_EVERY_SENSOR = {"errors": Key(_ERRORS.nested, None)}
+_AT = {"at": Key(Numbers((3,), dimension=LENGTH), (0.0, 0.0, 0.0))}
 _SENSORS: Family = {
-    "accelerometer": Module(Accelerometer, {"at": Key(Numbers((3,), dimension=LENGTH), (0.0, 0.0, 0.0)), **_MOUNT}),
-    "gyroscope": Module(Gyroscope, _MOUNT),
-    "encoder": Module(Encoder, {"on": _ON}),
-    "tachometer": Module(Tachometer, {"on": _ON}),
+    "accelerometer": Module(Accelerometer, {**_AT, **_MOUNT, **_EVERY_SENSOR}),
+    "gyroscope": Module(Gyroscope, {**_MOUNT, **_EVERY_SENSOR}),
+    "position": Module(Position, {**_AT, "on": Key(_ON.kind, None), **_EVERY_SENSOR}),
+    "encoder": Module(Encoder, {"on": _ON, **_EVERY_SENSOR}),
+    "tachometer": Module(Tachometer, {"on": _ON, **_EVERY_SENSOR}),
 }
-SENSORS = Open(AbstractSensor, _SENSORS)
+SENSORS = Open(AbstractSensor, _SENSORS, keys=_EVERY_SENSOR)
 
 
 def read_sensors(values: Any, path: str) -> dict[str, AbstractSensor]:

@@ -10,6 +10,7 @@ import dataclasses
 import inspect
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import jax
@@ -18,7 +19,7 @@ import numpy as np
 from ..numerics.arrays import to_array
 from .errors import ScenarioError, key_error, shown
 from .imports import imported, is_python_name, name_of
-from .table import REQUIRED, Key, Module, OpenFamily, join
+from .table import REQUIRED, Key, Keys, Module, OpenFamily, join
 from .values import Kind, Numbers, require_conditions
 
 
@@ -125,15 +126,22 @@ class _Array(Numbers):
 class Open(OpenFamily):
     """A family of kinds that users' subclasses of ``contract`` join.
 
-    ``check`` is given what a user's class makes, and raises an exception if it does not fit.
+    ``check`` is given what a user's class makes, and raises an exception if it does not fit. ``keys`` are those of
+    fields that subclasses inherit.
     """
 
-    def __init__(self, contract: type, members: Mapping[str, Module], check: Callable[[Any], None] = lambda item: None):
+    def __init__(
+        self,
+        contract: type,
+        members: Mapping[str, Module],
+        check: Callable[[Any], None] = lambda item: None,
+        keys: Keys = MappingProxyType({}),
+    ):
         super().__init__(members)
-        self.contract, self.check = contract, check
+        self.contract, self.check, self.keys_of_fields = contract, check, keys
 
     def own(self, named: str, path: str) -> Module:
-        module = module_of(own_class(named, path, self.contract))
+        module = self._module_of(own_class(named, path, self.contract))
 
         def build(**given: Any) -> Any:
             with trying_class(path, named):
@@ -153,7 +161,11 @@ class Open(OpenFamily):
                 f"Key `{join(path, 'kind')}` must be a class that can be imported to be written to a file, but "
                 f"{kind.__module__}:{kind.__qualname__} cannot be; keep its scenario as a Python script."
             )
-        return name, module_of(kind)
+        return name, self._module_of(kind)
+
+    def _module_of(self, kind: Any) -> Module:
+        module = module_of(kind)
+        return dataclasses.replace(module, keys={**module.keys, **self.keys_of_fields})
 
 
 def own_class(named: str, path: str, contract: type) -> Any:

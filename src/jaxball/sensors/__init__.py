@@ -1,7 +1,9 @@
-"""Sensors on a body and on what it carries: their exact readings at a moment of a run."""
+"""Sensors on a body and on what it carries: their readings along a run, exact or with errors."""
 
 from ..interface.names import interface as _interface
 from .base import AbstractSensor as AbstractSensor
+from .camera import Position as Position
+from .errors import SensorErrors as SensorErrors
 from .inertial import Accelerometer as Accelerometer, Gyroscope as Gyroscope
 from .joints import Encoder as Encoder, Tachometer as Tachometer
 

@@ -4,6 +4,7 @@ import abc
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
+import equinox as eqx
 from jaxtyping import Array, Float
 
 from ..interface.arguments import refusal, require
@@ -11,14 +12,18 @@ from ..interface.printing import Printed
 from ..interface.wording import did_you_mean
 from ..physics.body import AbstractBody
 from ..physics.observables import Movement
+from .errors import SensorErrors
 
 
 class AbstractSensor(Printed):
     """A sensor that reads the motion of a ball or a disk at one moment.
 
     A kind of sensor implements ``reading``, and ``places`` if its field ``on`` names what it is mounted on. ``units``
-    and ``meaning`` describe its reading in files and figures.
+    and ``meaning`` describe its reading in files and figures. Every kind takes ``errors``, the
+    :class:`SensorErrors` that distinguish what arrives from the exact reading.
     """
+
+    errors: SensorErrors | None = eqx.field(kw_only=True, default=None)
 
     units: ClassVar[str] = ""
     meaning: ClassVar[str] = "reading of a sensor"
@@ -54,4 +59,6 @@ def require_sensors(sensors: Any, system: Any) -> None:
         raise refusal("sensors", 'a dictionary of sensors by name, such as {"gyro": Gyroscope()}', sensors)
     for name, sensor in sensors.items():
         require(f"sensors[{name!r}]", sensor, AbstractSensor, "a sensor, such as Accelerometer(...)")
+        must = "a SensorErrors, or None"
+        require(f"sensors[{name!r}].errors", sensor.errors, (SensorErrors, type(None)), must)
         sensor.require_on(system, f"sensors[{name!r}]")

@@ -206,25 +206,31 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         body = self._body("The observables")
         return self._evaluated(_observe_all, *self.history.as_solved(body, self.state))
 
-    def measured(self, sensors: "Mapping[str, AbstractSensor]") -> dict[str, Array]:
+    def measured(self, sensors: "Mapping[str, AbstractSensor]", key: Any = None) -> dict[str, Array]:
         """The readings of sensors at every saved time, by name; NaN at times that the solve did not reach.
 
         **Arguments:**
 
-        - ``sensors``: such as an :class:`~jaxball.sensors.Accelerometer`, by names of your choice.
+        - ``sensors``: such as an :class:`~jaxball.sensors.Accelerometer`, by names of your choice. Those with
+          :class:`~jaxball.sensors.SensorErrors` read what has arrived at each time, and NaN where nothing has.
+        - ``key``: of the random numbers of errors, ``jax.random.key(k)``; each key is another repetition of the
+          measurement, the same one without.
 
         **Returns:** for each sensor an array with T as leading axis.
 
-        **Raises:** ``ValueError`` where the body lacks the part that a sensor is on, and as ``observables``.
+        **Raises:** ``ValueError`` where the body lacks the part that a sensor is on, and where a reading with errors
+        would fall between the saved times; and as ``observables``.
         """
         from ..sensors.base import require_sensors  # here, because a simulation does without
+        from ..sensors.errors import with_errors
 
         body = self._body("The sensors")
         require_sensors(sensors, body)
-        found = self._evaluated(
-            functools.partial(_measure_all, dict(sensors)), *self.history.as_solved(body, self.state)
-        )
-        return {name: found[name] for name in sensors}  # in their order, which JAX does not keep
+        system, states = self.history.as_solved(body, self.state)
+        found = self._evaluated(functools.partial(_measure_all, dict(sensors)), system, states)
+        exact = {name: found[name] for name in sensors}  # in their order, which JAX does not keep
+        errors = {name: sensor.errors for name, sensor in sensors.items()}
+        return with_errors(errors, jnp.asarray(self.times), exact, key)
 
     @property
     def laws(self) -> Any:

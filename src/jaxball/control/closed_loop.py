@@ -1,0 +1,258 @@
+"""A robot under sampled feedback: measured at each sample, with inputs that are limited, delayed and held."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ..interface.arguments import refusal, require
+from ..interface.printing import Printed
+from ..interface.status import Status
+from ..numerics import programs
+from ..numerics.arrays import Numbers, is_traced, to_array
+from ..physics.body import System
+from ..physics.force import AbstractWrench
+from ..physics.system import require_one_state
+from ..simulation.trajectory import Trajectory
+from .feedback import AbstractFeedback
+from .inputs import recorded
+from .push import Wrenches
+from .sampled import PlacedState, SampledSystem
+from .weights import by_name
+
+
+class ClosedLoop(Printed):
+    """A run under feedback.
+
+    - ``times``: of the samples, and the end, shape (N + 1,).
+    - ``states``: those at ``times``.
+    - ``u``: the inputs that acted, shape (N, m).
+    - ``du``: what feedback added to those of the motion, after delay and limits, shape (N, m).
+    - ``xi``: the deviations from the motion in local coordinates, shape (N + 1, n).
+    - ``status``: a :class:`~jaxball.Status`.
+    - ``feedback``: the feedback.
+    - ``plant``: the robot that was simulated.
+    """
+
+    times: Float[Array, " samples_and_end"]
+    states: PlacedState
+    u: Float[Array, "samples m"]
+    du: Float[Array, "samples m"]
+    xi: Float[Array, "samples_and_end n"]
+    feedback: AbstractFeedback
+    plant: SampledSystem
+
+    @property
+    def ok(self) -> bool:
+        """Whether the run reached its end."""
+        return bool(np.all(np.isfinite(np.asarray(self.xi))))
+
+    @property
+    def saturated(self) -> Bool[Array, "samples m"]:
+        """Where an input was at its limit."""
+        return jnp.abs(self.u) >= self.plant.limits
+
+    @property
+    def run(self) -> Trajectory[Any, Any]:
+        """The run as a trajectory of the robot with the inputs that acted: with observables, figures and files."""
+        system = recorded(self.plant.system, self.plant.places, self.times, self.u)
+        reached = self.times[jnp.sum(jnp.all(jnp.isfinite(self.xi), axis=1)) - 1]
+        status = jnp.where(reached == self.times[-1], int(Status.SUCCESS), int(Status.SOLVER_FAILED))
+        start, none = jax.tree.map(lambda leaf: leaf[0], self.states), jnp.zeros_like(status)
+        return Trajectory.of(
+            system, self.times, self.states, reached, status, none + self.u.shape[0], none, None, {}, start, None
+        )
+
+    def __repr__(self) -> str:
+        if is_traced(self.u):
+            return f"Run of a {self.plant.system.described()} under feedback, traced"
+        sizes = np.linalg.norm(np.asarray(self.xi), axis=1)
+        lines = [
+            f"Run of a {self.plant.system.described()} under feedback",
+            f"  {len(self.u)} samples from {float(self.times[0]):g} to {float(self.times[-1]):g}",
+            f"  |ξ| from {sizes[0]:.4g} to {sizes[-1]:.4g}",
+        ]
+        share = np.mean(np.asarray(self.saturated))
+        return "\n".join([*lines, f"  inputs at their limits in {share:.1%} of samples"] if share else lines)
+
+
+class Disturbance(NamedTuple):
+    """What a closed loop is subject to, beside its start: the robot, limits and the delay."""
+
+    plant: SampledSystem
+    delay: int
+
+
+def closed_loop(
+    feedback: AbstractFeedback,
+    start: PlacedState | Mapping[str, Numbers] | Numbers | None = None,
+    *,
+    system: System | None = None,
+    limits: Numbers | Mapping[str, Numbers] | None = None,
+    delay: int = 0,
+    push: AbstractWrench | None = None,
+    samples: int | None = None,
+    adjoint: diffrax.AbstractAdjoint | None = None,
+) -> ClosedLoop:
+    """Simulates a robot under sampled feedback.
+
+    At each sample the state is measured, and the feedback's inputs are added to those of the motion; the sum is limited,
+    and held until the next sample. It can be traced and differentiated, by every number in ``feedback``, ``start`` and
+    ``system``.
+
+    **Arguments:**
+
+    - ``feedback``: such as a :class:`Track`; :class:`Feedforward` for none.
+    - ``start``: a state with θ and θ̇ of every input, or its deviation from the start of the motion in local
+      coordinates: numbers by name, as in ``{"z": 0.1, "Omega[2]": 0.3}``, or all of them, shape (n,). By default none.
+    - ``system``: the robot that is simulated; by default that of the design. One with other parameters shows how much
+      the feedback depends on knowing them.
+    - ``limits``: the largest magnitude of each input: a number for all, a row, or numbers by name; by default those of
+      the motors.
+    - ``delay``: how many samples pass before what feedback adds takes effect.
+    - ``push``: a further force on the robot, such as a :class:`Push`.
+    - ``samples``: how many; by default those of the motion. Later ones hold its last state.
+    - ``adjoint``: as for :func:`jaxball.simulate`; ``diffrax.ForwardMode()`` if not given, and
+      ``diffrax.RecursiveCheckpointAdjoint()`` for ``jax.grad``.
+
+    **Raises:** ``TypeError`` and ``ValueError`` for a start, limits or a robot that do not fit the motion.
+
+    **Example:**
+
+    >>> import jax
+    >>> jax.config.update("jax_enable_x64", True)
+    >>> from jaxball import Disk, Motor, planar_pendulum, simulate
+    >>> from jaxball.control import closed_loop, tvlqr
+    >>> robot = Disk(mass=1.0, inertia=0.5, mechanisms=[planar_pendulum(0.5, 0.6, drive=Motor(0.0))])
+    >>> track = tvlqr(simulate(robot, [0.0, 10.0]), Q={"phi": 1.0, "theta": 1.0}, R=1.0)
+    >>> held = closed_loop(track, {"phi": 0.2}, limits=0.1)
+    >>> bool(abs(held.xi[-1, 0]) < 1e-3), float(abs(held.u).max())
+    (True, 0.1)
+    """
+    require("feedback", feedback, AbstractFeedback, "a feedback, such as tvlqr(...) makes")
+    plant = plant_of(feedback, system, limits, push)
+    first = start_of(feedback, start)
+    count = feedback.nominal.samples if samples is None else _whole("samples", samples, 1)
+    times, states, u, du, xi = _looped(feedback, plant, first, count, _whole("delay", delay, 0), adjoint)
+    return ClosedLoop(times, states, u, du, xi, feedback, plant)
+
+
+@programs.filter_jit
+def _looped(
+    feedback: AbstractFeedback,
+    plant: SampledSystem,
+    start: PlacedState,
+    samples: int,
+    delay: int,
+    adjoint: diffrax.AbstractAdjoint | None,
+) -> tuple[Array, PlacedState, Array, Array, Array]:
+    return looped(feedback, plant, start, samples, delay, adjoint)
+
+
+def looped(
+    feedback: AbstractFeedback,
+    plant: SampledSystem,
+    start: PlacedState,
+    samples: int,
+    delay: int = 0,
+    adjoint: diffrax.AbstractAdjoint | None = None,
+) -> tuple[Array, PlacedState, Array, Array, Array]:
+    """Times, states, inputs, what feedback added to them, and deviations of a closed loop; traceable."""
+    nominal, limits = feedback.nominal, plant.limits
+    t0 = nominal.times[0]
+
+    def step(carry: Any, k: Array) -> Any:
+        state, memory, waiting = carry
+        added, memory = feedback(k, state, memory)
+        queue = jnp.concatenate([waiting, added[None]])
+        planned = nominal.input(k)
+        u = jnp.clip(planned + queue[0], -limits, limits)
+        after = plant.flow(t0 + plant.sample * k, state, u, adjoint)
+        return (after, memory, queue[1:]), (state, u, u - planned, feedback.deviation(k, state))
+
+    waiting = jnp.zeros((delay, nominal.u.shape[1]), nominal.u.dtype)
+    numbered = jnp.arange(samples)
+    (last, *_), (states, u, du, xi) = jax.lax.scan(step, (start, feedback.begin(), waiting), numbered)
+    states = jax.tree.map(lambda along, end: jnp.concatenate([along, end[None]]), states, last)
+    xi = jnp.concatenate([xi, feedback.deviation(jnp.asarray(samples), last)[None]])
+    times = t0 + plant.sample * jnp.arange(samples + 1)
+    return times, states, u, du, xi
+
+
+def plant_of(
+    feedback: AbstractFeedback,
+    system: System | None,
+    limits: Numbers | Mapping[str, Numbers] | None,
+    push: AbstractWrench | None,
+) -> SampledSystem:
+    """The robot that is simulated.
+
+    **Raises:** ``ValueError`` for one whose state differs from that of the motion, and for limits that do not fit.
+    """
+    design = feedback.sampled
+    plant = design
+    if system is not None:
+        plant = SampledSystem.of(system, design.sample, design.inputs, design.rtol, design.atol)
+        found, needed = plant.system.coordinates, design.system.coordinates
+        if found != needed or type(plant.system) is not type(design.system):
+            raise ValueError(
+                f"Argument `system` must be a {design.system.title} whose state holds {', '.join(needed)}, as that of "
+                f"the motion, but it is a {plant.system.title} whose state holds {', '.join(found) or 'none'}."
+            )
+    if limits is not None:
+        most = by_name("limits", limits, design.inputs, jnp.inf) if isinstance(limits, Mapping) else limits
+        plant = eqx.tree_at(lambda s: s.limits, plant, _limits(most, design.inputs))
+    if push is not None:
+        require("push", push, AbstractWrench, "a force, such as a Push")
+        force = push if plant.system.force is None else Wrenches((plant.system.force, push))
+        plant = eqx.tree_at(lambda s: s.system.force, plant, force, is_leaf=lambda x: x is None)
+    return plant
+
+
+def start_of(
+    feedback: AbstractFeedback, start: PlacedState | Mapping[str, Numbers] | Numbers | None
+) -> PlacedState:
+    """The state at which a closed loop starts.
+
+    **Raises:** ``TypeError`` for another kind of state, ``ValueError`` for one, or for coordinates, of another size.
+    """
+    first = feedback.nominal.state(0)
+    if start is None:
+        return first
+    if isinstance(start, eqx.Module):
+        if type(start) is not type(first):
+            raise refusal("start", f"a {type(first).__name__}, as that of the motion", start)
+        require_one_state(feedback.sampled.system, start)
+        return start
+    names = first.directions
+    xi = to_array(by_name("start", start, names) if isinstance(start, Mapping) else start, "start")
+    if xi.shape != (len(names),):
+        raise ValueError(
+            f"Argument `start` must be a state, or {len(names)} local coordinates, {', '.join(names)}, but its shape is "
+            f"{xi.shape}."
+        )
+    return first.retract(xi)
+
+
+def _limits(given: Any, inputs: tuple[str, ...]) -> Float[Array, " m"]:
+    array = to_array(given, "limits")
+    if array.ndim > 1 or (array.ndim == 1 and array.shape != (len(inputs),)):
+        raise ValueError(
+            f"Argument `limits` must be a number, or one for each of {', '.join(inputs)}, but its shape is {array.shape}."
+        )
+    if not is_traced(array) and not bool(np.all(np.asarray(array) >= 0)):
+        raise ValueError(f"Argument `limits` must be 0 or positive, but it is {np.asarray(array).tolist()}.")
+    return jnp.broadcast_to(array, (len(inputs),))
+
+
+def _whole(name: str, given: Any, least: int) -> int:
+    if isinstance(given, bool) or not isinstance(given, int | np.integer):
+        raise refusal(name, "a whole number of samples", given)
+    if given < least:
+        raise ValueError(f"Argument `{name}` must be {least} or more, but it is {given}.")
+    return int(given)

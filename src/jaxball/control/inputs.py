@@ -1,0 +1,206 @@
+"""The inputs of a robot: efforts of joints and accelerations of masses that a controller sets."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..interface.arguments import refusal
+from ..interface.wording import did_you_mean
+from ..numerics.arrays import default_dtype
+from ..physics.body import Ball, Disk, PointMass, System
+from ..physics.feedback import AbstractLaw, FollowSchedules
+from ..physics.mechanisms import AbstractJointForce, AbstractMechanism, Accelerated, Drive, JointForces, Motor
+from ..physics.motion import Driven, OnRail
+from ..physics.schedules import AbstractSchedule, PiecewiseAcceleration
+from ..physics.signals import PiecewiseSignal
+
+
+class GivenAccelerations(AbstractLaw):
+    """θ̈ = u, given numbers."""
+
+    u: Float[Array, " driven"]
+
+    def __call__(self, t, state):
+        return self.u
+
+
+class Place(NamedTuple):
+    """Where an input acts: on a mass, or, with the index of its mechanism, on a joint; and which of both it sets."""
+
+    mechanism: int | None
+    index: int
+    is_effort: bool
+
+    @property
+    def name(self) -> str:
+        """As in ``coordinates`` of a body."""
+        return f"masses[{self.index}]" if self.mechanism is None else f"mechanisms[{self.mechanism}].joints[{self.index}]"
+
+
+def places_of(system: System, names: Sequence[str] | None) -> tuple[Place, ...]:
+    """The inputs with these names, in their order; all that something moves where no names are given.
+
+    **Raises:** ``TypeError`` for anything but a ball or a disk, or names; ``ValueError`` for a name that is not known,
+    one that occurs twice, and where nothing moves any mass or joint.
+    """
+    if not isinstance(system, Ball | Disk):
+        raise refusal("system", "a Ball or a Disk", system)
+    known = {place.name: place for place in _places(system)}
+    if names is None:
+        chosen = tuple(place for place in known.values() if _is_moved(system, place))
+        if not chosen:
+            there = f"name some of {', '.join(known)} in `inputs`" if known else "it has no joints, and no masses on rails"
+            raise ValueError(
+                "Argument `run` must be a motion with inputs, masses or joints that schedules, laws or motors move, but "
+                f"nothing moves any; {there}."
+            )
+        return chosen
+    if isinstance(names, str) or not all(isinstance(name, str) for name in names):
+        raise refusal("inputs", "a list of names, such as mechanisms[0].joints[0]", names)
+    for k, name in enumerate(names):
+        if name not in known:
+            there = f"the inputs are {', '.join(known)}" if known else "the body has no inputs"
+            raise ValueError(
+                f"Argument `inputs[{k}]` must be an input of this {system.title}, but it is {name!r}"
+                f"{did_you_mean(name, tuple(known), there)}"
+            )
+    if not names or len(set(names)) < len(names):
+        what = f"{[name for name in names if list(names).count(name) > 1][0]!r} occurs twice" if names else "it is empty"
+        raise ValueError(f"Argument `inputs` must name one input or more, each once, but {what}.")
+    chosen = tuple(known[name] for name in names)
+    missing = [place.name for place in _places(system) if _is_driven(system, place) and place not in chosen]
+    if system.law is not None and 0 < len(missing):
+        raise ValueError(
+            "Argument `inputs` must name all that the feedback law drives, because inputs take its place, but it lacks "
+            f"{', '.join(missing)}."
+        )
+    return chosen
+
+
+def with_inputs(system: System, places: Sequence[Place]) -> System:
+    """The system with θ and θ̇ of every input in its state, and every input 0.
+
+    What a schedule, a law or a :class:`~jaxball.Motor` did is gone; other forces on the joints stay.
+    """
+    return held(_freed(system, places), places, jnp.zeros(len(places)))
+
+
+def _freed(system: System, places: Sequence[Place]) -> System:
+    own = {place.index for place in places if place.mechanism is None}
+    masses = [
+        PointMass(item.mass, Driven(item.motion.rail))
+        if index in own and isinstance(item.motion, OnRail)
+        else item
+        for index, item in enumerate(system.point_masses)
+    ]
+    mechanisms = list(system.mechanisms)
+    for place in places:
+        if place.mechanism is not None and place.is_effort:
+            mechanism = mechanisms[place.mechanism]
+            mechanisms[place.mechanism] = _driven(mechanism, place.index, kept_drive(mechanism.drives[place.index]))
+    accelerations = sum(not place.is_effort for place in places)
+    law = GivenAccelerations(jnp.zeros(accelerations)) if accelerations else None
+    return type(system)(**{**system.arguments, "masses": masses, "mechanisms": mechanisms, "law": law})
+
+
+def held(system: System, places: Sequence[Place], u: Float[Array, " m"]) -> System:
+    """A system that :func:`with_inputs` made, with given inputs; traceable."""
+    values = {place.name: u[k] for k, place in enumerate(places)}
+    names = [system.coordinates[slot] for slot in system.accelerated]
+    law = GivenAccelerations(jnp.stack([values[name] for name in names])) if names else None
+    return _moved(system, places, values, law)
+
+
+def _moved(system: System, places: Sequence[Place], signals: Mapping[str, Any], law: AbstractLaw | None) -> System:
+    """The system with motors that follow ``signals``, by the names of inputs, and another law."""
+    mechanisms = list(system.mechanisms)
+    for place in places:
+        if place.mechanism is not None and place.is_effort:
+            mechanism, motor = mechanisms[place.mechanism], Motor(signals[place.name])
+            kept = kept_drive(mechanism.drives[place.index])
+            mechanisms[place.mechanism] = _driven(mechanism, place.index, motor if kept is None else kept + motor)
+    return type(system)(**{**system.arguments, "mechanisms": mechanisms, "law": law})
+
+
+def recorded(
+    system: System, places: Sequence[Place], times: Float[Array, " samples_and_end"], u: Float[Array, "samples m"]
+) -> System:
+    """The same with inputs that follow ``u``, each row from one of ``times`` to the next."""
+    values = {place.name: u[:, k] for k, place in enumerate(places)}
+    zero, names = jnp.zeros_like(times[0]), [system.coordinates[slot] for slot in system.accelerated]
+    schedules = [PiecewiseAcceleration(zero, times, values[name][:, None], zero) for name in names]
+    law = FollowSchedules(tuple(schedules)) if schedules else None
+    return _moved(system, places, {name: PiecewiseSignal(times, row) for name, row in values.items()}, law)
+
+
+def limits_of(system: System, places: Sequence[Place]) -> Float[Array, " m"]:
+    """The limits of the motors of inputs, infinite where there are none."""
+    motors = [motor_of(system, place) for place in places]
+    infinite = jnp.full((), jnp.inf, default_dtype())
+    return jnp.stack([infinite if motor is None or motor.limit is None else motor.limit for motor in motors])
+
+
+def motor_of(system: System, place: Place) -> Motor | None:
+    """The motor of an input, if it has one.
+
+    **Raises:** ``ValueError`` for a joint with several.
+    """
+    if place.mechanism is None:
+        return None
+    drive = system.mechanisms[place.mechanism].drives[place.index]
+    motors = [term for term in _terms(drive) if isinstance(term, Motor)]
+    if len(motors) > 1:
+        raise ValueError(
+            f"Argument `run` must have one Motor on a joint that is an input, but {place.name} has {len(motors)}; "
+            "combine them into one."
+        )
+    return motors[0] if motors else None
+
+
+def kept_drive(drive: Drive) -> AbstractJointForce | None:
+    """What remains of the drive of a joint whose effort becomes an input: forces other than motors."""
+    terms = [term for term in _terms(drive) if not isinstance(term, Motor)]
+    if not terms:
+        return None
+    return terms[0] if len(terms) == 1 else JointForces(tuple(terms))
+
+
+def _terms(drive: Drive) -> tuple[AbstractJointForce, ...]:
+    if isinstance(drive, JointForces):
+        return drive.terms
+    return (drive,) if isinstance(drive, AbstractJointForce) else ()
+
+
+def _places(system: System) -> list[Place]:
+    """All possible inputs: masses first, then joints."""
+    masses = [
+        Place(None, index, False)
+        for index, item in enumerate(system.point_masses)
+        if isinstance(item.motion, OnRail | Driven)
+    ]
+    return masses + [
+        Place(i, a, not isinstance(drive, Accelerated))
+        for i, mechanism in enumerate(system.mechanisms)
+        for a, drive in enumerate(mechanism.drives)
+    ]
+
+
+def _is_moved(system: System, place: Place) -> bool:
+    """Whether a schedule, a law or a motor moves it."""
+    if place.mechanism is None or not place.is_effort:
+        return True
+    drive = system.mechanisms[place.mechanism].drives[place.index]
+    return isinstance(drive, AbstractSchedule) or motor_of(system, place) is not None
+
+
+def _is_driven(system: System, place: Place) -> bool:
+    """Whether the feedback law drives it."""
+    return place.name in [system.coordinates[slot] for slot in system.accelerated]
+
+
+def _driven(mechanism: AbstractMechanism, joint: int, drive: Drive) -> AbstractMechanism:
+    drives = list(mechanism.drives)
+    drives[joint] = drive
+    return mechanism.driven_by(drives)

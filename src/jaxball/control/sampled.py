@@ -1,0 +1,137 @@
+"""A robot with sampled inputs: the exact flow over one sample, and its derivatives."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..interface.printing import Printed
+from ..numerics.arrays import Numbers, default_dtype, numbers
+from ..physics.body import System
+from ..physics.state import BallState, DiskState, RotationState
+from ..simulation.defaults import DEFAULT_TOLERANCE
+from ..simulation.simulate import simulate
+from .inputs import Place, held, limits_of, places_of, with_inputs
+
+MOST_STEPS = 256  # in one sample
+
+PlacedState = BallState | RotationState | DiskState
+
+
+class Linear(NamedTuple):
+    """The flow over one sample near a motion: ξ⁺ = A ξ + B δu + c in local coordinates ξ around its states.
+
+    - ``A``, ``B``: shapes (n, n) and (n, m).
+    - ``c``: what the motion itself misses its next state by, shape (n,).
+    """
+
+    A: Float[Array, "*samples n n"]
+    B: Float[Array, "*samples n m"]
+    c: Float[Array, "*samples n"]
+
+
+class SampledSystem(Printed):
+    """A body whose inputs are set at each sample and held until the next one: a zero-order hold.
+
+    Its inputs are efforts of joints, which add to passive forces there, and accelerations θ̈ of masses on rails and of
+    :class:`~jaxball.Accelerated` joints. What moved these, a schedule, a law or a :class:`~jaxball.Motor`, is gone, and
+    θ and θ̇ of each belong to the state.
+
+    - ``system``: the body, with every input 0.
+    - ``places``: where the inputs act.
+    - ``limits``: the largest magnitude of each input, that of its motor; infinite where there is none, shape (m,).
+    - ``sample``: the time between samples.
+    - ``rtol``, ``atol``: tolerances of the solve of a sample.
+    """
+
+    system: System
+    limits: Float[Array, " m"]
+    sample: Float[Array, ""]
+    rtol: Float[Array, ""]
+    atol: Float[Array, ""]
+    places: tuple[Place, ...] = eqx.field(static=True)
+
+    @classmethod
+    def of(
+        cls,
+        system: System,
+        sample: Numbers,
+        inputs: Sequence[str] | None = None,
+        rtol: Numbers = DEFAULT_TOLERANCE,
+        atol: Numbers = DEFAULT_TOLERANCE,
+    ) -> "SampledSystem":
+        """The sampled system of a body.
+
+        **Arguments:**
+
+        - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
+        - ``sample``: the time between samples.
+        - ``inputs``: names of what is set, as in ``coordinates`` of a body, such as ``"mechanisms[0].joints[0]"`` or
+          ``"masses[1]"``; by default all that a schedule, a law or a motor moves.
+        - ``rtol``, ``atol``: tolerances of the solve of a sample.
+
+        **Raises:** ``ValueError`` for unknown names, and where there is nothing to set; ``TypeError`` for other systems.
+        """
+        places = places_of(system, inputs)
+        limits = (numbers(name)(x) for name, x in (("sample", sample), ("rtol", rtol), ("atol", atol)))
+        return cls(with_inputs(system, places), limits_of(system, places), *limits, places)
+
+    @classmethod
+    def without_inputs(
+        cls, system: System, sample: Numbers, rtol: Numbers = DEFAULT_TOLERANCE, atol: Numbers = DEFAULT_TOLERANCE
+    ) -> "SampledSystem":
+        """The sampled system of a body that nobody steers: whatever moves it stays. Arguments as for :meth:`of`."""
+        given = (numbers(name)(x) for name, x in (("sample", sample), ("rtol", rtol), ("atol", atol)))
+        return cls(system, jnp.zeros((0,), default_dtype()), *given, ())
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The names of the inputs, in the order of u."""
+        return tuple(place.name for place in self.places)
+
+    def held(self, u: Float[Array, " m"]) -> System:
+        """The body while its inputs are ``u``."""
+        return held(self.system, self.places, u) if self.places else self.system
+
+    def flow(
+        self,
+        t: Float[Array, ""],
+        state: PlacedState,
+        u: Float[Array, " m"],
+        adjoint: diffrax.AbstractAdjoint | None = None,
+    ) -> PlacedState:
+        """The state a sample after ``t``, from ``state``, with the inputs ``u`` held: NaN where the solve fails.
+
+        It can be traced, within ``jax.lax.scan`` and ``jax.lax.map`` too. ``adjoint`` as for :func:`jaxball.simulate`,
+        by default forward mode.
+        """
+        adjoint = diffrax.ForwardMode() if adjoint is None else adjoint
+        run = simulate(
+            self.held(u),
+            jnp.stack([t, t + self.sample]),
+            state,
+            rtol=self.rtol,
+            atol=self.atol,
+            adjoint=adjoint,
+            max_steps=MOST_STEPS,
+            inside=False,
+        )
+        return jax.tree.map(lambda leaf: leaf[-1], run.state).projected()
+
+    def linearised(
+        self, t: Float[Array, ""], state: PlacedState, u: Float[Array, " m"], following: PlacedState
+    ) -> Linear:
+        """The flow from near ``state`` with inputs near ``u``, in local coordinates there and around ``following``."""
+        n = len(state.directions)
+
+        def moved(v: Float[Array, " n_plus_m"]) -> Float[Array, " n"]:
+            return following.difference(self.flow(t, state.retract(v[:n]), u + v[n:]))
+
+        zero = jnp.zeros(n + u.size, u.dtype)
+        # One direction after the other: side by side, the program would take several times as long to compile.
+        c, columns = jax.lax.map(lambda v: jax.jvp(moved, (zero,), (v,)), jnp.eye(zero.size, dtype=u.dtype))
+        return Linear(columns[:n].T, columns[n:].T, c[0])

@@ -1,0 +1,75 @@
+"""Weights of deviations and of inputs: matrices from numbers, rows, or numbers by name."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..interface.wording import did_you_mean
+from ..numerics.arrays import Numbers, to_numpy
+
+Weights = Numbers | Mapping[str, Numbers]
+ROUNDING = 1e-10  # of the largest eigenvalue, by which one may be negative
+
+
+def weight_matrix(name: str, given: Weights, names: Sequence[str]) -> Float[np.ndarray, "n n"]:
+    """The symmetric matrix of weights for these ``names``.
+
+    ``given`` is one number for all, a row of numbers, a matrix, or a dictionary of numbers by name, where ``"z"`` stands
+    for ``"z[0]"`` and ``"z[1]"`` and what is not named has weight 0.
+
+    **Raises:** ``TypeError`` for anything else, ``ValueError`` for another shape, unknown names, and a matrix that is
+    not symmetric or has a negative eigenvalue.
+    """
+    n = len(names)
+    if isinstance(given, Mapping):
+        given = by_name(name, given, names)
+    values = to_numpy(given, name)
+    if values.ndim == 0:
+        values = np.full(n, float(values))
+    matrix = np.diag(values) if values.ndim == 1 else values
+    if matrix.shape != (n, n):
+        raise ValueError(
+            f"Argument `{name}` must be a number, {n} numbers or a matrix of shape ({n}, {n}), for {', '.join(names)}, "
+            f"but its shape is {np.shape(given)}."
+        )
+    if not np.all(np.isfinite(matrix)) or np.any(np.abs(matrix - matrix.T) > ROUNDING * np.max(np.abs(matrix))):
+        raise ValueError(f"Argument `{name}` must be a finite, symmetric matrix, but it is {matrix.tolist()}.")
+    require_positive(name, matrix)
+    return matrix
+
+
+def require_positive(name: str, matrix: Float[np.ndarray, "n n"], strictly: bool = False) -> None:
+    """Raises a ``ValueError`` for a symmetric matrix with a negative eigenvalue, or ``strictly``, one of 0."""
+    eigenvalues = np.linalg.eigvalsh(matrix)
+    least, largest = float(eigenvalues[0]), float(np.max(np.abs(eigenvalues)))
+    if least < -ROUNDING * largest or (strictly and least <= ROUNDING * largest):
+        must = "positive" if strictly else "0 or positive"
+        raise ValueError(f"Argument `{name}` must have eigenvalues that are {must}, but one is {least:.6g}.")
+
+
+def factor(matrix: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    """A W with WᵀW = matrix, for a symmetric matrix without negative eigenvalues, which may be singular."""
+    eigenvalues, vectors = np.linalg.eigh(matrix)
+    return np.sqrt(np.maximum(eigenvalues, 0.0))[:, None] * vectors.T
+
+
+def by_name(name: str, given: Mapping[str, Any], names: Sequence[str], other: float = 0.0) -> Float[np.ndarray, " n"]:
+    """A number for each of ``names``, from a dictionary in which ``"z"`` stands for ``"z[0]"`` and ``"z[1]"``.
+
+    What is not named is ``other``.
+
+    **Raises:** ``ValueError`` for an unknown name.
+    """
+    values = np.full(len(names), other)
+    groups = [own.partition("[")[0] for own in names if own.count("[") == 1 and "." not in own]
+    known = list(dict.fromkeys([*groups, *names]))
+    for key, value in given.items():
+        if key not in known:
+            there = f"the names are {', '.join(known)}"
+            raise ValueError(
+                f"Argument `{name}` must have names as keys, but one is {key!r}{did_you_mean(key, known, there)}"
+            )
+        values[[own == key or own.partition("[")[0] == key for own in names]] = float(to_numpy(value, f"{name}[{key!r}]"))
+    return values

@@ -1,0 +1,173 @@
+"""What a filter has found: the estimates, how sure they are, and whether they deserve it."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+from scipy.stats import chi2
+
+from ..control.sampled import PlacedState
+from ..interface.arguments import refusal
+from ..interface.printing import Printed
+from ..interface.wording import counted
+from ..numerics import programs
+from ..numerics.arrays import is_traced
+from .belief import Belief, inverse, is_uncertain
+
+
+class Filtered(NamedTuple):
+    """A pass of a filter over K samples.
+
+    - ``state``, ``bias``, ``P``: with each sample's reading; of errors in local coordinates, then in biases.
+    - ``ahead``, ``ahead_bias``, ``ahead_P``: of each sample before its reading.
+    - ``F``: the derivative of the flow of errors from each sample to the next.
+    - ``innovation``, ``S``, ``there``: reading less expectation, 0 where nothing was read, its covariance, and where
+      something was.
+    """
+
+    state: PlacedState
+    bias: Float[Array, "K biases"]
+    P: Float[Array, "K n n"]
+    ahead: PlacedState
+    ahead_bias: Float[Array, "K biases"]
+    ahead_P: Float[Array, "K n n"]
+    F: Float[Array, "K_less_one n n"]
+    innovation: Float[Array, "K m"]
+    S: Float[Array, "K m m"]
+    there: Bool[Array, "K m"]
+
+
+class Estimate(Printed):
+    """The state of a robot at each sample, as far as its sensors tell, and how sure that is.
+
+    - ``times``: of the samples, shape (K,).
+    - ``filtered``: the whole pass of the filter.
+    - ``directions``: the local coordinates of a state, by name.
+    - ``biases``: the estimated biases, by name.
+    """
+
+    times: Float[Array, " K"]
+    filtered: Filtered
+    directions: tuple[str, ...]
+    biases: tuple[str, ...]
+
+    @property
+    def state(self) -> PlacedState:
+        """The estimated states, with the samples as leading axis."""
+        return self.filtered.state
+
+    @property
+    def bias(self) -> dict[str, Float[Array, " K"]]:
+        """The estimated biases of sensors, by name."""
+        return {name: self.filtered.bias[:, k] for k, name in enumerate(self.biases)}
+
+    @property
+    def covariance(self) -> Float[Array, "K n n"]:
+        """Of the errors of local coordinates and biases, in the order of ``directions`` and ``biases``."""
+        return self.filtered.P
+
+    @property
+    def deviations(self) -> dict[str, Float[Array, " K"]]:
+        """The standard deviation of each error, by name."""
+        size = jnp.sqrt(jnp.diagonal(self.filtered.P, axis1=1, axis2=2))
+        return {name: size[:, k] for k, name in enumerate((*self.directions, *self.biases))}
+
+    @property
+    def innovations(self) -> Float[Array, "K m"]:
+        """Each reading less what was expected of it, divided by its standard deviation; NaN where nothing was read."""
+        size = jnp.sqrt(jnp.diagonal(self.filtered.S, axis1=1, axis2=2))
+        return jnp.where(self.filtered.there, self.filtered.innovation / size, jnp.nan)
+
+    @property
+    def nis(self) -> Float[Array, " K"]:
+        """The normalised innovation squared νᵀS⁻¹ν: distributed as χ², with as many degrees as were read."""
+        found = jax.vmap(_weighted)(self.filtered.S, self.filtered.innovation)
+        return jnp.where(jnp.any(self.filtered.there, axis=1), found, jnp.nan)
+
+    def errors(self, truth: PlacedState) -> Float[Array, "K directions"]:
+        """The local coordinates of the true states around the estimated ones.
+
+        **Arguments:**
+
+        - ``truth``: the states at the samples, of the same kind, as a simulation has them.
+
+        **Raises:** ``TypeError`` for another kind of state, ``ValueError`` for another number of them.
+        """
+        if type(truth) is not type(self.state):
+            raise refusal("truth", f"the states at the samples, a {type(self.state).__name__}", truth)
+        counts = [jax.tree.leaves(states)[0].shape[0] for states in (truth, self.state)]
+        if counts[0] != counts[1]:
+            raise ValueError(
+                f"Argument `truth` must have {counts[1]} states, one for each sample, but it has {counts[0]}."
+            )
+        return jax.vmap(lambda estimated, true: estimated.difference(true))(self.state, truth)
+
+    def nees(self, truth: PlacedState) -> Float[Array, " K"]:
+        """The normalised estimation error squared ξᵀP⁻¹ξ: distributed as χ², with ``degrees`` degrees, if P is right.
+
+        **Arguments** and **raises:** as :meth:`errors`.
+        """
+        n = len(self.directions)
+        return jax.vmap(_weighted)(self.filtered.P[:, :n, :n], self.errors(truth))
+
+    @property
+    def degrees(self) -> int:
+        """How many directions of the last state are uncertain."""
+        n = len(self.directions)
+        return int(jnp.sum(is_uncertain(self.filtered.P[-1, :n, :n])))
+
+    def smoothed(self) -> "Estimate":
+        """The estimates with all readings, also those after each sample: by Rauch's, Tung's and Striebel's smoother."""
+        return _smoothed(self)
+
+    def __repr__(self) -> str:
+        if is_traced(self.times):
+            return "Estimate, traced"
+        read = int(np.sum(np.asarray(self.filtered.there)))
+        lines = [f"Estimate at {counted(len(self.times), 'sample')}, from {counted(read, 'reading')}"]
+        for name, size in self.deviations.items():
+            lines.append(f"  {name}: ±{float(size[0]):.3g} at the start, ±{float(size[-1]):.3g} at the end")
+        return "\n".join(lines)
+
+
+def chi2_bounds(degrees: int, runs: int = 1, confidence: float = 0.95) -> tuple[float, float]:
+    """The interval in which the mean of ``runs`` independent χ² numbers lies with this probability.
+
+    **Arguments:**
+
+    - ``degrees``: their degrees of freedom.
+    - ``runs``: how many are averaged.
+    - ``confidence``: the probability.
+    """
+    tail = (1 - confidence) / 2
+    low, high = (chi2.ppf(p, degrees * runs) / runs for p in (tail, 1 - tail))
+    return float(low), float(high)
+
+
+@programs.filter_jit
+def _smoothed(estimate: Estimate) -> Estimate:
+    filtered = estimate.filtered
+
+    def back(later: Belief, at: tuple[Belief, Belief, Array]) -> tuple[Belief, Belief]:
+        now, ahead, F = at
+        gain = now.P @ F.T @ inverse(ahead.P)
+        change = jnp.concatenate([ahead.state.difference(later.state), later.bias - ahead.bias])
+        P = now.P + gain @ (later.P - ahead.P) @ gain.T
+        earlier = now._replace(P=P).moved(gain @ change)
+        return earlier, earlier
+
+    passed = Belief(filtered.state, filtered.bias, filtered.P)
+    ahead = Belief(filtered.ahead, filtered.ahead_bias, filtered.ahead_P)
+    last, before = (jax.tree.map(lambda x, part=part: x[part], passed) for part in (-1, np.s_[:-1]))
+    following = jax.tree.map(lambda x: x[1:], ahead)
+    found = jax.lax.scan(back, last, (before, following, filtered.F), reverse=True)[1]
+    whole = jax.tree.map(lambda x, end: jnp.concatenate([x, end[None]]), found, last)
+    smooth = filtered._replace(state=whole.state, bias=whole.bias, P=whole.P)
+    return Estimate(estimate.times, smooth, estimate.directions, estimate.biases)
+
+
+def _weighted(P: Float[Array, "n n"], x: Float[Array, " n"]) -> Float[Array, ""]:
+    """xᵀP⁻¹x, without what is known."""
+    return x @ inverse(P) @ x

@@ -1,0 +1,166 @@
+"""What distinguishes the readings of a real sensor from exact ones."""
+
+import zlib
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..interface.arguments import refusal, require
+from ..interface.printing import Printed
+from ..numerics import programs
+from ..numerics.arrays import is_traced, numbers
+
+# Times that differ by less, in spans of the run, are the same: more than rounding, less than any interval.
+CLOSE = 1e-9
+
+
+class SensorErrors(Printed):
+    """The errors of a sensor: each reading is exact + bias + random walk + noise, and some are late or lost.
+
+    All random numbers are Gaussian, and independent of each other and of those of other sensors.
+
+    **Arguments:**
+
+    - ``noise``: the standard deviation of white noise of each component, in the units of the reading.
+    - ``bias``: a constant error, in the same units: a number, or one for each component.
+    - ``random_walk``: how fast the bias wanders from its value at the start: the standard deviation of its change
+      divided by the square root of the time in which it changes.
+    - ``rate``: how many readings are taken in a unit of time, the first at the start of the run; if not given, one at
+      every saved time.
+    - ``delay``: how long after it is taken a reading arrives, a time.
+    - ``missing``: the probability that a reading is lost.
+    - ``seed``: of the random numbers; sensors with different names have different ones anyway.
+
+    **Raises:** ``ValueError`` for a negative number, a rate of 0 and a probability above 1.
+
+    **Example:**
+
+    >>> from jaxball import Ball, simulate
+    >>> from jaxball.sensors import Gyroscope, SensorErrors
+    >>> run = simulate(Ball(mass=1.0, inertia=(0.4, 0.4, 0.4)), [0.0, 0.5, 1.0, 1.5, 2.0])
+    >>> slow = Gyroscope(errors=SensorErrors(bias=0.1, rate=1.0, delay=0.5))
+    >>> run.measured({"slow": slow})["slow"][:, 2]
+    Array([nan, 0.1, nan, 0.1, nan], dtype=float64)
+    """
+
+    noise: Float[Array, ""] = eqx.field(converter=numbers("noise"), default=0.0)
+    bias: Float[Array, " components"] = eqx.field(converter=lambda x: _in_list(x), default=0.0)
+    random_walk: Float[Array, ""] = eqx.field(converter=numbers("random_walk"), default=0.0)
+    rate: float | None = eqx.field(static=True, default=None)
+    delay: float = eqx.field(static=True, default=0.0)
+    missing: Float[Array, ""] = eqx.field(converter=numbers("missing"), default=0.0)
+    seed: int = eqx.field(static=True, default=0)
+
+    def __check_init__(self):
+        require("rate", self.rate, (int, float, type(None)), "a positive number, or None for a reading at each time")
+        require("delay", self.delay, (int, float), "a number")
+        require("seed", self.seed, int, "a whole number")
+        for name, must, holds in [
+            ("noise", "0 or positive", lambda x: x >= 0),
+            ("random_walk", "0 or positive", lambda x: x >= 0),
+            ("rate", "positive", lambda x: x is None or x > 0),
+            ("delay", "0 or positive", lambda x: x >= 0),
+            ("missing", "a probability, from 0 to 1", lambda x: 0 <= x <= 1),
+        ]:
+            value = getattr(self, name)
+            if not is_traced(value) and not holds(value):
+                raise ValueError(f"Argument `{name}` must be {must}, but it is {value}.")
+
+    def applied(
+        self, times: Float[Array, " T"], exact: Float[Array, "T *components"], key: Any
+    ) -> Float[Array, "T *components"]:
+        """What has arrived at each time; NaN where nothing has. ``exact`` are the exact readings at these times."""
+        of_walk, of_noise, of_losses = jax.random.split(key, 3)
+        roots = jnp.concatenate([jnp.zeros((1,), times.dtype), jnp.sqrt(jnp.diff(times))])
+        roots = roots.reshape(-1, *(1,) * (exact.ndim - 1))
+        wandered = self.random_walk * jnp.cumsum(roots * jax.random.normal(of_walk, exact.shape, exact.dtype), axis=0)
+        white = self.noise * jax.random.normal(of_noise, exact.shape, exact.dtype)
+        bias = self.bias[0] if self.bias.size == 1 else self.bias[None]
+        lost = jax.random.uniform(of_losses, times.shape, times.dtype) < self.missing
+        place, arrives = self._arrivals(times)
+        there = (arrives & ~lost).reshape(roots.shape)
+        return jnp.where(there, (exact + bias + wandered + white)[place], jnp.nan)
+
+    def _arrivals(self, times: Float[Array, " T"]) -> tuple[Int[Array, " T"], Bool[Array, " T"]]:
+        """For each time, whether a reading arrives then, and the place of the time at which it was taken."""
+        close = CLOSE * (times[-1] - times[0])
+        taken = times - self.delay
+        place = jnp.clip(jnp.searchsorted(times, taken - close), 0, times.size - 1)
+        arrives = jnp.abs(times[place] - taken) <= close
+        if self.rate is not None:
+            turns = (times[place] - times[0]) * self.rate
+            arrives &= jnp.abs(turns - jnp.round(turns)) <= close * self.rate
+        return place, arrives
+
+    def require_times(self, name: str, times: Float[np.ndarray, " T"]) -> None:
+        """Raises a ``ValueError`` unless readings are taken and arrive at saved times; ``name`` is the sensor's."""
+        close = CLOSE * (times[-1] - times[0])
+        taken = times
+        if self.rate is not None:
+            taken = times[0] + np.arange(int((times[-1] - times[0] + close) * self.rate) + 1) / self.rate
+        for what, needed in (("is taken", taken), ("arrives", taken + self.delay)):
+            needed = needed[needed <= times[-1] + close]
+            gaps = np.min(np.abs(times[:, None] - needed[None]), axis=0, initial=np.inf)
+            if needed.size and np.max(gaps) > close:
+                raise ValueError(
+                    f"Argument `{name}` must have readings at saved times, but one {what} at "
+                    f"t = {needed[np.argmax(gaps > close)]:.6g}, which is none of them; save the run at more times, or "
+                    "change `rate` or `delay`."
+                )
+
+
+def with_errors(
+    errors: Mapping[str, SensorErrors | None], times: Float[Array, "*runs T"], exact: dict[str, Array], key: Any
+) -> dict[str, Array]:
+    """What arrives of exact readings by name, at the times of a run or of each run of a batch.
+
+    **Raises:** ``TypeError`` for a key that is none, ``ValueError`` for readings between saved times and for a bias
+    with another number of components than the reading.
+    """
+    wrong = {name: one for name, one in errors.items() if one is not None}
+    if not wrong:
+        return exact
+    for name, one in wrong.items():
+        components = exact[name].shape[times.ndim :]
+        if one.bias.size != 1 and one.bias.shape != components:
+            raise ValueError(
+                f"Argument `sensors[{name!r}].errors.bias` must be a number or have one for each component of the "
+                f"reading, whose shape is {components}, but it has {one.bias.size}."
+            )
+        if not is_traced(times):
+            for row in np.unique(np.asarray(times).reshape(-1, times.shape[-1]), axis=0):
+                one.require_times(f"sensors[{name!r}].errors", row)
+    applied = _applied
+    keys = _random_key(key)
+    if times.ndim > 1:
+        keys, applied = jax.random.split(keys, times.shape[:-1]), eqx.filter_vmap(_applied, in_axes=(None, 0, 0, 0))
+    return exact | applied(wrong, times, {name: exact[name] for name in wrong}, keys)
+
+
+@programs.filter_jit
+def _applied(errors: dict[str, SensorErrors], times: Array, exact: dict[str, Array], key: Any) -> dict[str, Array]:
+    return {name: one.applied(times, exact[name], _key_of(name, one, key)) for name, one in errors.items()}
+
+
+def _key_of(name: str, errors: SensorErrors, key: Any) -> Any:
+    """The random key of the sensor with this name, of one for all sensors."""
+    return jax.random.fold_in(jax.random.fold_in(key, errors.seed), zlib.crc32(name.encode()))
+
+
+def _random_key(key: Any) -> Any:
+    if key is None:
+        return jax.random.key(0)
+    if isinstance(key, jax.Array) and jnp.issubdtype(key.dtype, jax.dtypes.prng_key) and key.shape == ():
+        return key
+    if isinstance(key, jax.Array) and key.dtype == jnp.uint32 and key.ndim == 1:
+        return jax.random.wrap_key_data(key)
+    raise refusal("key", "a random key, such as jax.random.key(0), or None", key)
+
+
+def _in_list(x: Any) -> Float[Array, " components"]:
+    return numbers("bias", ("n",))(x if np.ndim(x) else [x])
