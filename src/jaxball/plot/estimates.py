@@ -1,0 +1,99 @@
+"""What a filter has found: its errors beside what it thinks of them, and its innovations."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy.stats import chi2
+
+from ..control.sampled import PlacedState
+from ..estimation import Estimate
+from ..simulation.variables import STATE
+from .over_time import Series, over_time
+from .palette import COMPONENTS, DASHED, DASH_DOTTED, INK, SOLID
+from .style import WIDE, named
+
+PANEL = 1.5  # the height of a panel, inches
+BAND = 0.15
+ATTITUDE = r"\varphi"
+LOOKS = [(colour, dashes) for dashes in (SOLID, DASHED, DASH_DOTTED) for colour in COMPONENTS]
+
+
+def estimate(estimate: Estimate, truth: PlacedState | None = None, confidence: float = 0.95) -> Figure:
+    """Errors of an estimate over time, the biases of sensors, and in the last panel the normalised innovations.
+
+    Bands show where errors, and around their estimates biases, lie with this probability if the filter is right; where
+    the truth is known, lines show the errors. Innovations lie between the dashed lines with the same probability.
+
+    **Arguments:**
+
+    - ``estimate``: what a filter or a smoother has found.
+    - ``truth``: the states at the samples, as a simulation has them.
+    - ``confidence``: the probability.
+
+    **Raises:** as :meth:`jaxball.estimation.Estimate.errors`; ``ValueError`` for a probability that is not between 0
+    and 1.
+    """
+    if not 0 < confidence < 1:
+        raise ValueError(f"Argument `confidence` must be between 0 and 1, but it is {confidence}.")
+    names = (*estimate.directions, *estimate.biases)
+    errors = None if truth is None else np.asarray(estimate.errors(truth))
+    groups = _groups(names)
+    figure = Figure(figsize=(WIDE[0], PANEL * (len(groups) + 1)), layout="constrained")
+    *panels, last = figure.subplots(len(groups) + 1, 1, sharex=True, squeeze=False)[:, 0]
+    width = np.sqrt(chi2.ppf(confidence, 1))
+    for ax, (group, places) in zip(panels, groups.items(), strict=True):
+        _draw_errors(ax, estimate, group, places, errors, width)
+        ax.label_outer()
+    _draw_innovations(last, estimate, confidence)
+    return figure
+
+
+def _groups(names: Sequence[str]) -> dict[str, list[int]]:
+    """The places of the numbers of each field, by its name."""
+    groups: dict[str, list[int]] = {}
+    for place, name in enumerate(names):
+        groups.setdefault(name.partition("[")[0], []).append(place)
+    return groups
+
+
+def _draw_errors(
+    ax: Axes,
+    estimate: Estimate,
+    group: str,
+    places: Sequence[int],
+    errors: Float[np.ndarray, "K directions"] | None,
+    width: float,
+) -> None:
+    times, names = np.asarray(estimate.times), (*estimate.directions, *estimate.biases)
+    symbol = ATTITUDE if group == "attitude" else STATE[group].symbol if group in STATE else ""
+    symbol = rf"\delta {symbol}" if symbol else rf"\mathrm{{{group.replace('_', ' ')}}}"
+    series = []
+    for k, place in enumerate(places):
+        name, (colour, dashes) = names[place], LOOKS[k % len(LOOKS)]
+        values, centre = np.full_like(times, np.nan), 0.0
+        if name in estimate.bias:
+            values = centre = np.asarray(estimate.bias[name])
+        elif errors is not None:
+            values = errors[:, place]
+        deviation = width * np.asarray(estimate.deviations[name])
+        ax.fill_between(times, centre - deviation, centre + deviation, color=colour, alpha=BAND, linewidth=0)
+        label = f"${symbol}_{{{k + 1}}}$" if len(places) > 1 else ""
+        series.append(Series(values, label, colour, dashes))
+    over_time(None, times, series, f"${symbol}$", ax)
+
+
+def _draw_innovations(ax: Axes, estimate: Estimate, confidence: float) -> None:
+    times, found = np.asarray(estimate.times), np.asarray(estimate.nis)
+    degrees = np.sum(np.asarray(estimate.filtered.there), axis=1)
+    bounds = [np.where(degrees > 0, chi2.ppf(p, np.maximum(degrees, 1)), np.nan) for p in _tails(confidence)]
+    over_time(None, times, [Series(found, "", COMPONENTS[0])], r"$\nu^\top S^{-1}\nu$", ax)
+    for bound in bounds:
+        ax.plot(times, bound, color=INK, linewidth=0.8, linestyle=(0, DASHED))
+    named(ax, "$t$", r"$\nu^\top S^{-1}\nu$")
+
+
+def _tails(confidence: float) -> tuple[float, float]:
+    return (1 - confidence) / 2, (1 + confidence) / 2
