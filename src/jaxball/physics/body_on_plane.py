@@ -275,7 +275,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         return ContactHistory(self.contact, _whole(states.mode), slip=slip, sigma=sigma, switches=switches, **saved)
 
     def slips(self, times: Float[Array, " T"], states: ContactState) -> tuple[Float[Array, "T 3"], Float[Array, "T 2"]]:
-        """The slip velocities, exactly 0 for a body that rolls, and their directions, 0 without; ``self`` is prepared."""
+        """The slip velocities, exactly 0 for a body that rolls, and their directions, else 0; ``self`` is prepared."""
 
         def slip(t: Float[Array, ""], state: ContactState) -> tuple[Float[Array, "3"], Float[Array, "2"]]:
             velocity = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(self.body, t, state.released))

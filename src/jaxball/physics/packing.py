@@ -1,13 +1,15 @@
 """States as the one vector that a solver advances."""
 
 from collections.abc import Callable
-from typing import Any, Generic
+from typing import Any, Generic, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
+from ..numerics.arrays import default_dtype
 from ..numerics.masks import differentiated_where, known_or_nothing
 from .dae import algebraic_component, constrained, mass_diagonal
 from .system import AbstractState, AbstractSystem, AnyState, AnySystem
@@ -22,11 +24,11 @@ class Packing(eqx.Module, Generic[AnySystem, AnyState]):
     @staticmethod
     def of(system: AbstractSystem, state: AbstractState) -> "Packing[Any, Any]":
         """The packing of states of the kind of ``state``; ``system`` is prepared."""
-        return Packing(system, ravel_pytree(state)[1])
+        return Packing(system, _ravelled(state)[1])
 
     def pack(self, t: Float[Array, ""], state: AnyState) -> Float[Array, " size"]:
         """The vector of a state."""
-        return ravel_pytree(self.system.to_packed(t, state))[0]
+        return _ravelled(self.system.to_packed(t, state))[0]
 
     def unpack(self, t: Float[Array, ""], x: Float[Array, " size"]) -> AnyState:
         """The state of a vector."""
@@ -43,7 +45,7 @@ class Packing(eqx.Module, Generic[AnySystem, AnyState]):
 
     def field(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " size"]:
         """The rate of the vector."""
-        return ravel_pytree(self.rates(t, x))[0]
+        return _ravelled(self.rates(t, x))[0]
 
     def dae_field(
         self, t: Float[Array, ""], x: Float[Array, " size"], component: Int[Array, ""]
@@ -61,4 +63,34 @@ class Packing(eqx.Module, Generic[AnySystem, AnyState]):
 
     def projected(self, x: Float[Array, " size"]) -> Float[Array, " size"]:
         """The vector of the nearest state with |q| = 1."""
-        return ravel_pytree(self.unravel(x).projected())[0]
+        return _ravelled(self.unravel(x).projected())[0]
+
+
+class _Unravelling(NamedTuple):
+    """The state of a vector in which some entries stand for integers, such as a mode."""
+
+    unravel: Callable[[Float[Array, " size"]], Any]
+    dtypes: tuple[Any, ...]
+
+    def __call__(self, x: Float[Array, " size"]) -> Any:
+        leaves, structure = jax.tree.flatten(self.unravel(x))
+        whole = (
+            leaf if leaf.dtype == dtype else jnp.round(leaf).astype(dtype)
+            for leaf, dtype in zip(leaves, self.dtypes, strict=True)
+        )
+        return jax.tree.unflatten(structure, whole)
+
+
+def _ravelled(state: Any) -> tuple[Float[Array, " size"], Callable[[Float[Array, " size"]], Any]]:
+    """The vector of a state, in which integers are numbers like all others, and how that becomes a state again."""
+    leaves, structure = jax.tree.flatten(state)
+    dtypes = tuple(jnp.result_type(leaf) for leaf in leaves)
+    numbers = [dtype for dtype in dtypes if jnp.issubdtype(dtype, jnp.inexact)]
+    if len(numbers) == len(dtypes):
+        return ravel_pytree(state)
+    number = numbers[0] if numbers else default_dtype()
+    cast = (
+        x if jnp.issubdtype(k, jnp.inexact) else jnp.asarray(x, number) for x, k in zip(leaves, dtypes, strict=True)
+    )
+    vector, unravel = ravel_pytree(jax.tree.unflatten(structure, cast))
+    return vector, _Unravelling(unravel, dtypes)

@@ -36,7 +36,8 @@ TOO_MANY = 64  # crowded switches
 class RootBracket(NamedTuple):
     """A zero of guard ``which`` between ``low`` and ``high``, that the next step is to meet at ``target``.
 
-    ``x``, ``f`` and ``slope`` are those of the guard where it was evaluated last, and ``size`` its size in the step.
+    A guard that is zero as a step begins, and falls, has its event at the ``earliest`` end of a step. ``x``, ``f`` and
+    ``slope`` are those of the guard where it was evaluated last, and ``size`` its size in the step.
     """
 
     on: Bool[Array, ""]
@@ -44,6 +45,7 @@ class RootBracket(NamedTuple):
     low: Float[Array, ""]
     high: Float[Array, ""]
     target: Float[Array, ""]
+    earliest: Float[Array, ""]
     x: Float[Array, ""]
     f: Float[Array, ""]
     slope: Float[Array, ""]
@@ -54,7 +56,7 @@ class RootBracket(NamedTuple):
     def none(cls, t: Float[Array, ""]) -> "RootBracket":
         """No zero."""
         no, first, zero = jnp.zeros_like(t, bool), jnp.zeros_like(t, int), jnp.zeros_like(t)
-        return cls(no, first, t, t, t, t, zero, zero, zero, first)
+        return cls(no, first, t, t, t, t, t, zero, zero, zero, first)
 
     def narrowed(self, x: Float[Array, ""], f: Float[Array, ""]) -> "RootBracket":
         """The bracket after a step to ``x`` that found ``f`` there; halfway where a secant leads outside."""
@@ -63,7 +65,7 @@ class RootBracket(NamedTuple):
         slope = jnp.where(again, (f - self.f) / jnp.where(again, x - self.x, 1.0), self.slope)
         target = x - f / jnp.where(slope == 0, 1.0, slope)
         inside = (target >= low) & (target <= high) & (slope != 0)
-        target = jnp.where(inside, target, 0.5 * (low + high))
+        target = jnp.maximum(jnp.where(inside, target, 0.5 * (low + high)), self.earliest)
         return self._replace(low=low, high=high, target=target, x=x, f=f, slope=slope, tries=self.tries + 1)
 
 
@@ -388,6 +390,7 @@ def _bracketed(
     narrowed = bracket.narrowed(end, value)
     width = jnp.maximum(NEAR * (end - start), 4 * float(jnp.finfo(end.dtype).eps) * jnp.abs(end))
     met = (jnp.abs(narrowed.target - end) <= width) | (value == 0) | (bracket.tries >= MOST_TRIES)
+    met |= end <= bracket.earliest
     rejected = first.on | at_target & ~met
     return rejected, _where(rejected, _where(first.on, first, narrowed), none)
 
@@ -417,15 +420,16 @@ def _first_zero(
 
     low, high = fraction(place - 2), fraction(place + 1)
     root, slope = _root(samples, fraction(place - 1), fraction(place))
-    # A step has some length, even if a guard was below zero by rounding at its start.
     length = end - start
-    least = start + LEAST * float(jnp.finfo(end.dtype).eps) * jnp.maximum(jnp.abs(start), jnp.abs(end))
+    # A step has some length, even if a guard was below zero by rounding at its start.
+    earliest = start + LEAST * float(jnp.finfo(end.dtype).eps) * jnp.maximum(jnp.abs(start), jnp.abs(end))
     return RootBracket(
         on=place <= last,
         which=which,
         low=start + low * length,
         high=jnp.minimum(start + high * length, end),
-        target=jnp.minimum(jnp.maximum(start + root * length, least), end),
+        target=jnp.minimum(jnp.maximum(start + root * length, earliest), end),
+        earliest=earliest,
         x=start,
         f=jnp.zeros_like(end),
         slope=slope / length,
