@@ -15,7 +15,6 @@ from scipy.optimize import least_squares
 from ..interface.arguments import require
 from ..numerics.arrays import to_numpy
 from ..physics.body import Disk
-from ..scenario.solvers import SOLVERS
 from .problem.plane import places
 from .problem.run import Solve, run_of
 from .problem.space import DesignError, DesignSpace
@@ -135,8 +134,7 @@ def _residuals(
     space: DesignSpace, path: Float[np.ndarray, "T 2"]
 ) -> Callable[[tuple[float, ...]], tuple[Float[np.ndarray, " residuals"], Float[np.ndarray, "residuals n"]]]:
     """The residuals at given unknowns and their Jacobian, by one program; NaN where either is not finite."""
-    scenario = space.scenario
-    solve = Solve(SOLVERS[scenario.solver](), scenario.rtol, scenario.atol, scenario.max_steps, diffrax.ForwardMode())
+    solve = Solve.of(space.scenario, diffrax.ForwardMode())
 
     def residuals(y: Float[Array, " n"]) -> Float[Array, " residuals"]:
         return jnp.ravel(run_of(space.candidate(y), solve).z - jnp.asarray(path))

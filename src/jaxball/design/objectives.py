@@ -1,7 +1,7 @@
 """Objectives that a design minimises: at the end of a run, along its path, of its actuation, and users' own."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import equinox as eqx
 import jax
@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..interface.arguments import require_value
-from ..numerics.arrays import Numbers, numbers
+from ..numerics.arrays import number_or_none, numbers
 from ..numerics.norms import ROUNDING, norm
 from ..physics.imbalance import imbalance
 from .problem.plane import AbstractCurve, off_e1, place, places
@@ -105,11 +105,6 @@ class Duration(AbstractObjective):
         return f"time {value * time:.4g}"
 
 
-def _or_none(name: str) -> Callable[[Numbers | None], Float[Array, ""] | None]:
-    convert = numbers(name)
-    return lambda x: None if x is None else convert(x)
-
-
 class FollowTrajectory(AbstractRunningObjective):
     """The mean of |z(t) − c(s(t))|² / r²: the curve followed in time.
 
@@ -123,8 +118,8 @@ class FollowTrajectory(AbstractRunningObjective):
 
     curve: AbstractCurve
     rest_to_rest: Bool[Array, ""] = eqx.field(converter=jnp.asarray, default=False)
-    start: Float[Array, ""] | None = eqx.field(converter=_or_none("start"), default=None)
-    end: Float[Array, ""] | None = eqx.field(converter=_or_none("end"), default=None)
+    start: Float[Array, ""] | None = eqx.field(converter=number_or_none("start"), default=None)
+    end: Float[Array, ""] | None = eqx.field(converter=number_or_none("end"), default=None)
 
     def targets(self, times: Float[Array, " t"]) -> Float[Array, "t 2"]:
         """The desired positions of the geometric centre."""

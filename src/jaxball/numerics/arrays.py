@@ -113,6 +113,12 @@ def numbers(
     return convert
 
 
+def number_or_none(name: str) -> Callable[[Numbers | None], Float[Array, ""] | None]:
+    """The converter of a field ``name`` to a single number, which may be left out."""
+    convert = numbers(name)
+    return lambda x: None if x is None else convert(x)
+
+
 def require_shape(name: str, value: Array, shape: tuple[int | str, ...], *, batch: bool = False) -> None:
     """Raises a ``ValueError`` unless the argument ``name`` has the required ``shape``; see ``numbers``."""
     given = value.shape

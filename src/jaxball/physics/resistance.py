@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from ..interface.arguments import require_flags
 from ..interface.printing import Printed
-from ..numerics.arrays import namespace_of, numbers, to_array
+from ..numerics.arrays import namespace_of, number_or_none, numbers
 from ..numerics.vectors import dot
 from .conditions import Condition
 
@@ -111,9 +111,7 @@ class Resistance(AbstractResistance):
     spinning: Float[Array, "*group"] = eqx.field(converter=numbers("spinning"), default=0.0)
     drag: Float[Array, "*group"] = eqx.field(converter=numbers("drag"), default=0.0)
     rotational_drag: Float[Array, "*group"] = eqx.field(converter=numbers("rotational_drag"), default=0.0)
-    dry: Float[Array, "*group"] | None = eqx.field(
-        converter=lambda x: None if x is None else to_array(x, "dry"), default=None
-    )
+    dry: Float[Array, "*group"] | None = eqx.field(converter=number_or_none("dry"), default=None)
     smoothing: Float[Array, "*group"] = eqx.field(converter=numbers("smoothing"), default=SMOOTHING)
     negative: bool = eqx.field(static=True, default=False)
 

@@ -93,13 +93,8 @@ class Scenario:
         if not isinstance(solver, str) or solver not in SOLVERS:
             raise refusal("solver", f"a name, {one_of(list(SOLVERS))}", solver)
         check_dae(self.system, self.contact, solver, self.dae, named)
-        used = dataclasses.replace(
-            self,
-            solver=solver,
-            rtol=self.rtol if rtol is None else rtol,
-            atol=self.atol if atol is None else atol,
-            max_steps=self.max_steps if max_steps is None else max_steps,
-        )
+        given = {"solver": solver, "rtol": rtol, "atol": atol, "max_steps": max_steps}
+        used = dataclasses.replace(self, **{name: value for name, value in given.items() if value is not None})
         trajectory = simulate(
             self.system,
             self.times,

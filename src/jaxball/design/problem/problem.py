@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ...physics.body import Disk, System
-from ...scenario.solvers import SOLVERS
 from .requirements import AbstractConstraint, AbstractObjective, require_reachable
 from .run import RAIL_SAMPLES, Run, Solve, run_of
 from .space import Candidate, DesignError, DesignSpace
@@ -181,9 +180,7 @@ class Problem:
 
     def solve(self, adjoint: diffrax.AbstractAdjoint | None = None) -> Solve:
         """How the scenario is solved."""
-        scenario = self.space.scenario
-        solver = SOLVERS[scenario.solver]()
-        return Solve(solver, scenario.rtol, scenario.atol, scenario.max_steps, adjoint)
+        return Solve.of(self.space.scenario, adjoint)
 
     def run(self, y: Float[Array, " n"], adjoint: diffrax.AbstractAdjoint | None = None) -> Run:
         """The run of a design, by its unknowns."""

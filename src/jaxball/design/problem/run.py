@@ -22,6 +22,8 @@ from ...physics.motion import Driven, Kinematics, OnRail
 from ...physics.observables import Observables, observe
 from ...physics.rails import AbstractRail
 from ...physics.state import BallState, DiskState
+from ...scenario import Scenario
+from ...scenario.solvers import SOLVERS
 from ...simulation.simulate import simulate
 from ...simulation.trajectory import times_looked_at
 from .space import Candidate
@@ -42,6 +44,11 @@ class Solve(NamedTuple):
     atol: float
     max_steps: int
     adjoint: diffrax.AbstractAdjoint | None = None
+
+    @classmethod
+    def of(cls, scenario: Scenario, adjoint: diffrax.AbstractAdjoint | None = None) -> "Solve":
+        """As the scenario says."""
+        return cls(SOLVERS[scenario.solver](), scenario.rtol, scenario.atol, scenario.max_steps, adjoint)
 
 
 class OnRails(NamedTuple):
@@ -170,18 +177,10 @@ def run_of(candidate: Candidate, solve: Solve, rail_samples: int = RAIL_SAMPLES)
     - ``solve``: how.
     - ``rail_samples``: the number of points on closed rails.
     """
-    trajectory = simulate(
-        candidate.system,
-        candidate.times,
-        candidate.state,
-        solver=solve.solver,
-        rtol=solve.rtol,
-        atol=solve.atol,
-        max_steps=solve.max_steps,
-        adjoint=solve.adjoint,
-        inside=False,  # a search may pass through bodies that violate this
-    )
-    return Run(candidate.system, candidate.times, trajectory.state, trajectory.status, rail_samples)
+    system, state, times = candidate
+    # A search may pass through bodies that do not contain their masses.
+    trajectory = simulate(system, times, state, **solve._asdict(), inside=False)
+    return Run(system, times, trajectory.state, trajectory.status, rail_samples)
 
 
 def _on_rails(system: System, t: Float[Array, ""], state: BallState | DiskState) -> OnRails:

@@ -66,7 +66,7 @@ def verify(problem: Problem, y: Float[np.ndarray, " n"]) -> Verified:
     return Verified(
         designed=designed,
         finer=finer,
-        violations={name: tuple(map(float, most["violations"][name])) for name in problem.constraints},
+        violations={name: (float(coarse), float(fine)) for name, (coarse, fine) in most["violations"].items()},
         solver=solver,
         rtol=other.rtol,
         apart=float(most["apart"]),

@@ -16,6 +16,7 @@ from ...numerics.arrays import (
     concatenated,
     default_dtype,
     namespace_of,
+    number_or_none,
     numbers,
     require_not_nan,
     to_array,
@@ -198,7 +199,7 @@ class Motor(AbstractJointForce):
 
     def __init__(self, signal: "AbstractSignal | AbstractSchedule | Numbers", limit: Numbers | None = None):
         self.signal = as_signal("signal", signal)
-        self.limit = None if limit is None else to_array(limit, "limit")
+        self.limit = number_or_none("limit")(limit)
 
     def __call__(self, t, theta, thetadot, state):
         return _limited(self.signal(t), self.limit)
@@ -303,9 +304,7 @@ class PDServo(AbstractJointForce):
     target: AbstractSchedule
     stiffness: Float[Array, "*group"] = eqx.field(converter=numbers("stiffness"))
     damping: Float[Array, "*group"] = eqx.field(converter=numbers("damping"), default=0.0)
-    limit: Float[Array, "*group"] | None = eqx.field(
-        converter=lambda x: None if x is None else to_array(x, "limit"), default=None
-    )
+    limit: Float[Array, "*group"] | None = eqx.field(converter=number_or_none("limit"), default=None)
 
     def __check_init__(self):
         require("target", self.target, AbstractSchedule, "a schedule, such as Waypoints(...)")
