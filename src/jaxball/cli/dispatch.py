@@ -90,21 +90,15 @@ class _Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, f'there is no "{value}"{hint}')
 
 
-class _Version(argparse.Action):
-    """Prints the version."""
-
-    def __call__(self, parser, namespace, values, option_string=None):
-        print(f"jaxball {__version__}")
-        parser.exit()
-
-
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     """The parser, with the options of the command in ``arguments``, and only the names of the others."""
     parser = _Parser(
         prog="jaxball",
         description="Simulates a rolling ball or disk driven by point masses moving inside it.",
     )
-    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
+    parser.add_argument(
+        "--version", action="version", version=f"jaxball {__version__}", help="show the version and exit"
+    )
     parser.set_defaults(cache=False)
     commands = parser.add_subparsers(title="commands", prog=parser.prog, required=True, metavar="COMMAND")
     for name, summary in COMMANDS.items():

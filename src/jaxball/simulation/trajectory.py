@@ -324,14 +324,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         ``run.view().save("run.html")`` or ``run.view("run.html")`` writes it as one file that opens in any browser,
         without a network; ``run.view().html`` is its text. Each frame shows the nearest saved time.
 
-        **Arguments:**
-
-        - ``path``: a file that ends in ``.html``, to which it is written as well; see :func:`jaxball.plot.write_view`.
-        - ``title``: a line that says which system it is; if not given, that of the scenario, if there is one.
-        - ``friction``: a coefficient μ, drawn as a cone at the contact point and as a line beside |f| / N.
-        - ``all_times``: whether a page that would be larger than 1 MB shows all saved times instead of some of them.
-
-        **Raises:** as :func:`jaxball.plot.write_view`.
+        ``path``, ``title``, ``friction``, ``all_times`` and what is raised: as for :func:`jaxball.plot.write_view`. The
+        title is that of the scenario, if there is one, unless it is given.
         """
         from .. import plot
 

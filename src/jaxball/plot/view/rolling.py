@@ -23,7 +23,7 @@ from ..coordinates import ANGLE, LENGTH, UNKNOWN, angles_of, joint_units, joints
 from ..floor import Placed, Setting, floor_under, place
 from ..modes import modes_of
 from ..over_time import Sizes, sizes_of, without_rounding
-from ..palette import mass_colour
+from ..palette import TAKEN, mass_colour
 from ..record import Record, drawn_run, finite_rows, known_rows, record, require_one
 from ..shapes import rails_of
 from ..time_series import height, of_contact, slip_speed
@@ -42,10 +42,8 @@ from .scene import (
     graph,
     made,
     of_masses,
-    rate_of_turning,
     sampled,
     series,
-    taken,
 )
 
 ON_RAILS = 1e-3  # radii, the allowed error of a rail between its points
@@ -242,25 +240,23 @@ def _graphs(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
     levels = _levels(bodies)
     needed = graph("Friction" if levels else "Friction needed", [ratio], 1.0, gaps=True) | {"level": "μ"}
     N = series("N", None if several else BLUE, "normal_force", [0])
+    phidot = graph("Angular velocity", [series("φ̇", BLUE, "turning", [0])], 1 / sizes.time)
     graphs = [
         energies(count, sizes.energy),
-        rate_of_turning(1 / sizes.time) if planar and not several else angular_velocity(count, 1 / sizes.time),
+        phidot if planar and not several else angular_velocity(count, 1 / sizes.time),
         graph("Normal force", [N], sizes.force, gaps=True),
         needed | ({"levels": levels} if levels else {}),
         *_of_contact(bodies, sizes),
     ]
     if several:
         return graphs
-    graphs[0]["series"] += [one for one in taken() if any(_is_taken(body, one, sizes.energy) for body in bodies)]
+    # The energy dissipated by sliding friction and by impacts, if any is, beside the energies.
+    histories = [one.trajectory.contact for one in bodies if one.trajectory.contact is not None]
+    dissipated = ([history.rubbed for history in histories], [history.struck for history in histories])
+    for one, amounts in zip(each(TAKEN, TAKEN.values(), "taken"), dissipated, strict=True):
+        if any(np.any(without_rounding(np.nan_to_num(np.asarray(leaf)), sizes.energy)) for leaf in amounts):
+            graphs[0]["series"].append(one)
     return [*graphs, *_of_masses(bodies), *_of_joints(bodies)]
-
-
-def _is_taken(one: Shown, drawn: dict[str, Any], size: float) -> bool:
-    history = one.trajectory.contact
-    if history is None:
-        return False
-    amounts = history.rubbed if drawn["columns"] == [0] else history.struck
-    return bool(np.any(without_rounding(np.nan_to_num(np.asarray(amounts)), size)))
 
 
 def _of_masses(bodies: Sequence[Shown]) -> list[dict[str, Any]]:

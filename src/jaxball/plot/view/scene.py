@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...simulation.trajectory import Trajectory
-from ..palette import COMPONENTS, DASHED, SOLID, TAKEN, Dashes, Line, mass_look
+from ..palette import COMPONENTS, DASHED, SOLID, Dashes, Line, mass_look
 
 CLOSE = 1e-6  # the allowed error of a point's position, in radii
 AROUND = 80  # characters in JSON that name an array, its type and its shape
@@ -179,11 +179,6 @@ def of_masses(numbers: Iterable[int]) -> list[Line]:
     return [mass_look(i) for i in numbers]
 
 
-def rate_of_turning(size: float) -> dict[str, Any]:
-    """φ̇ of disks."""
-    return graph("Angular velocity", [series("φ̇", BLUE, "turning", [0])], size)
-
-
 def angular_velocity(count: int, size: float = 0.0) -> dict[str, Any]:
     """Ω of one or two bodies, |Ω| of more."""
     if count > PAIR:
@@ -198,11 +193,6 @@ def energies(count: int, size: float = 0.0) -> dict[str, Any]:
     parts = (("T", BLUE, [0], SOLID), ("V", RED, [1], SOLID), ("E", INK, [0, 1], DASHED))
     lines = [series(name, colour, "energies", columns, dashes=dashes) for name, colour, columns, dashes in parts]
     return graph("Energies", lines, size)
-
-
-def taken() -> list[dict[str, Any]]:
-    """The energy dissipated by sliding friction and impacts, beside the energies."""
-    return each(TAKEN, TAKEN.values(), "taken")
 
 
 def laws(names: list[str]) -> list[dict[str, Any]]:
