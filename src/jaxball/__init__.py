@@ -7,6 +7,7 @@ A body (``Ball``, ``Disk``) holds point masses (``PointMass``), each with a moti
 ``Trajectory``. Names and packages are imported when they are first used. The packages are:
 
 - ``chaos``, ``stability``: Lyapunov exponents, Poincaré maps; steady motions.
+- ``control``: feedback that holds a motion: regulators, predictive control, which disturbed starts come back.
 - ``classical``: the heavy top, Suslov's problem and other systems.
 - ``design``, ``ensemble``, ``sweep``: designs by gradients, many runs side by side, studies.
 - ``plot``, ``results``, ``scenario``: figures, saved runs, scenario files.
@@ -31,6 +32,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         cache as cache,
         chaos as chaos,
         classical as classical,
+        control as control,
         cpu as cpu,
         design as design,
         ensemble as ensemble,
@@ -231,6 +233,7 @@ else:
             "cache",
             "chaos",
             "classical",
+            "control",
             "cpu",
             "design",
             "ensemble",

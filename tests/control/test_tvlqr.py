@@ -49,8 +49,8 @@ def test_a_long_horizon_has_the_stationary_gain(hanging):
 def test_a_double_integrator_has_the_least_energy_in_closed_form():
     """φ̈ = a u and θ̈ = b u exactly. With all weight at the end, the cost is the least energy to reach it.
 
-    Over N samples of held u, the Gramian of (φ, φ̇) is (a² h / R) times [[h² N (4 N² − 1) / 12, h N² / 2], [h N² / 2, N]],
-    by the sums of j + ½ and of its square. The weight at the end, 1e10, changes it by 1e-10 relative to R.
+    Over N samples of held u, the Gramian of (φ, φ̇) is a² h / R times [[h² N (4 N² − 1) / 12, h N² / 2],
+    [h N² / 2, N]], by the sums of j + ½ and of its square. The weight at the end, 1e10, changes it by 1e-10 of R.
     """
     samples, R, large = 50, 0.3, 1e10
     track = tvlqr(jaxball.simulate(robots.with_wheel(), [0.0, H * samples]), Q=0.0, R=R, Qf=_at(large, large), sample=H)
@@ -116,7 +116,7 @@ def test_the_nominal_inputs_give_the_motion(moving):
     for h in (0.06, 0.03):
         track = tvlqr(moving, Q=WEIGHTS, R=0.1, sample=h)
         misses.append(float(jnp.max(jnp.abs(track.linear.c))))
-    assert misses[0] < 1e-3
+    assert misses[0] < 1e-2
     assert misses[0] / misses[1] == pytest.approx(8, rel=0.4)
 
 
@@ -150,5 +150,5 @@ def test_bad_input_gets_a_sentence(hanging, changes, sentence):
 
 def test_a_motion_without_inputs_is_refused():
     still = jaxball.simulate(jaxball.Disk(mass=1.0, inertia=0.5), [0.0, 1.0])
-    with pytest.raises(ValueError, match="must be a motion with inputs, masses or joints that schedules, laws or motors"):
+    with pytest.raises(ValueError, match="must be a motion with inputs, masses or joints that schedules"):
         tvlqr(still, Q=1.0, R=1.0)

@@ -159,8 +159,8 @@ def _starts(
         xi = to_numpy(given, "starts")
         if xi.ndim != 2 or xi.shape[1] != len(names) or not len(xi):
             raise ValueError(
-                f"Argument `starts` must be of shape (runs, {len(names)}), a column for each of {', '.join(names)}, but "
-                f"its shape is {xi.shape}."
+                f"Argument `starts` must be of shape (runs, {len(names)}), a column for each of {', '.join(names)}, "
+                f"but its shape is {xi.shape}."
             )
         return None, xi
     grid = grid_of(given)

@@ -95,9 +95,9 @@ def closed_loop(
 ) -> ClosedLoop:
     """Simulates a robot under sampled feedback.
 
-    At each sample the state is measured, and the feedback's inputs are added to those of the motion; the sum is limited,
-    and held until the next sample. It can be traced and differentiated, by every number in ``feedback``, ``start`` and
-    ``system``.
+    At each sample the state is measured, and the feedback's inputs are added to those of the motion; the sum is
+    limited, and held until the next sample. It can be traced and differentiated, by every number in ``feedback``,
+    ``start`` and ``system``.
 
     **Arguments:**
 
@@ -207,9 +207,7 @@ def plant_of(
     return plant
 
 
-def start_of(
-    feedback: AbstractFeedback, start: PlacedState | Mapping[str, Numbers] | Numbers | None
-) -> PlacedState:
+def start_of(feedback: AbstractFeedback, start: PlacedState | Mapping[str, Numbers] | Numbers | None) -> PlacedState:
     """The state at which a closed loop starts.
 
     **Raises:** ``TypeError`` for another kind of state, ``ValueError`` for one, or for coordinates, of another size.
@@ -226,8 +224,8 @@ def start_of(
     xi = to_array(by_name("start", start, names) if isinstance(start, Mapping) else start, "start")
     if xi.shape != (len(names),):
         raise ValueError(
-            f"Argument `start` must be a state, or {len(names)} local coordinates, {', '.join(names)}, but its shape is "
-            f"{xi.shape}."
+            f"Argument `start` must be a state, or {len(names)} local coordinates, {', '.join(names)}, but its shape "
+            f"is {xi.shape}."
         )
     return first.retract(xi)
 

@@ -16,9 +16,8 @@ from ..physics.observables import movement
 from ..physics.state import RotationState
 from .closed_loop import limits_of, whole_number
 from .feedback import AbstractFeedback
-from .nominal import NominalMotion
 from .predictive import Plan, Stages, solved
-from .sampled import PlacedState, SampledSystem
+from .sampled import PlacedState
 from .tvlqr import Track
 
 FACETS = 8  # of the pyramid within the friction cone
@@ -134,8 +133,8 @@ def mpc(
     - ``limits``: the largest magnitude of each input: a number for all, a row, or numbers by name; by default those of
       the motors.
     - ``friction``: the coefficient μ of |f| ≤ μ N; if not given, only N ≥ 0 is required.
-    - ``penalty``: the cost, per time, of exceeding a limit by its own size, and the friction cone by the weight. It must
-      exceed what keeping a limit costs, or limits that could be kept are exceeded.
+    - ``penalty``: the cost, per time, of exceeding a limit by its own size, and the friction cone by the weight. It
+      must be more than keeping a limit costs, or limits that could be kept are exceeded.
 
     **Raises:** ``ValueError`` for a horizon below 1, and for limits, friction or a penalty that are not positive or do
     not fit; ``TypeError`` for anything but a :class:`Track`.
@@ -180,19 +179,17 @@ def _bounded(track: Track, mu: Array | None, limited: tuple[int, ...]) -> Float[
     G has the limited inputs, and then f and N over the weight. The sides, whose normals are in space axes, touch a cone
     that is narrower, so that their edges lie on the friction cone; a disk, which moves along e1, has two.
     """
-    planar = track.sampled.system.planar
-    angles = 2 * np.pi * np.arange(2 if planar else FACETS) / (2 if planar else FACETS)
-    of_inputs = np.kron(np.eye(len(limited)), [[1.0], [-1.0]])
-    sides = jnp.asarray(np.stack([np.cos(angles), np.sin(angles)], axis=1), track.W.dtype)
-    inner = 1.0 if planar else float(np.cos(np.pi / FACETS))
-    normal = -jnp.ones((1, 1), sides.dtype)
-    of_plane = jnp.pad(normal, ((0, 0), (2, 0))) if mu is None else jnp.pad(sides, ((0, 0), (0, 1))).at[:, 2].set(-mu * inner)
-    return jnp.concatenate(
-        [
-            jnp.pad(jnp.asarray(of_inputs.reshape(-1, len(limited)), sides.dtype), ((0, 0), (0, 3))),
-            jnp.pad(of_plane, ((0, 0), (len(limited), 0))),
-        ]
-    )
+    sides = 2 if track.sampled.system.planar else FACETS
+    inner = 1.0 if sides == 2 else np.cos(np.pi / sides)
+    angles = 2 * np.pi * np.arange(sides) / sides
+    of_inputs = np.kron(np.eye(len(limited)), [[1.0], [-1.0]]).reshape(-1, len(limited))
+    normal = np.array([[0.0, 0.0, -1.0]])
+    cone = np.stack([np.cos(angles), np.sin(angles), np.zeros(sides)], axis=1)
+    of_plane = jnp.asarray(normal if mu is None else cone, track.W.dtype)
+    if mu is not None:
+        of_plane = of_plane.at[:, 2].set(-mu * inner)
+    above = jnp.asarray(np.pad(of_inputs, ((0, 0), (0, 3))), track.W.dtype)
+    return jnp.concatenate([above, jnp.pad(of_plane, ((0, 0), (len(limited), 0)))])
 
 
 @programs.filter_jit

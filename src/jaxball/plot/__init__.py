@@ -18,6 +18,12 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         poincare_section as poincare_section,
         stability_chart as stability_chart,
     )
+    from .control import (
+        basin_map as basin_map,
+        gains as gains,
+        held_inputs as held_inputs,
+        held_paths as held_paths,
+    )
     from .coordinates import (
         acceleration as acceleration,
         joint_angles as joint_angles,
@@ -64,6 +70,7 @@ else:
     _NAMES = {
         "animation": "animate snapshot",
         "chaos": "chaos_chart eigenvalues lyapunov_convergence multipliers poincare_section stability_chart",
+        "control": "basin_map gains held_inputs held_paths",
         "coordinates": "acceleration joint_angles joint_efforts mass_angles",
         "designs": "branch convergence designed_path place_in_time rail_accelerations rail_angles",
         "laws": "classical_motion law_errors law_residuals",
