@@ -64,6 +64,7 @@ PACKAGES = [
     "plot",
     "scenario",
     "results",
+    "control",
     "ensemble",
     "sweep",
     "design",

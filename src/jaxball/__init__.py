@@ -7,10 +7,11 @@ A body (``Ball``, ``Disk``) holds point masses (``PointMass``), each with a moti
 ``Trajectory``. Names and packages are imported when they are first used. The packages are:
 
 - ``chaos``, ``stability``: Lyapunov exponents, Poincaré maps; steady motions.
+- ``control``: feedback that holds a motion: regulators, predictive control, which disturbed starts come back.
 - ``classical``: the heavy top, Suslov's problem and other systems.
 - ``design``, ``ensemble``, ``sweep``: designs by gradients, many runs side by side, studies.
 - ``plot``, ``results``, ``scenario``: figures, saved runs, scenario files.
-- ``sensors``: accelerometers, gyroscopes and encoders, read along a run.
+- ``sensors``: accelerometers, gyroscopes, encoders and cameras, read along a run, exactly or with errors.
 - ``solvers``: implicit methods for diffrax.
 - ``paper``, ``reproduce``, ``verify``, ``bench``: the paper's systems and figures, checks, comparisons of solvers.
 - ``cpu``, ``cache``: settings for fast solves on a CPU, compiled programs kept between processes.
@@ -31,9 +32,11 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         cache as cache,
         chaos as chaos,
         classical as classical,
+        control as control,
         cpu as cpu,
         design as design,
         ensemble as ensemble,
+        estimation as estimation,
         paper as paper,
         plot as plot,
         results as results,

@@ -1,14 +1,17 @@
 """Feedback that holds a motion: regulators along it, closed loops with sampled inputs, which starts come back.
 
 ``tvlqr`` linearises the flow of a simulated motion from sample to sample, and gives the feedback with the least
-quadratic cost; ``closed_loop`` simulates the robot under it, and ``basin`` many disturbed starts. The motions themselves
+quadratic cost; ``mpc`` foresees limits of motors and of friction as well. ``closed_loop`` simulates the robot under
+either, and ``basin`` many disturbed starts. The motions themselves
 may be found by :mod:`jaxball.design.control`, which is optimal control by collocation, without feedback. No figures and
 no files: :mod:`jaxball.plot` draws the results.
 """
 
 from ..interface.names import interface as _interface
+from .basin import Basin as Basin, basin as basin
 from .closed_loop import ClosedLoop as ClosedLoop, closed_loop as closed_loop
 from .feedback import AbstractFeedback as AbstractFeedback, Feedforward as Feedforward
+from .mpc import PredictiveControl as PredictiveControl, mpc as mpc
 from .nominal import NominalMotion as NominalMotion
 from .push import Push as Push
 from .sampled import Linear as Linear, SampledSystem as SampledSystem

@@ -1,7 +1,7 @@
 """A robot under sampled feedback: measured at each sample, with inputs that are limited, delayed and held."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import diffrax
 import equinox as eqx
@@ -34,9 +34,9 @@ class ClosedLoop(Printed):
     - ``u``: the inputs that acted, shape (N, m).
     - ``du``: what feedback added to those of the motion, after delay and limits, shape (N, m).
     - ``xi``: the deviations from the motion in local coordinates, shape (N + 1, n).
-    - ``status``: a :class:`~jaxball.Status`.
     - ``feedback``: the feedback.
     - ``plant``: the robot that was simulated.
+    - ``memory``: what the feedback remembers at the end.
     """
 
     times: Float[Array, " samples_and_end"]
@@ -46,6 +46,7 @@ class ClosedLoop(Printed):
     xi: Float[Array, "samples_and_end n"]
     feedback: AbstractFeedback
     plant: SampledSystem
+    memory: Any
 
     @property
     def ok(self) -> bool:
@@ -81,13 +82,6 @@ class ClosedLoop(Printed):
         return "\n".join([*lines, f"  inputs at their limits in {share:.1%} of samples"] if share else lines)
 
 
-class Disturbance(NamedTuple):
-    """What a closed loop is subject to, beside its start: the robot, limits and the delay."""
-
-    plant: SampledSystem
-    delay: int
-
-
 def closed_loop(
     feedback: AbstractFeedback,
     start: PlacedState | Mapping[str, Numbers] | Numbers | None = None,
@@ -101,9 +95,9 @@ def closed_loop(
 ) -> ClosedLoop:
     """Simulates a robot under sampled feedback.
 
-    At each sample the state is measured, and the feedback's inputs are added to those of the motion; the sum is limited,
-    and held until the next sample. It can be traced and differentiated, by every number in ``feedback``, ``start`` and
-    ``system``.
+    At each sample the state is measured, and the feedback's inputs are added to those of the motion; the sum is
+    limited, and held until the next sample. It can be traced and differentiated, by every number in ``feedback``,
+    ``start`` and ``system``.
 
     **Arguments:**
 
@@ -137,9 +131,9 @@ def closed_loop(
     require("feedback", feedback, AbstractFeedback, "a feedback, such as tvlqr(...) makes")
     plant = plant_of(feedback, system, limits, push)
     first = start_of(feedback, start)
-    count = feedback.nominal.samples if samples is None else _whole("samples", samples, 1)
-    times, states, u, du, xi = _looped(feedback, plant, first, count, _whole("delay", delay, 0), adjoint)
-    return ClosedLoop(times, states, u, du, xi, feedback, plant)
+    count = feedback.nominal.samples if samples is None else whole_number("samples", samples, 1)
+    *found, memory = _looped(feedback, plant, first, count, whole_number("delay", delay, 0), adjoint)
+    return ClosedLoop(*found, feedback, plant, memory)
 
 
 @programs.filter_jit
@@ -150,7 +144,7 @@ def _looped(
     samples: int,
     delay: int,
     adjoint: diffrax.AbstractAdjoint | None,
-) -> tuple[Array, PlacedState, Array, Array, Array]:
+) -> tuple[Any, ...]:
     return looped(feedback, plant, start, samples, delay, adjoint)
 
 
@@ -161,8 +155,8 @@ def looped(
     samples: int,
     delay: int = 0,
     adjoint: diffrax.AbstractAdjoint | None = None,
-) -> tuple[Array, PlacedState, Array, Array, Array]:
-    """Times, states, inputs, what feedback added to them, and deviations of a closed loop; traceable."""
+) -> tuple[Any, ...]:
+    """Times, states, inputs, what feedback added to them, deviations, and its memory at the end; traceable."""
     nominal, limits = feedback.nominal, plant.limits
     t0 = nominal.times[0]
 
@@ -172,16 +166,16 @@ def looped(
         queue = jnp.concatenate([waiting, added[None]])
         planned = nominal.input(k)
         u = jnp.clip(planned + queue[0], -limits, limits)
-        after = plant.flow(t0 + plant.sample * k, state, u, adjoint)
+        after = plant.flow(t0 + plant.sample * k.astype(t0.dtype), state, u, adjoint)
         return (after, memory, queue[1:]), (state, u, u - planned, feedback.deviation(k, state))
 
     waiting = jnp.zeros((delay, nominal.u.shape[1]), nominal.u.dtype)
     numbered = jnp.arange(samples)
-    (last, *_), (states, u, du, xi) = jax.lax.scan(step, (start, feedback.begin(), waiting), numbered)
+    (last, memory, _), (states, u, du, xi) = jax.lax.scan(step, (start, feedback.begin(), waiting), numbered)
     states = jax.tree.map(lambda along, end: jnp.concatenate([along, end[None]]), states, last)
     xi = jnp.concatenate([xi, feedback.deviation(jnp.asarray(samples), last)[None]])
-    times = t0 + plant.sample * jnp.arange(samples + 1)
-    return times, states, u, du, xi
+    times = t0 + plant.sample * jnp.arange(samples + 1, dtype=t0.dtype)
+    return times, states, u, du, xi, memory
 
 
 def plant_of(
@@ -205,8 +199,7 @@ def plant_of(
                 f"the motion, but it is a {plant.system.title} whose state holds {', '.join(found) or 'none'}."
             )
     if limits is not None:
-        most = by_name("limits", limits, design.inputs, jnp.inf) if isinstance(limits, Mapping) else limits
-        plant = eqx.tree_at(lambda s: s.limits, plant, _limits(most, design.inputs))
+        plant = eqx.tree_at(lambda s: s.limits, plant, limits_of(design, limits))
     if push is not None:
         require("push", push, AbstractWrench, "a force, such as a Push")
         force = push if plant.system.force is None else Wrenches((plant.system.force, push))
@@ -214,9 +207,7 @@ def plant_of(
     return plant
 
 
-def start_of(
-    feedback: AbstractFeedback, start: PlacedState | Mapping[str, Numbers] | Numbers | None
-) -> PlacedState:
+def start_of(feedback: AbstractFeedback, start: PlacedState | Mapping[str, Numbers] | Numbers | None) -> PlacedState:
     """The state at which a closed loop starts.
 
     **Raises:** ``TypeError`` for another kind of state, ``ValueError`` for one, or for coordinates, of another size.
@@ -233,24 +224,34 @@ def start_of(
     xi = to_array(by_name("start", start, names) if isinstance(start, Mapping) else start, "start")
     if xi.shape != (len(names),):
         raise ValueError(
-            f"Argument `start` must be a state, or {len(names)} local coordinates, {', '.join(names)}, but its shape is "
-            f"{xi.shape}."
+            f"Argument `start` must be a state, or {len(names)} local coordinates, {', '.join(names)}, but its shape "
+            f"is {xi.shape}."
         )
     return first.retract(xi)
 
 
-def _limits(given: Any, inputs: tuple[str, ...]) -> Float[Array, " m"]:
-    array = to_array(given, "limits")
+def limits_of(sampled: SampledSystem, given: Numbers | Mapping[str, Numbers]) -> Float[Array, " m"]:
+    """The limits of all inputs, which are given as one number, a row, or by name; infinite for those left out.
+
+    **Raises:** ``ValueError`` for another shape, unknown names, and negative numbers.
+    """
+    inputs = sampled.inputs
+    array = to_array(by_name("limits", given, inputs, np.inf) if isinstance(given, Mapping) else given, "limits")
     if array.ndim > 1 or (array.ndim == 1 and array.shape != (len(inputs),)):
         raise ValueError(
-            f"Argument `limits` must be a number, or one for each of {', '.join(inputs)}, but its shape is {array.shape}."
+            f"Argument `limits` must be a number, or one for each of {', '.join(inputs)}, but its shape is "
+            f"{array.shape}."
         )
     if not is_traced(array) and not bool(np.all(np.asarray(array) >= 0)):
         raise ValueError(f"Argument `limits` must be 0 or positive, but it is {np.asarray(array).tolist()}.")
     return jnp.broadcast_to(array, (len(inputs),))
 
 
-def _whole(name: str, given: Any, least: int) -> int:
+def whole_number(name: str, given: Any, least: int) -> int:
+    """The number of samples that an argument gives.
+
+    **Raises:** ``TypeError`` for anything but a whole number, ``ValueError`` for one below ``least``.
+    """
     if isinstance(given, bool) or not isinstance(given, int | np.integer):
         raise refusal(name, "a whole number of samples", given)
     if given < least:

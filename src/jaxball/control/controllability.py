@@ -55,9 +55,10 @@ def _reduced(rows: Float[np.ndarray, "rows n"]) -> Float[np.ndarray, "rows n"]:
 
 
 def _in_words(row: Float[np.ndarray, " n"], names: Sequence[str]) -> str:
-    terms = [(value, name) for value, name in zip(row, names, strict=True) if abs(value) > ROUNDING * np.max(np.abs(row))]
-    words = ""
-    for value, name in terms:
+    words, largest = "", np.max(np.abs(row))
+    for value, name in zip(row, names, strict=True):
+        if abs(value) <= ROUNDING * largest:
+            continue
         size = "" if abs(abs(value) - 1) < ROUNDING else f"{abs(value):.4g} "
         sign = ("−" if value < 0 else "") if not words else (" − " if value < 0 else " + ")
         words += f"{sign}{size}{name}"

@@ -28,9 +28,7 @@ class AbstractFeedback(Printed):
         return ()
 
     @abc.abstractmethod
-    def __call__(
-        self, k: Int[Array, ""], state: PlacedState, memory: Any
-    ) -> tuple[Float[Array, " m"], Any]:
+    def __call__(self, k: Int[Array, ""], state: PlacedState, memory: Any) -> tuple[Float[Array, " m"], Any]:
         """δu of sample ``k`` at ``state``, before limits, and what it remembers of it."""
 
     def deviation(self, k: Int[Array, ""], state: PlacedState) -> Float[Array, " n"]:

@@ -36,7 +36,8 @@ class Place(NamedTuple):
     @property
     def name(self) -> str:
         """As in ``coordinates`` of a body."""
-        return f"masses[{self.index}]" if self.mechanism is None else f"mechanisms[{self.mechanism}].joints[{self.index}]"
+        on_mass = self.mechanism is None
+        return f"masses[{self.index}]" if on_mass else f"mechanisms[{self.mechanism}].joints[{self.index}]"
 
 
 def places_of(system: System, names: Sequence[str] | None) -> tuple[Place, ...]:
@@ -51,10 +52,10 @@ def places_of(system: System, names: Sequence[str] | None) -> tuple[Place, ...]:
     if names is None:
         chosen = tuple(place for place in known.values() if _is_moved(system, place))
         if not chosen:
-            there = f"name some of {', '.join(known)} in `inputs`" if known else "it has no joints, and no masses on rails"
+            remedy = f"name some of {', '.join(known)} in `inputs`" if known else "it has no joints or masses on rails"
             raise ValueError(
-                "Argument `run` must be a motion with inputs, masses or joints that schedules, laws or motors move, but "
-                f"nothing moves any; {there}."
+                "Argument `run` must be a motion with inputs, masses or joints that schedules, laws or motors move, "
+                f"but nothing moves any; {remedy}."
             )
         return chosen
     if isinstance(names, str) or not all(isinstance(name, str) for name in names):
@@ -67,11 +68,12 @@ def places_of(system: System, names: Sequence[str] | None) -> tuple[Place, ...]:
                 f"{did_you_mean(name, tuple(known), there)}"
             )
     if not names or len(set(names)) < len(names):
-        what = f"{[name for name in names if list(names).count(name) > 1][0]!r} occurs twice" if names else "it is empty"
+        twice = next((name for name in names if list(names).count(name) > 1), None)
+        what = f"{twice!r} occurs twice" if names else "it is empty"
         raise ValueError(f"Argument `inputs` must name one input or more, each once, but {what}.")
     chosen = tuple(known[name] for name in names)
     missing = [place.name for place in _places(system) if _is_driven(system, place) and place not in chosen]
-    if system.law is not None and 0 < len(missing):
+    if system.law is not None and missing:
         raise ValueError(
             "Argument `inputs` must name all that the feedback law drives, because inputs take its place, but it lacks "
             f"{', '.join(missing)}."
@@ -90,9 +92,7 @@ def with_inputs(system: System, places: Sequence[Place]) -> System:
 def _freed(system: System, places: Sequence[Place]) -> System:
     own = {place.index for place in places if place.mechanism is None}
     masses = [
-        PointMass(item.mass, Driven(item.motion.rail))
-        if index in own and isinstance(item.motion, OnRail)
-        else item
+        PointMass(item.mass, Driven(item.motion.rail)) if index in own and isinstance(item.motion, OnRail) else item
         for index, item in enumerate(system.point_masses)
     ]
     mechanisms = list(system.mechanisms)

@@ -97,8 +97,8 @@ def nominal_of(run: Trajectory[Any, Any], sampled: SampledSystem, samples: int) 
     the motion misses its next state by what is of third order in the sample. The run is solved again for this.
     """
     t0 = jnp.asarray(run.times[0], default_dtype())
-    shares = jnp.arange(samples, dtype=default_dtype())[:, None] + jnp.asarray([0.0, *GAUSS], default_dtype())
-    times = t0 + sampled.sample * jnp.append(jnp.ravel(shares), float(samples))
+    shares = np.append(np.arange(samples)[:, None] + np.array([[0.0, *GAUSS]]), samples)
+    times = t0 + sampled.sample * jnp.asarray(shares, default_dtype())
     start = jax.tree.map(lambda leaf: leaf[0], run.state)
     settings: dict[str, Any] = {"rtol": sampled.rtol, "atol": sampled.atol, "adjoint": diffrax.ForwardMode()}
     again = simulate(run.system, times, start, inside=False, **settings)

@@ -27,9 +27,7 @@ class Regulator(NamedTuple):
     P: Float[Array, "samples_and_end n_plus_one n_plus_one"]
 
 
-def regulator(
-    linear: Linear, W: Float[Array, "rows n_plus_m"], S: Float[Array, "n_plus_one n_plus_one"]
-) -> Regulator:
+def regulator(linear: Linear, W: Float[Array, "rows n_plus_m"], S: Float[Array, "n_plus_one n_plus_one"]) -> Regulator:
     """The regulator with the least Σ |W (ξ, δu)|² + |S (ξ, 1)|² at the end, for ξ⁺ = A ξ + B δu + c.
 
     ``WᵀW`` must be positive definite in δu. It can be differentiated in both modes.
@@ -55,7 +53,8 @@ def _homogeneous(linear: Linear) -> tuple[Array, Array]:
     """A and B of (ξ, 1)."""
     A, B, c = linear
     below = jnp.zeros_like(A[..., :1, :])
-    A = jnp.concatenate([jnp.concatenate([A, c[..., None]], axis=-1), jnp.concatenate([below, below[..., :1] + 1], -1)], -2)
+    last = jnp.concatenate([below, below[..., :1] + 1], axis=-1)
+    A = jnp.concatenate([jnp.concatenate([A, c[..., None]], axis=-1), last], axis=-2)
     return A, jnp.concatenate([B, jnp.zeros_like(B[..., :1, :])], axis=-2)
 
 

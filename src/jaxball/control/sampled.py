@@ -74,7 +74,8 @@ class SampledSystem(Printed):
           ``"masses[1]"``; by default all that a schedule, a law or a motor moves.
         - ``rtol``, ``atol``: tolerances of the solve of a sample.
 
-        **Raises:** ``ValueError`` for unknown names, and where there is nothing to set; ``TypeError`` for other systems.
+        **Raises:** ``ValueError`` for unknown names, and where there is nothing to set; ``TypeError`` for other
+        systems.
         """
         places = places_of(system, inputs)
         limits = (numbers(name)(x) for name, x in (("sample", sample), ("rtol", rtol), ("atol", atol)))

@@ -104,9 +104,9 @@ def tvlqr(
     ``track.directions``. The flow of each sample is linearised exactly, by differentiating its solve.
 
     What is to move the robot is an effort or an acceleration: see :class:`SampledSystem`. A joint with a schedule in
-    ``run`` becomes one with a motor, which in the motion has the effort of the run. After the end, the last state, input
-    and gain are held. Where deviations of a symmetry have weight 0, such as those of the place on a level plane, they
-    cost nothing and do not act on the inputs: the robot then holds its motion from wherever it is.
+    ``run`` becomes one with a motor, which in the motion has the effort of the run. After the end, the last state,
+    input and gain are held. Where deviations of a symmetry have weight 0, such as those of the place on a level plane,
+    they cost nothing and do not act on the inputs: the robot then holds its motion from wherever it is.
 
     For motions of any shape that are found by optimisation, see :mod:`jaxball.design.control`.
 
@@ -179,5 +179,6 @@ def _regulated(sampled: SampledSystem, nominal: NominalMotion, W: Array, S: Arra
 
 def linearised(sampled: SampledSystem, nominal: NominalMotion) -> Linear:
     """The linear flow of each sample along a motion."""
-    before, after = (jax.tree.map(lambda leaf, part=part: leaf[part], nominal.states) for part in (np.s_[:-1], np.s_[1:]))
+    before = jax.tree.map(lambda leaf: leaf[:-1], nominal.states)
+    after = jax.tree.map(lambda leaf: leaf[1:], nominal.states)
     return jax.lax.map(lambda at: sampled.linearised(*at), (nominal.times[:-1], before, nominal.u, after))

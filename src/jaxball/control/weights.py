@@ -16,8 +16,8 @@ ROUNDING = 1e-10  # of the largest eigenvalue, by which one may be negative
 def weight_matrix(name: str, given: Weights, names: Sequence[str]) -> Float[np.ndarray, "n n"]:
     """The symmetric matrix of weights for these ``names``.
 
-    ``given`` is one number for all, a row of numbers, a matrix, or a dictionary of numbers by name, where ``"z"`` stands
-    for ``"z[0]"`` and ``"z[1]"`` and what is not named has weight 0.
+    ``given`` is one number for all, a row of numbers, a matrix, or a dictionary of numbers by name, where ``"z"``
+    stands for ``"z[0]"`` and ``"z[1]"`` and what is not named has weight 0.
 
     **Raises:** ``TypeError`` for anything else, ``ValueError`` for another shape, unknown names, and a matrix that is
     not symmetric or has a negative eigenvalue.
@@ -71,5 +71,6 @@ def by_name(name: str, given: Mapping[str, Any], names: Sequence[str], other: fl
             raise ValueError(
                 f"Argument `{name}` must have names as keys, but one is {key!r}{did_you_mean(key, known, there)}"
             )
-        values[[own == key or own.partition("[")[0] == key for own in names]] = float(to_numpy(value, f"{name}[{key!r}]"))
+        named = [key in (own, own.partition("[")[0]) for own in names]
+        values[named] = float(to_numpy(value, f"{name}[{key!r}]"))
     return values

@@ -18,6 +18,12 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         poincare_section as poincare_section,
         stability_chart as stability_chart,
     )
+    from .control import (
+        basin_map as basin_map,
+        gains as gains,
+        held_inputs as held_inputs,
+        held_paths as held_paths,
+    )
     from .coordinates import (
         acceleration as acceleration,
         joint_angles as joint_angles,

@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...control.inputs import GivenAccelerations
 from ...numerics.arrays import Numbers
 from ...numerics.norms import room
 from ...physics.body import PointMass, System, with_integrated_angles
-from ...physics.feedback import AbstractLaw
 from ...physics.mechanisms import AbstractJointForce, Drive, JointForces, Motor
 from ...physics.motion import OnRail
 from ...physics.schedules import AbstractSchedule
@@ -24,15 +24,6 @@ from ..problem.space import DesignError
 from .problem import VIOLATION
 
 MOTOR_LIMITS = "motor-limits"
-
-
-class GivenAccelerations(AbstractLaw):
-    """θ̈ = u, given numbers."""
-
-    u: Float[Array, " driven"]
-
-    def __call__(self, t, state):
-        return self.u
 
 
 class MotorIndex(NamedTuple):

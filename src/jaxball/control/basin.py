@@ -1,0 +1,208 @@
+"""Which disturbed starts come back to a motion under feedback: closed loops in vector lanes, on all cores."""
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from .. import native
+from ..cpu import cores
+from ..grid import Grid, grid_of
+from ..interface.arguments import require
+from ..interface.printing import Printed
+from ..numerics import programs
+from ..numerics.arrays import Numbers, to_numpy
+from ..numerics.batches import even_size, in_threads, unpadded
+from ..physics.body import System
+from ..physics.contact import reaction
+from ..physics.force import AbstractWrench
+from .closed_loop import looped, plant_of, whole_number
+from .feedback import AbstractFeedback
+from .sampled import SampledSystem
+from .weights import Weights, weight_matrix
+
+if TYPE_CHECKING:
+    import xarray
+
+BLOCK = 512  # starts at a time, as of ensembles
+WITHIN = 0.05
+
+
+class Outcome(NamedTuple):
+    """How a closed loop ended: its deviation, and the extremes over its samples of what the plane had to give.
+
+    - ``xi``: at the end, shape (n,).
+    - ``least_normal_force``, ``friction_needed``: the least N, and the largest |f| / N.
+    """
+
+    xi: Float[np.ndarray | Array, "*starts n"]
+    least_normal_force: Float[np.ndarray | Array, "*starts"]
+    friction_needed: Float[np.ndarray | Array, "*starts"]
+
+
+class Basin(Printed):
+    """Which starts come back to a motion.
+
+    - ``starts``: their deviations in local coordinates, shape (runs, n).
+    - ``ends``: how each run ended.
+    - ``remaining``: √(ξ·Q ξ / tr Q) at the end, which a start that comes back has below ``within``.
+    - ``returned``: whether it comes back, without leaving the plane, and without slipping if ``friction`` was given.
+    - ``grid``: the two directions and their values, if the starts are of a grid.
+    - ``directions``: the names of the local coordinates.
+    """
+
+    starts: Float[np.ndarray, "runs n"]
+    ends: Outcome
+    remaining: Float[np.ndarray, " runs"]
+    returned: Bool[np.ndarray, " runs"]
+    within: float
+    grid: Grid | None
+    directions: tuple[str, ...] = eqx.field(static=True)
+
+    @property
+    def share(self) -> float:
+        """The share of starts that come back."""
+        return float(np.mean(self.returned))
+
+    def dataset(self) -> "xarray.Dataset":
+        """The map over both directions of a grid.
+
+        **Raises:** ``ValueError`` for starts that are not of a grid.
+        """
+        if self.grid is None:
+            raise ValueError(
+                "Argument `starts` must be a dictionary of two directions, each with a row of values, where a map is "
+                "needed, but it was an array."
+            )
+        variables = {
+            "returned": (self.returned, "whether the start comes back", ""),
+            "remaining": (self.remaining, "weighted deviation at the end", ""),
+            "least_normal_force": (self.ends.least_normal_force, "least normal force", "mass length/time²"),
+            "friction_needed": (self.ends.friction_needed, "largest |f| / N", ""),
+        }
+        return self.grid.dataset(variables, {"within": self.within})
+
+    def __repr__(self) -> str:
+        count = int(np.sum(self.returned))
+        return f"Basin: {count:,} of {len(self.returned):,} starts come back, {self.share:.1%}"
+
+
+def basin(
+    feedback: AbstractFeedback,
+    starts: Mapping[str, Numbers] | Numbers,
+    *,
+    Q: Weights = 1.0,
+    within: float = WITHIN,
+    friction: float | None = None,
+    system: System | None = None,
+    limits: Numbers | Mapping[str, Numbers] | None = None,
+    delay: int = 0,
+    push: AbstractWrench | None = None,
+    samples: int | None = None,
+    threads: int | None = None,
+) -> Basin:
+    """Simulates many disturbed starts under feedback, and says which come back to the motion.
+
+    **Arguments:**
+
+    - ``feedback``: such as a :class:`Track`.
+    - ``starts``: deviations from the start of the motion in local coordinates, shape (runs, n), or a dictionary of two
+      directions, each with a row of values, as in ``{"z[0]": [...], "Omega[1]": [...]}``, for every pair of them.
+    - ``Q``: the weights by which a deviation at the end is measured, as for :func:`tvlqr`; all 1 by default.
+    - ``within``: how small √(ξ·Q ξ / tr Q) must be at the end.
+    - ``friction``: a coefficient μ; if given, a start whose run needs |f| > μ N at a sample does not come back.
+    - ``system``, ``limits``, ``delay``, ``push``, ``samples``: as for :func:`closed_loop`.
+    - ``threads``: how many blocks of starts are computed at a time; by default the number of this process's cores.
+
+    **Raises:** ``ValueError`` for starts or directions that do not fit the motion; else as :func:`closed_loop`.
+
+    **Example:**
+
+    >>> import jax
+    >>> jax.config.update("jax_enable_x64", True)
+    >>> import numpy as np
+    >>> from jaxball import Disk, Motor, planar_pendulum, simulate
+    >>> from jaxball.control import basin, tvlqr
+    >>> robot = Disk(mass=1.0, inertia=0.5, mechanisms=[planar_pendulum(0.5, 0.6, drive=Motor(0.0, limit=0.05))])
+    >>> track = tvlqr(simulate(robot, [0.0, 10.0]), Q={"phi": 1.0, "theta": 1.0}, R=1.0)
+    >>> weak = basin(track, {"phi": np.linspace(-2.0, 2.0, 9), "phidot": np.linspace(-1.0, 1.0, 5)}, Q={"phi": 1.0})
+    >>> weak.returned.shape, 0.0 < weak.share < 1.0
+    ((45,), True)
+    """
+    require("feedback", feedback, AbstractFeedback, "a feedback, such as tvlqr(...) makes")
+    plant, names = plant_of(feedback, system, limits, push), feedback.nominal.state(0).directions
+    grid, xi = _starts(starts, names)
+    weights = weight_matrix("Q", Q, names)
+    count = feedback.nominal.samples if samples is None else whole_number("samples", samples, 1)
+    run = _compiled(feedback, plant, count, whole_number("delay", delay, 0))
+    threads = threads or cores()
+    # A block fills vectors, or else the compiler would use none.
+    fewest = native.FEWEST * native.LANES
+    block = max(fewest, min(BLOCK, even_size(len(xi), BLOCK, threads)))
+    ends = unpadded(in_threads(lambda batch: run(xi[batch]), len(xi), block, threads), len(xi))
+    with np.errstate(invalid="ignore"):
+        remaining = np.sqrt(np.einsum("ki,ij,kj->k", ends.xi, weights, ends.xi) / np.trace(weights))
+        returned = (remaining < within) & (ends.least_normal_force > 0)
+        if friction is not None:
+            returned &= ends.friction_needed <= friction
+    return Basin(xi, ends, remaining, returned, within, grid, names)
+
+
+def _starts(
+    given: Mapping[str, Numbers] | Numbers, names: tuple[str, ...]
+) -> tuple[Grid | None, Float[np.ndarray, "runs n"]]:
+    if not isinstance(given, Mapping):
+        xi = to_numpy(given, "starts")
+        if xi.ndim != 2 or xi.shape[1] != len(names) or not len(xi):
+            raise ValueError(
+                f"Argument `starts` must be of shape (runs, {len(names)}), a column for each of {', '.join(names)}, "
+                f"but its shape is {xi.shape}."
+            )
+        return None, xi
+    grid = grid_of(given)
+    for name in grid.names:
+        if name not in names:
+            raise ValueError(f"Argument `starts` must name two of {', '.join(names)}, but it names {name!r}.")
+    xi = np.zeros((len(grid.cells), len(names)))
+    xi[:, [names.index(name) for name in grid.names]] = grid.cells
+    return grid, xi
+
+
+def _compiled(
+    feedback: AbstractFeedback, plant: SampledSystem, samples: int, delay: int
+) -> Callable[[Float[np.ndarray, "block n"]], Outcome]:
+    """The outcomes of a block: natively one by one, which become lanes there, and side by side by XLA."""
+
+    def run(xi: Float[np.ndarray, "block n"]) -> Outcome:
+        given = feedback, plant, jnp.asarray(xi), samples, delay
+        natively = _one_by_one.natively(*given)
+        return _side_by_side(*given) if natively is None else natively()
+
+    return run
+
+
+def _outcome(feedback: AbstractFeedback, plant: SampledSystem, samples: int, delay: int, xi: Array) -> Outcome:
+    start = feedback.nominal.state(0).retract(xi)
+    times, states, u, _, deviations, _ = looped(feedback, plant, start, samples, delay)
+
+    def needed(t: Array, state: Any, u: Array) -> tuple[Array, Array]:
+        force = reaction(plant.held(u).prepare(), t, state)
+        return force.normal, force.ratio
+
+    before = jax.tree.map(lambda leaf: leaf[:-1], states)
+    normal, ratio = jax.lax.map(lambda at: needed(*at), (times[:-1], before, u))
+    return Outcome(deviations[-1], jnp.min(normal), jnp.max(ratio))
+
+
+@programs.filter_jit
+def _one_by_one(feedback: AbstractFeedback, plant: SampledSystem, xi: Array, samples: int, delay: int) -> Outcome:
+    return jax.lax.map(lambda one: _outcome(feedback, plant, samples, delay, one), xi)
+
+
+@programs.filter_jit
+def _side_by_side(feedback: AbstractFeedback, plant: SampledSystem, xi: Array, samples: int, delay: int) -> Outcome:
+    return jax.vmap(lambda one: _outcome(feedback, plant, samples, delay, one))(xi)

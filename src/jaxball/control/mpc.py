@@ -1,0 +1,228 @@
+"""Model predictive control along a motion: the best inputs over a horizon, within limits of motors and of friction."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ..interface.arguments import require
+from ..numerics import programs
+from ..numerics.arrays import Numbers, to_array
+from ..physics.observables import movement
+from ..physics.state import RotationState
+from .closed_loop import limits_of, whole_number
+from .feedback import AbstractFeedback
+from .predictive import Plan, Stages, solved
+from .sampled import PlacedState
+from .tvlqr import Track
+
+FACETS = 8  # of the pyramid within the friction cone
+PENALTY = 1e3
+
+
+class Limits(NamedTuple):
+    """What bounds ξ and δu of each sample: L G (ξ, δu) ≤ d, in units of each limit.
+
+    - ``G``: inputs that have limits, and the reaction of the plane over the weight, linearised, shape (N, q, n + m).
+    - ``L``: their combinations that are bounded, shape (p, q).
+    - ``d``: shape (N, p).
+    """
+
+    G: Float[Array, "samples q n_plus_m"]
+    L: Float[Array, "p q"]
+    d: Float[Array, "samples p"]
+
+
+class Memory(NamedTuple):
+    """What a predictive controller remembers: its last plan, and by how much each limit has been exceeded at most."""
+
+    plan: Plan
+    worst: Float[Array, " p"]
+
+
+class PredictiveControl(AbstractFeedback):
+    """Model predictive control along a motion, of :func:`mpc`.
+
+    - ``track``: the regulator, whose linear flow and weights it has, and whose cost-to-go is that beyond the horizon.
+    - ``limits``: the linearised limits of each sample.
+    - ``penalty``: the cost of exceeding a limit by its own size, per time.
+    - ``horizon``: the number of samples that it looks ahead.
+    - ``names``: of the limits.
+    """
+
+    track: Track
+    limits: Limits
+    penalty: Float[Array, ""]
+    horizon: int = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)
+
+    @property
+    def directions(self) -> tuple[str, ...]:
+        """The names of the local coordinates."""
+        return self.track.directions
+
+    def begin(self) -> Memory:
+        H, p, size = self.horizon, len(self.limits.L), self.limits.G.shape[-1]
+        zero = jnp.zeros((H, p), self.penalty.dtype)
+        plan = Plan(jnp.zeros((H, size), zero.dtype), zero, zero, jnp.asarray(0), jnp.asarray(True))
+        return Memory(plan, zero[0])
+
+    def __call__(self, k: Int[Array, ""], state: PlacedState, memory: Memory) -> tuple[Float[Array, " m"], Memory]:
+        plan = solved(self.stages(k), self.deviation(k, state), _shifted(memory.plan))
+        worst = jnp.maximum(memory.worst, plan.exceeded[0])
+        return plan.z[0, len(self.directions) :], Memory(plan, worst)
+
+    def stages(self, sample: Int[Array, ""]) -> Stages:
+        """The program of a sample. After the end of the motion, that of its last sample goes on."""
+        ahead = jnp.minimum(sample + jnp.arange(self.horizon), self.nominal.samples - 1)
+        end = jnp.minimum(sample + self.horizon, self.nominal.samples)
+        A, B, c, K, k = (part[ahead] for part in (*self.track.linear, *self.track.regulator[:2]))
+        M, P = self.track.W.T @ self.track.W, self.track.regulator.P[end]
+        G, L, d = self.limits
+        return Stages(A, B, c, K, k, M, P, G[ahead], L, d[ahead], self.sampled.sample * self.penalty)
+
+    def plan(self, k: int, state: PlacedState) -> Plan:
+        """The plan of sample ``k`` at ``state``, without one to start from."""
+        return _planned(self, jnp.asarray(whole_number("k", k, 0)), state)
+
+    def exceeded(self, plan: Plan) -> tuple[str, ...]:
+        """A sentence for each limit that a plan exceeds, because it cannot be kept: by how much, and how far ahead."""
+        beyond = np.asarray(plan.exceeded)
+        sentences = []
+        for row, name in enumerate(self.names):
+            if np.any(beyond[:, row]):
+                stage = int(np.argmax(beyond[:, row]))
+                ahead = stage * float(self.sampled.sample)
+                sentences.append(
+                    f"{name} cannot be kept: the plan exceeds it by {beyond[stage, row]:.3g} of it, {ahead:g} ahead."
+                )
+        return tuple(sentences)
+
+    def __repr__(self) -> str:
+        lines = [f"Predictive control of a {self.sampled.system.described()}"]
+        lines += [f"  {self.horizon} of {self.nominal.samples} samples ahead, limits: {', '.join(self.names)}"]
+        return "\n".join(lines)
+
+
+def mpc(
+    track: Track,
+    horizon: int,
+    *,
+    limits: Numbers | Mapping[str, Numbers] | None = None,
+    friction: Numbers | None = None,
+    penalty: Numbers = PENALTY,
+) -> PredictiveControl:
+    """Model predictive control along a motion, which foresees its limits.
+
+    At each sample it finds the inputs over a horizon that have the least cost of ``track`` along its linear flow, with
+    its cost-to-go beyond, among those within the limits; and applies the first. Where the regulator of ``track`` keeps
+    the limits, it is the same. It begins from its last plan. Limits that cannot be kept are exceeded as little as their
+    ``penalty`` makes best; :meth:`PredictiveControl.exceeded` names them.
+
+    Friction and normal force are linearised along the motion. The friction cone is replaced by a pyramid of eight sides
+    within it, in which the normal force is positive too.
+
+    **Arguments:**
+
+    - ``track``: what :func:`tvlqr` returns.
+    - ``horizon``: the number of samples ahead.
+    - ``limits``: the largest magnitude of each input: a number for all, a row, or numbers by name; by default those of
+      the motors.
+    - ``friction``: the coefficient μ of |f| ≤ μ N; if not given, only N ≥ 0 is required.
+    - ``penalty``: the cost, per time, of exceeding a limit by its own size, and the friction cone by the weight. It
+      must be more than keeping a limit costs, or limits that could be kept are exceeded.
+
+    **Raises:** ``ValueError`` for a horizon below 1, and for limits, friction or a penalty that are not positive or do
+    not fit; ``TypeError`` for anything but a :class:`Track`.
+
+    **Example:**
+
+    >>> import jax
+    >>> jax.config.update("jax_enable_x64", True)
+    >>> from jaxball import Disk, Motor, planar_pendulum, simulate
+    >>> from jaxball.control import closed_loop, mpc, tvlqr
+    >>> robot = Disk(mass=1.0, inertia=0.5, mechanisms=[planar_pendulum(0.5, 0.6, drive=Motor(0.0, limit=0.05))])
+    >>> track = tvlqr(simulate(robot, [0.0, 5.0]), Q={"phi": 1.0, "theta": 1.0}, R=1.0, sample=0.05)
+    >>> control = mpc(track, 20, friction=0.3)
+    >>> control.names
+    ('mechanisms[0].joints[0]', '-mechanisms[0].joints[0]', 'friction[0]', 'friction[1]')
+    >>> plan = control.plan(0, track.nominal.state(0).retract([0.3, 0.0, 0.0, 0.0, 0.0]))
+    >>> control.exceeded(plan), bool(abs(plan.z[0, -1]) <= 0.05 + 1e-9)
+    ((), True)
+    """
+    require("track", track, Track, "a Track, which tvlqr(...) makes")
+    ahead = whole_number("horizon", horizon, 1)
+    most = track.sampled.limits if limits is None else limits_of(track.sampled, limits)
+    mu = None if friction is None else _positive("friction", friction)
+    cost = _positive("penalty", penalty)
+    limited = tuple(np.flatnonzero(np.isfinite(np.asarray(most))).tolist())
+    rows = _limits(track, most, mu, limited)
+    inputs = [sign + track.inputs[i] for i in limited for sign in ("", "-")]
+    of_plane = ["normal force"] if mu is None else [f"friction[{j}]" for j in range(len(rows.L) - len(inputs))]
+    return PredictiveControl(track.sampled, track.nominal, track, rows, cost, ahead, (*inputs, *of_plane))
+
+
+def _positive(name: str, given: Numbers) -> Float[Array, ""]:
+    value = to_array(given, name)
+    if value.ndim or not float(value) > 0:
+        raise ValueError(f"Argument `{name}` must be a positive number, but it is {given}.")
+    return value
+
+
+def _bounded(track: Track, mu: Array | None, limited: tuple[int, ...]) -> Float[Array, "p q"]:
+    """L: both signs of each limited input, and the sides of the pyramid of friction; without friction, N alone.
+
+    G has the limited inputs, and then f and N over the weight. The sides, whose normals are in space axes, touch a cone
+    that is narrower, so that their edges lie on the friction cone; a disk, which moves along e1, has two.
+    """
+    sides = 2 if track.sampled.system.planar else FACETS
+    inner = 1.0 if sides == 2 else np.cos(np.pi / sides)
+    angles = 2 * np.pi * np.arange(sides) / sides
+    of_inputs = np.kron(np.eye(len(limited)), [[1.0], [-1.0]]).reshape(-1, len(limited))
+    normal = np.array([[0.0, 0.0, -1.0]])
+    cone = np.stack([np.cos(angles), np.sin(angles), np.zeros(sides)], axis=1)
+    of_plane = jnp.asarray(normal if mu is None else cone, track.W.dtype)
+    if mu is not None:
+        of_plane = of_plane.at[:, 2].set(-mu * inner)
+    above = jnp.asarray(np.pad(of_inputs, ((0, 0), (0, 3))), track.W.dtype)
+    return jnp.concatenate([above, jnp.pad(of_plane, ((0, 0), (len(limited), 0)))])
+
+
+@programs.filter_jit
+def _limits(track: Track, most: Array, mu: Array | None, limited: tuple[int, ...]) -> Limits:
+    """The limits of each sample, linearised."""
+    sampled, nominal, n = track.sampled, track.nominal, len(track.directions)
+    weight = sampled.system.total_mass * jnp.abs(sampled.system.gravity)
+    scale = jnp.where(most > 0, most, 1.0)
+    L, own = _bounded(track, mu, limited), np.asarray(limited, dtype=int)
+
+    def one(t: Array, state: PlacedState, u: Array) -> tuple[Array, Array]:
+        def bounded(v: Array) -> Array:
+            placed = state.retract(v[:n])
+            placed = placed.in_space() if isinstance(placed, RotationState) else placed
+            held = u + v[n:]
+            R = movement(sampled.held(held).prepare(), t, placed).R / weight
+            return jnp.concatenate([(held / scale)[own], R])
+
+        zero = jnp.zeros(n + u.size, u.dtype)
+        most_of_rows = jnp.append(jnp.repeat((most / scale)[own], 2), jnp.zeros(len(L) - 2 * len(own), u.dtype))
+        return jax.jacfwd(bounded)(zero), most_of_rows - L @ bounded(zero)
+
+    before = jax.tree.map(lambda leaf: leaf[:-1], nominal.states)
+    G, d = jax.lax.map(lambda at: one(*at), (nominal.times[:-1], before, nominal.u))
+    return Limits(G, L, d)
+
+
+@programs.filter_jit
+def _planned(control: PredictiveControl, k: Int[Array, ""], state: PlacedState) -> Plan:
+    return solved(control.stages(k), control.deviation(k, state))
+
+
+def _shifted(plan: Plan) -> Plan:
+    """A plan from its second stage on, with the last stage twice."""
+    on: Any = jax.tree.map(lambda leaf: jnp.concatenate([leaf[1:], leaf[-1:]]), (plan.z, plan.multipliers))
+    return plan._replace(z=on[0], multipliers=on[1])

@@ -1,0 +1,235 @@
+"""The quadratic program of a linear system over a horizon, solved by an interior-point method stage by stage.
+
+It is the elastic program, which always has a solution: each limit L G (ξ, δu) ≤ d may be exceeded by s ≥ 0 at the cost
+``penalty`` s. Where the limits can be kept and the penalty exceeds their multipliers, nothing is exceeded. Steps are
+those of Mehrotra's predictor and corrector; each is a linear quadratic regulator, whose recursion takes a time in
+proportion to the horizon. Sources: Mehrotra, *SIAM J. Optim.* 2 (1992) 575; Rao, Wright & Rawlings, *J. Optim. Theory
+Appl.* 99 (1998) 723.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..numerics.linear import inverses
+
+MOST_ITERATIONS = 40
+TO_BOUNDARY = 0.995  # the share of the way to the nearest bound that a step may go
+CLOSED = 1e-9  # of the cost, below which the gap between the program and its dual counts as closed
+SLACK = 0.1  # at the start, in units of limits, beyond what is exceeded there
+CENTRED = 1.0  # of the cost: the sum of the products of slacks and multipliers at the start
+EXCEEDED = 1e-6  # in units of a limit, above which it counts as exceeded
+
+
+class Stages(NamedTuple):
+    """The stages of a program, H of them along the first axis.
+
+    - ``A``, ``B``, ``c``: the flow, ξ⁺ = A ξ + B δu + c.
+    - ``K``, ``k``: the regulator δu = −K ξ − k that has the least cost without limits.
+    - ``M``: the cost of a stage is (ξ, δu)·M (ξ, δu), shape (n + m, n + m).
+    - ``end``: the cost at the end is (ξ, 1)·end (ξ, 1).
+    - ``G``, ``L``, ``d``: the limits of a stage, L G (ξ, δu) ≤ d, where G has few rows and L is that of all stages.
+    - ``penalty``: of exceeding a limit by 1.
+    """
+
+    A: Float[Array, "H n n"]
+    B: Float[Array, "H n m"]
+    c: Float[Array, "H n"]
+    K: Float[Array, "H m n"]
+    k: Float[Array, "H m"]
+    M: Float[Array, "n_plus_m n_plus_m"]
+    end: Float[Array, "n_plus_one n_plus_one"]
+    G: Float[Array, "H q n_plus_m"]
+    L: Float[Array, "p q"]
+    d: Float[Array, "H p"]
+    penalty: Float[Array, ""]
+
+    @property
+    def n(self) -> int:
+        """The number of deviations."""
+        return self.A.shape[-1]
+
+    def after(self, z: Float[Array, "H n_plus_m"]) -> Float[Array, " n"]:
+        """ξ at the end."""
+        return self.A[-1] @ z[-1, : self.n] + self.B[-1] @ z[-1, self.n :] + self.c[-1]
+
+    def rows(self, z: Float[Array, "H n_plus_m"]) -> Float[Array, "H p"]:
+        """L G (ξ, δu)."""
+        return jnp.sum(self.G * z[:, None], axis=-1) @ self.L.T
+
+    def pulled(self, multipliers: Float[Array, "H p"]) -> Float[Array, "H n_plus_m"]:
+        """Gᵀ Lᵀ λ."""
+        return jnp.sum(self.G * (multipliers @ self.L)[..., None], axis=1)
+
+    def beyond(self, z: Float[Array, "H n_plus_m"]) -> Float[Array, "H p"]:
+        """L G (ξ, δu) − d."""
+        return self.rows(z) - self.d
+
+    def followed(self, plan: Float[Array, "H n_plus_m"] | None, xi: Float[Array, " n"]) -> Float[Array, "H n_plus_m"]:
+        """(ξ, δu) along the flow from ``xi``: of the regulator, or of a plan with what the regulator adds to it."""
+        n = self.n
+
+        def onward(xi: Array, at: Any) -> Any:
+            A, B, c, K, k, planned = at
+            u = -K @ xi - k if plan is None else planned[n:] - K @ (xi - planned[:n])
+            return A @ xi + B @ u + c, jnp.concatenate([xi, u])
+
+        return jax.lax.scan(onward, xi, (self.A, self.B, self.c, self.K, self.k, self.K if plan is None else plan))[1]
+
+    def cost(self, z: Float[Array, "H n_plus_m"]) -> Float[Array, ""]:
+        """The cost, without that of exceeding limits."""
+        end = jnp.append(self.after(z), 1.0)
+        return jnp.sum((z @ self.M) * z) + end @ self.end @ end
+
+    def gradient(self, z: Float[Array, "H n_plus_m"]) -> tuple[Float[Array, "H n_plus_m"], Float[Array, " n"]]:
+        """The gradient of the cost of each stage, and of that at the end."""
+        n = self.n
+        return 2 * z @ self.M, 2 * (self.end[:n, :n] @ self.after(z) + self.end[:n, n])
+
+
+class Plan(NamedTuple):
+    """The solution of a program.
+
+    - ``z``: (ξ, δu) of each stage.
+    - ``multipliers``: of the limits, from 0 to the penalty.
+    - ``exceeded``: by how much each limit is; 0 where it is kept.
+    - ``iterations``: how many; 0 where the regulator without limits keeps them.
+    - ``closed``: whether the gap between the program and its dual is.
+    """
+
+    z: Float[Array, "H n_plus_m"]
+    multipliers: Float[Array, "H p"]
+    exceeded: Float[Array, "H p"]
+    iterations: Int[Array, ""]
+    closed: Bool[Array, ""]
+
+
+class _Point(NamedTuple):
+    """A point of the interior: each limit has the slack t = d − L G z + s > 0 and is exceeded by s > 0.
+
+    Their multipliers λ and ν add up to the penalty.
+    """
+
+    z: Float[Array, "H n_plus_m"]
+    t: Float[Array, "H p"]
+    s: Float[Array, "H p"]
+    λ: Float[Array, "H p"]
+    ν: Float[Array, "H p"]
+
+    @property
+    def gap(self) -> Float[Array, ""]:
+        """λ·t + ν·s."""
+        return jnp.sum(self.λ * self.t) + jnp.sum(self.ν * self.s)
+
+
+def solved(stages: Stages, xi: Float[Array, " n"], guess: Plan | None = None) -> Plan:
+    """The plan from the deviation ``xi``; ``guess`` is one near it, such as the last one, shifted by a stage."""
+    unlimited = stages.followed(None, xi)
+    kept = jnp.max(stages.beyond(unlimited)) <= 0
+    z = unlimited if guess is None else stages.followed(guess.z, xi)
+    cost = stages.cost(unlimited)
+    point = _inside(stages, z, CENTRED * cost / stages.d.size, 0.0 if guess is None else guess.multipliers)
+
+    def unfinished(carry: Any) -> Bool[Array, ""]:
+        point, count = carry
+        return ~kept & (point.gap > CLOSED * cost) & (count < MOST_ITERATIONS)
+
+    def step(carry: Any) -> Any:
+        point, count = carry
+        return _advanced(stages, point), count + 1
+
+    point, count = jax.lax.while_loop(unfinished, step, (point, jnp.asarray(0)))
+    z = jnp.where(kept, unlimited, point.z)
+    beyond = stages.beyond(z)
+    exceeded = jnp.where(beyond > EXCEEDED, beyond, 0.0)
+    return Plan(z, jnp.where(kept, 0.0, point.λ), exceeded, count, kept | (point.gap <= CLOSED * cost))
+
+
+def _inside(stages: Stages, z: Array, product: Array, multipliers: Array | float) -> _Point:
+    """A point of the interior at z, with multipliers near those given, whose products with slacks are no less than
+    ``product``, as far as the penalty allows.
+    """
+    beyond = stages.beyond(z)
+    s = jnp.maximum(beyond, 0.0) + SLACK
+    t = s - beyond
+    λ = jnp.minimum(jnp.maximum(multipliers, product / t), 0.5 * stages.penalty)
+    return _Point(z, t, s, λ, stages.penalty - λ)
+
+
+class _Factors(NamedTuple):
+    """What the regulator of a step keeps: its gains, (R + Bᵀ P B)⁻¹, A − B K, and P at the end of the stage."""
+
+    K: Float[Array, "H m n"]
+    inverse: Float[Array, "H m m"]
+    closed: Float[Array, "H n n"]
+    P: Float[Array, "H n n"]
+
+
+def _factored(stages: Stages, weights: Float[Array, "H p"]) -> _Factors:
+    """The recursion for the quadratic cost ½ z·(2 M + Gᵀ Lᵀ diag(weights) L G) z."""
+    n = stages.n
+    within = jnp.sum(stages.L[None, :, :, None] * (weights[..., None] * stages.L[None])[:, :, None], axis=1)
+
+    def step(P: Array, at: Any) -> Any:
+        A, B, G, within = at
+        hessian = 2 * stages.M + G.T @ (within @ G)
+        PA, PB = P @ A, P @ B
+        mixed = hessian[n:, :n] + B.T @ PA
+        inverse = inverses((hessian[n:, n:] + B.T @ PB)[None])[0]
+        K = inverse @ mixed
+        before = hessian[:n, :n] + A.T @ PA - mixed.T @ K
+        return 0.5 * (before + before.T), _Factors(K, inverse, A - B @ K, P)
+
+    return jax.lax.scan(step, 2 * stages.end[:n, :n], (stages.A, stages.B, stages.G, within), reverse=True)[1]
+
+
+def _solved(stages: Stages, factors: _Factors, gradient: tuple[Array, Array]) -> Array:
+    """The change of z with the least of the cost that was factored, with these gradients, where ξ at first is fixed."""
+    n, (of_stages, of_end) = stages.n, gradient
+
+    def back(p: Array, at: Any) -> Any:
+        factors, B, g = at
+        k = factors.inverse @ (g[n:] + B.T @ p)
+        return g[:n] - factors.K.T @ g[n:] + factors.closed.T @ p, k
+
+    def onward(xi: Array, at: Any) -> Any:
+        factors, B, k = at
+        return factors.closed @ xi - B @ k, jnp.concatenate([xi, -factors.K @ xi - k])
+
+    k = jax.lax.scan(back, of_end, (factors, stages.B, of_stages), reverse=True)[1]
+    return jax.lax.scan(onward, jnp.zeros_like(of_end), (factors, stages.B, k))[1]
+
+
+def _advanced(stages: Stages, point: _Point) -> _Point:
+    """The point after a step: one towards the solution, and one that corrects it to second order, from one factor."""
+    z, t, s, λ, ν = point
+    D = 1 / (t / λ + s / ν)
+    factors = _factored(stages, D)
+    of_stages, of_end = stages.gradient(z)
+
+    def direction(r1: Array, r2: Array) -> _Point:
+        """The change that makes λ t and ν s what these residuals ask for, to first order."""
+        b = r1 / λ - r2 / ν
+        dz = _solved(stages, factors, (of_stages + stages.pulled(λ + D * b), of_end))
+        dλ = D * (stages.rows(dz) + b)
+        return _Point(dz, (r1 - t * dλ) / λ, (r2 + s * dλ) / ν, dλ, -dλ)
+
+    affine = direction(-t * λ, -s * ν)
+    target = (_moved(point, affine, _longest(point, affine)).gap / point.gap) ** 3 * point.gap / (2 * t.size)
+    step = direction(target - t * λ - affine.t * affine.λ, target - s * ν - affine.s * affine.ν)
+    return _moved(point, step, jnp.minimum(TO_BOUNDARY * _longest(point, step), 1.0))
+
+
+def _moved(point: _Point, step: _Point, length: Array) -> _Point:
+    return jax.tree.map(lambda x, dx: x + length * dx, point, step)
+
+
+def _longest(point: _Point, step: _Point) -> Float[Array, ""]:
+    """The longest step that leaves slacks and multipliers positive, at most 1 / ``TO_BOUNDARY``."""
+    shares = [
+        jnp.min(jnp.where(dx < 0, -x / jnp.where(dx < 0, dx, -1.0), jnp.inf))
+        for x, dx in zip(point[1:], step[1:], strict=True)
+    ]
+    return jnp.minimum(jnp.min(jnp.stack(shares)), 1 / TO_BOUNDARY)

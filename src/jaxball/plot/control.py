@@ -1,0 +1,136 @@
+"""Figures of feedback: gains over time, motions that are held or lost, and which starts come back."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.patches import Patch
+
+from ..control import Basin, ClosedLoop, Track
+from ..interface.arguments import require
+from ..physics.body import Disk
+from .over_time import Series, over_time
+from .palette import COMPONENTS, DASHED, FAINT, INK, MASSES
+from .style import SMALL, SQUARE, ends, legend_above, linestyle, named, plane_axes
+
+COLOURS = (*COMPONENTS, *MASSES)
+RETURNED = COMPONENTS[0]
+
+
+def gains(track: Track, name: str | None = None, ax: Axes | None = None) -> Axes:
+    """The gains of one input over time, one line for each local coordinate whose gain is not 0 throughout.
+
+    **Arguments:**
+
+    - ``track``: what :func:`jaxball.control.tvlqr` returns.
+    - ``name``: that of the input; the first if not given.
+
+    **Raises:** ``ValueError`` for an unknown input, and when ``ax`` is three-dimensional.
+    """
+    require("track", track, Track, "what jaxball.control.tvlqr returns")
+    name = track.inputs[0] if name is None else name
+    if name not in track.inputs:
+        raise ValueError(f"Argument `name` must be one of {', '.join(track.inputs)}, but it is {name!r}.")
+    K = np.asarray(track.gains)[:, track.inputs.index(name)]
+    shown = [k for k in range(K.shape[1]) if np.any(np.abs(K[:, k]) > 1e-9 * np.max(np.abs(K)))]
+    series = [Series(K[:, k], track.directions[k], COLOURS[j % len(COLOURS)]) for j, k in enumerate(shown)]
+    return over_time(track.sampled.system, np.asarray(track.times), series, f"gain of {name}", ax, most=4)
+
+
+def held_paths(loops: Mapping[str, ClosedLoop], ax: Axes | None = None) -> Axes:
+    """The paths of the centre under feedback, or without, and that of the motion, dashed; a disk's place over time.
+
+    **Arguments:**
+
+    - ``loops``: what :func:`jaxball.control.closed_loop` returns, by the labels of their lines. All are of one motion.
+
+    **Raises:** ``TypeError`` for anything but closed loops, ``ValueError`` for none, and when ``ax`` is
+    three-dimensional.
+    """
+    require("loops", loops, Mapping, "a dictionary of closed loops by their labels")
+    if not loops:
+        raise ValueError("Argument `loops` must have one closed loop or more, but it is empty.")
+    for label, loop in loops.items():
+        require(f"loops[{label!r}]", loop, ClosedLoop, "what jaxball.control.closed_loop returns")
+    first = next(iter(loops.values()))
+    nominal, system = first.feedback.nominal, first.plant.system
+    if isinstance(system, Disk):
+        series = [
+            Series(np.asarray(loop.states.z), label, COLOURS[k % len(COLOURS)])
+            for k, (label, loop) in enumerate(loops.items())
+        ]
+        motion = Series(_extended(np.asarray(nominal.states.z), len(first.times)), "motion", INK, DASHED)
+        return over_time(system, np.asarray(first.times), [*series, motion], "$z$", ax)
+    ax = plane_axes(ax, SQUARE, system)
+    for k, (label, loop) in enumerate(loops.items()):
+        colour, path = COLOURS[k % len(COLOURS)], np.asarray(loop.states.z)
+        ax.plot(*path.T, color=colour, linewidth=1.2, label=label)
+        ends(ax, path, colour, zorder=3)
+    ax.plot(*np.asarray(nominal.states.z).T, color=INK, linewidth=1.0, linestyle=linestyle(DASHED), label="motion")
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.margins(0.08)
+    named(ax, "$z_1$", "$z_2$")
+    legend_above(ax)
+    return ax
+
+
+def held_inputs(loops: Mapping[str, ClosedLoop], name: str | None = None, ax: Axes | None = None) -> Axes:
+    """One input over time in closed loops, in steps, with its limits as lines.
+
+    **Arguments:**
+
+    - ``loops``: as for :func:`held_paths`.
+    - ``name``: that of the input; the first if not given.
+
+    **Raises:** as :func:`held_paths`, and ``ValueError`` for an unknown input.
+    """
+    require("loops", loops, Mapping, "a dictionary of closed loops by their labels")
+    ax = plane_axes(ax)
+    limits: list[float] = []
+    for k, (label, loop) in enumerate(loops.items()):
+        require(f"loops[{label!r}]", loop, ClosedLoop, "what jaxball.control.closed_loop returns")
+        inputs = loop.plant.inputs
+        name = inputs[0] if name is None else name
+        if name not in inputs:
+            raise ValueError(f"Argument `name` must be one of {', '.join(inputs)}, but it is {name!r}.")
+        own = inputs.index(name)
+        limits.append(float(loop.plant.limits[own]))
+        values = np.asarray(loop.u)[:, own]
+        colour = COLOURS[k % len(COLOURS)]
+        ax.stairs(values, np.asarray(loop.times), baseline=None, color=colour, linewidth=1.0, label=label)
+    for limit in {limit for limit in limits if np.isfinite(limit)}:
+        for sign in (1, -1):
+            ax.axhline(sign * limit, color="0.6", linewidth=0.6, zorder=0)
+    ax.margins(x=0)
+    named(ax, "$t$", name or "")
+    legend_above(ax)
+    return ax
+
+
+def basin_map(basin: Basin, ax: Axes | None = None) -> Axes:
+    """Which starts of a grid come back, in colour; its first direction is on the vertical axis.
+
+    **Arguments:**
+
+    - ``basin``: what :func:`jaxball.control.basin` returns for two directions.
+
+    **Raises:** ``ValueError`` for starts that are not of a grid, and when ``ax`` is three-dimensional.
+    """
+    require("basin", basin, Basin, "what jaxball.control.basin returns")
+    returned = basin.dataset()["returned"]
+    ax = plane_axes(ax, SQUARE)
+    first, second = map(str, returned.dims)
+    colours = ListedColormap([FAINT, RETURNED])
+    values = returned.values.astype(float)
+    ax.pcolormesh(returned[second], returned[first], values, cmap=colours, vmin=0.0, vmax=1.0, rasterized=True)
+    keys = [Patch(color=RETURNED, label="comes back"), Patch(color=FAINT, label="does not")]
+    ax.legend(handles=keys, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False, prop=SMALL)
+    named(ax, second, first)
+    return ax
+
+
+def _extended(values: Float[np.ndarray, " n"], count: int) -> Float[np.ndarray, " count"]:
+    """The first of the values, and the last of them again where there are too few."""
+    return np.append(values, np.full(max(count - len(values), 0), values[-1]))[:count]

@@ -1,0 +1,144 @@
+"""Closed loops against the same inputs solved in one run, against linear recursions, and against differences."""
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxball
+from jaxball.control import Feedforward, Push, basin, closed_loop, tvlqr
+from tests.control import robots
+
+H = 0.05
+WEIGHTS = {"phi": 1.0, "theta": 1.0}
+
+
+@pytest.fixture(scope="module")
+def track():
+    """A disk that its pendulum holds at rest."""
+    run = jaxball.simulate(robots.with_pendulum(jaxball.Motor(0.0, limit=0.15)), [0.0, 4.0])
+    return tvlqr(run, Q=WEIGHTS, R=1.0, sample=H)
+
+
+START = {"phi": 0.3, "thetadot": -0.2}
+
+
+def test_a_closed_loop_is_the_run_with_its_inputs(track):
+    """Both solve with tolerances of 1e-10, over 80 samples or at once; the push ends within samples."""
+    push = Push((0.2, 0.0, 0.0), start=1.02, duration=0.31)
+    loop = closed_loop(track, START, push=push)
+    again = jaxball.simulate(loop.run.system, loop.times, loop.run.start)
+    for name in ("phi", "phidot", "z", "theta", "thetadot"):
+        np.testing.assert_allclose(getattr(again.state, name), getattr(loop.states, name), rtol=0, atol=1e-8)
+    assert loop.ok
+    assert loop.run.ok
+    efforts = loop.run.observables.joint_efforts[:-1, 0]
+    np.testing.assert_allclose(efforts, loop.u[:, 0], rtol=0, atol=1e-12)
+
+
+def test_inputs_are_limited_and_late(track):
+    """Feedback of sample k acts at sample k + 2, and the sum with the motion's own input is within the limit."""
+    loop = closed_loop(track, START, delay=2)
+    np.testing.assert_array_equal(loop.du[:2], 0)
+    wanted = [-track.gains[k] @ loop.xi[k] - track.regulator.k[k] for k in range(track.nominal.samples - 2)]
+    expected = np.clip(track.nominal.u[2:] + np.stack(wanted), -0.15, 0.15)
+    np.testing.assert_allclose(loop.u[2:], expected, rtol=0, atol=1e-12)
+    assert float(jnp.max(jnp.abs(loop.u))) == 0.15
+    assert bool(loop.saturated.any())
+
+
+def test_after_the_end_the_last_state_is_held(track):
+    loop = closed_loop(track, START, samples=300)
+    assert float(loop.times[-1]) == pytest.approx(300 * H)
+    np.testing.assert_allclose(loop.xi[-1, [0, 3]], 0, atol=1e-3)
+
+
+def test_without_feedback_nothing_is_added(track):
+    loop = closed_loop(Feedforward(track.sampled, track.nominal), START)
+    np.testing.assert_array_equal(loop.du, 0)
+    assert float(jnp.max(jnp.abs(loop.xi[-20:, 0]))) > 0.1
+
+
+def test_a_robot_with_other_parameters_comes_back_too(track):
+    heavier = robots.with_pendulum(jaxball.Motor(0.0), mass=1.2 * robots.MASS)
+    loop = closed_loop(track, START, system=heavier, samples=300)
+    assert float(loop.plant.system.mass) == pytest.approx(1.2 * robots.MASS)
+    np.testing.assert_allclose(loop.xi[-1, [0, 3]], 0, atol=1e-3)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("mode", ["reverse", "forward"])
+def test_gradients_of_the_cost_are_those_of_differences(track, mode):
+    """By all gains along a direction, and by the mass. Limits are off, at which the cost has kinks.
+
+    Central differences with steps of 1e-4 of sizes 1 have errors of 1e-8, relative to derivatives of size 0.01 to 1.
+    """
+    adjoint = diffrax.RecursiveCheckpointAdjoint() if mode == "reverse" else diffrax.ForwardMode()
+    along = jnp.asarray(np.random.default_rng(0).normal(size=track.gains.shape))
+
+    def cost(by):
+        changed = eqx.tree_at(lambda f: f.regulator.K, track, track.gains + by[0] * along)
+        system = robots.with_pendulum(jaxball.Motor(0.0), mass=robots.MASS + by[1])
+        loop = closed_loop(changed, START, system=system, limits=1e3, samples=20, adjoint=adjoint)
+        return track.cost(loop.xi, loop.du)
+
+    derivative = jax.grad if mode == "reverse" else jax.jacfwd
+    found = jaxball.jit(derivative(cost))(jnp.zeros(2))
+    compiled = jaxball.jit(cost)
+    steps = 1e-4 * jnp.eye(2)
+    expected = [(float(compiled(e)) - float(compiled(-e))) / 2e-4 for e in steps]
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-8)
+
+
+def test_a_basin_is_that_of_single_closed_loops(track):
+    """Lanes round differently, which the closed loop damps: ends agree to its tolerance."""
+    grid = {"phi": np.linspace(-3.0, 3.0, 5), "phidot": np.linspace(-1.5, 1.5, 4)}
+    found = basin(track, grid, Q={"phi": 1.0}, within=0.2, delay=1)
+    assert 0 < found.share < 1
+    for k in (0, 9, 13):
+        loop = closed_loop(track, found.starts[k], delay=1)
+        np.testing.assert_allclose(found.ends.xi[k], loop.xi[-1], rtol=0, atol=1e-7)
+        assert bool(found.returned[k]) == (abs(float(loop.xi[-1, 0])) < 0.2)
+        seen = loop.run.observables
+        assert float(found.ends.friction_needed[k]) == pytest.approx(float(seen.friction_ratio[:-1].max()), abs=1e-7)
+        assert float(found.ends.least_normal_force[k]) == pytest.approx(float(seen.normal_force[:-1].min()), abs=1e-7)
+    data = found.dataset()
+    assert data["returned"].dims == ("phi", "phidot")
+    np.testing.assert_array_equal(data["returned"].values.ravel(), found.returned)
+    strict = basin(track, grid, Q={"phi": 1.0}, within=0.2, delay=1, friction=0.05)
+    np.testing.assert_array_equal(strict.returned, found.returned & (found.ends.friction_needed <= 0.05))
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"start": {"psi": 1.0}}, "Argument `start` must have names as keys, but one is 'psi'"),
+        ({"start": [1.0, 2.0]}, "must be a state, or 5 local coordinates, phi, phidot, z"),
+        ({"limits": [1.0, 2.0]}, "Argument `limits` must be a number, or one for each of mechanisms"),
+        ({"limits": -1.0}, "Argument `limits` must be 0 or positive, but it is -1"),
+        ({"delay": -1}, "Argument `delay` must be 0 or more, but it is -1"),
+        ({"samples": 0}, "Argument `samples` must be 1 or more, but it is 0"),
+        ({"system": robots.with_wheel()}, None),
+    ],
+)
+def test_bad_input_gets_a_sentence(track, options, sentence):
+    if sentence is None:  # a robot of the same coordinates is another robot, and no error
+        assert closed_loop(track, **options).plant.system.n_masses == 0
+        return
+    with pytest.raises(ValueError, match=sentence):
+        closed_loop(track, **options)
+
+
+def test_a_robot_with_other_coordinates_is_refused(track):
+    two = [jaxball.double_pendulum((0.3, 0.2), (0.3, 0.2), drives=(jaxball.Motor(0.0), None))]
+    with pytest.raises(ValueError, match="must be a disk whose state holds mechanisms"):
+        closed_loop(track, system=jaxball.Disk(mass=1.0, inertia=0.5, mechanisms=two))
+
+
+def test_starts_of_other_shapes_are_refused(track):
+    with pytest.raises(ValueError, match=r"must be of shape \(runs, 5\), a column for each of phi"):
+        basin(track, np.zeros((3, 4)))
+    with pytest.raises(ValueError, match="must name two of phi"):
+        basin(track, {"phi": [0.0], "x": [0.0]})

@@ -1,0 +1,168 @@
+"""Predictive control with active limits, against SciPy's solutions of the same quadratic program, written out."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import LinearConstraint, minimize
+
+import jaxball
+from jaxball.control import closed_loop, mpc, tvlqr
+from jaxball.physics.observables import observe
+from tests.control import robots
+
+H, HORIZON = 0.1, 8
+
+
+@pytest.fixture(scope="module")
+def track():
+    """A ball that its pendulum drives along a bend."""
+    times = np.linspace(0.0, 1.5, 5)
+    drives = (jaxball.Waypoints(times, [0.0, 0.3, -0.2, 0.1, 0.0]), jaxball.Waypoints(times, [0.0, 0.1, 0.2, 0.1, 0.0]))
+    start = jaxball.BallState(Omega=(0.0, 0.5, 0.0))
+    run = jaxball.simulate(robots.ball_with_pendulum(drives), [0.0, 1.0], start)
+    return tvlqr(run, Q={"z": 2.0, "Omega": 0.2, "theta": 1.0}, R=0.05, sample=H)
+
+
+def written_out(control, xi):
+    """The program in the inputs alone: a quadratic form, a gradient, a constant, and rows and bounds of limits."""
+    A, B, c, _, _, M, end, G, L, d, _ = (np.asarray(part) for part in control.stages(jnp.asarray(0)))
+    n, m = B.shape[1:]
+    size = HORIZON * m + 1  # (inputs, 1)
+    state, form = np.zeros((n, size)), np.zeros((size, size))
+    state[:, -1] = xi
+    rows, bounds = [], []
+    for j in range(HORIZON):
+        z = np.concatenate([state, np.eye(size)[j * m : (j + 1) * m]])
+        form += z.T @ M @ z
+        rows.append(L @ G[j] @ z)
+        bounds.append(d[j])
+        state = A[j] @ state + B[j] @ z[n:]
+        state[:, -1] += c[j]
+    last = np.concatenate([state, np.eye(size)[-1:]])
+    form += last.T @ end @ last
+    rows = np.concatenate(rows)
+    return form, rows[:, :-1], np.concatenate(bounds) - rows[:, -1]
+
+
+def by_scipy(form, rows, bounds, slacks=0, penalty=0.0):
+    """The least of the form within the bounds, which slacks may relax at a penalty."""
+    n = rows.shape[1]
+    Q, q = form[:n, :n], form[:n, n]
+
+    def cost(x):
+        return x[:n] @ Q @ x[:n] + 2 * q @ x[:n] + penalty * x[n:].sum()
+
+    def slope(x):
+        return np.concatenate([2 * Q @ x[:n] + 2 * q, np.full(slacks, penalty)])
+
+    own = np.block([[rows, -np.eye(len(rows))[:, :slacks]], [np.zeros((slacks, n)), -np.eye(slacks)]])
+    most = np.append(bounds, np.zeros(slacks))
+    start = np.append(np.zeros(n), np.maximum(-bounds, 0.0)[:slacks] + 1.0 if slacks else [])
+    within = LinearConstraint(own, ub=most)
+    hessian = np.zeros((n + slacks, n + slacks))
+    hessian[:n, :n] = 2 * Q
+    options = {"gtol": 1e-10, "xtol": 1e-12, "barrier_tol": 1e-11, "maxiter": 3000}
+    derivatives = {"jac": slope, "hess": lambda x: hessian}
+    found = minimize(cost, start, method="trust-constr", constraints=within, options=options, **derivatives)
+    return found.x[:n], found.fun + form[n, n]
+
+
+XI = np.zeros(12)
+XI[[3, 6]] = 0.3
+
+
+@pytest.mark.parametrize(("limit", "friction"), [(0.5, None), (10.0, 0.03), (0.6, 0.04)], ids=str)
+def test_the_plan_is_the_solution_of_the_program_with_active_limits(track, limit, friction):
+    """SciPy's barrier is as good as 1e-5 of inputs; costs, which are flat at the least, agree to 1e-8."""
+    control = mpc(track, HORIZON, limits=limit, friction=friction)
+    plan = control.plan(0, track.nominal.state(0).retract(jnp.asarray(XI)))
+    assert bool(plan.closed)
+    assert int(plan.iterations) > 0
+    assert not control.exceeded(plan)
+    form, rows, bounds = written_out(control, XI)
+    inputs, least = by_scipy(form, rows, bounds)
+    ours = np.append(np.asarray(plan.z[:, 12:]).ravel(), 1.0)
+    assert np.min(bounds - rows @ ours[:-1]) < 1e-6
+    assert ours @ form @ ours == pytest.approx(least, rel=1e-6)
+    np.testing.assert_allclose(ours[:-1], inputs, rtol=0, atol=2e-3)
+
+
+def test_the_optimality_conditions_hold(track):
+    """Karush, Kuhn and Tucker's: the gradient is that of the limits, multipliers are positive, and 0 inside them.
+
+    The gap between the program and its dual is closed to 1e-9 of the cost.
+    """
+    control = mpc(track, HORIZON, limits=0.6, friction=0.04)
+    plan = control.plan(0, track.nominal.state(0).retract(jnp.asarray(XI)))
+    form, rows, bounds = written_out(control, XI)
+    u, multipliers = np.asarray(plan.z[:, 12:]).ravel(), np.asarray(plan.multipliers).ravel()
+    n = len(u)
+    gradient = 2 * form[:n, :n] @ u + 2 * form[:n, n]
+    np.testing.assert_allclose(gradient, -rows.T @ multipliers, rtol=0, atol=1e-8 * np.max(np.abs(gradient)))
+    assert np.all(multipliers >= 0)
+    whole = np.append(u, 1.0)
+    assert multipliers @ (bounds - rows @ u) <= 1e-9 * (whole @ form @ whole)
+
+
+def test_without_active_limits_it_is_the_regulator(track):
+    control = mpc(track, HORIZON, limits=50.0, friction=2.0)
+    state = track.nominal.state(0).retract(jnp.asarray(0.1 * XI))
+    plan = control.plan(0, state)
+    assert int(plan.iterations) == 0
+    expected, _ = track(jnp.asarray(0), state, ())
+    np.testing.assert_allclose(plan.z[0, 12:], expected, rtol=0, atol=1e-12)
+
+
+def test_the_rows_are_derivatives_of_the_reaction(track):
+    """f and N over the weight, by central differences of observables, with steps of 1e-5 of numbers of size 1."""
+    control = mpc(track, HORIZON, friction=0.3)
+    k, step = 2, 1e-5
+    state, u, t = track.nominal.state(k), track.nominal.input(k), track.times[k]
+    weight = float(track.sampled.system.total_mass * track.sampled.system.gravity)
+
+    def reaction(v):
+        seen = observe(track.sampled.held(u + v[12:]), t, state.retract(v[:12]))
+        return jnp.append(seen.friction, seen.normal_force) / weight
+
+    compiled = jax.jit(reaction)
+    expected = [(compiled(step * e) - compiled(-step * e)) / (2 * step) for e in jnp.eye(14)]
+    np.testing.assert_allclose(control.limits.G[k], np.stack(expected, axis=1), rtol=0, atol=1e-8)
+
+
+def test_limits_that_cannot_be_kept_are_exceeded_least_and_named(track):
+    """The inputs of the motion alone need more friction than there is at the start, whatever is added within limits."""
+    control = mpc(track, 2, limits=0.2, friction=1e-3)
+    plan = control.plan(0, track.nominal.state(0).retract(jnp.asarray(XI)))
+    assert bool(plan.closed)
+    sentences = control.exceeded(plan)
+    assert any(sentence.startswith("friction[") and "cannot be kept" in sentence for sentence in sentences)
+    # At the least of the elastic program each multiplier of what is exceeded is the penalty.
+    exceeded = np.asarray(plan.exceeded) > 0
+    penalty = float(control.penalty * track.sampled.sample)
+    np.testing.assert_allclose(np.asarray(plan.multipliers)[exceeded], penalty, rtol=1e-5)
+
+
+def test_a_closed_loop_keeps_limits_that_the_regulator_would_exceed(track):
+    """The linear prediction of friction is that of the motion; deviations of 0.1 change it by some per cent."""
+    start = 0.3 * XI
+    free = closed_loop(track, start)
+    ratio = float(free.run.observables.friction_ratio.max())
+    control = mpc(track, HORIZON, friction=0.8 * ratio)
+    held = closed_loop(control, start)
+    assert float(held.run.observables.friction_ratio.max()) < 0.85 * ratio
+    assert float(jnp.max(held.memory.worst)) == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"horizon": 0}, "Argument `horizon` must be 1 or more, but it is 0"),
+        ({"horizon": 5, "friction": 0.0}, "Argument `friction` must be a positive number, but it is 0"),
+        ({"horizon": 5, "penalty": -1.0}, "Argument `penalty` must be a positive number, but it is -1"),
+        ({"horizon": 5, "limits": -1.0}, "Argument `limits` must be 0 or positive"),
+    ],
+)
+def test_bad_input_gets_a_sentence(track, options, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        mpc(track, **options)
