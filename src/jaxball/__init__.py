@@ -8,6 +8,7 @@ A body (``Ball``, ``Disk``) holds point masses (``PointMass``), each with a moti
 
 - ``chaos``, ``stability``: Lyapunov exponents, Poincaré maps; steady motions.
 - ``control``: feedback that holds a motion: regulators, predictive control, which disturbed starts come back.
+- ``estimation``: the state of a robot from what its sensors read, and how sure that is.
 - ``classical``: the heavy top, Suslov's problem and other systems.
 - ``design``, ``ensemble``, ``sweep``: designs by gradients, many runs side by side, studies.
 - ``plot``, ``results``, ``scenario``: figures, saved runs, scenario files.

@@ -12,7 +12,7 @@ from ..control.sampled import PlacedState
 from ..estimation import Estimate
 from ..simulation.variables import STATE
 from .over_time import Series, over_time
-from .palette import COMPONENTS, DASHED, DASH_DOTTED, INK, SOLID
+from .palette import COMPONENTS, DASH_DOTTED, DASHED, INK, SOLID
 from .style import WIDE, named
 
 PANEL = 1.5  # the height of a panel, inches
