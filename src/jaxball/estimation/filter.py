@@ -101,10 +101,21 @@ class ErrorStateFilter(Printed):
             sampled = SampledSystem.of(system, sample, inputs, rtol, atol)
         else:
             sampled = SampledSystem.without_inputs(system, sample, rtol, atol)
+        return cls.for_sampled(sampled, sensors, process, biases)
+
+    @classmethod
+    def for_sampled(
+        cls,
+        sampled: SampledSystem,
+        sensors: Mapping[str, AbstractSensor],
+        process: Mapping[str, Numbers] | None = None,
+        biases: Mapping[str, Numbers] | None = None,
+    ) -> "ErrorStateFilter":
+        """The filter of a sampled system; arguments as for :meth:`of`."""
         measurement = measurement_of(sensors, sampled.system)
         directions = sampled.system.default_state().directions
         process = to_array(by_name("process", process or {}, directions), "process")
-        _require_not_negative("process", process)
+        require_not_negative("process", process)
         spread = {name: 0.0 for name, sensor in sensors.items() if _wanders(sensor)} | dict(biases or {})
         for name in spread:
             if name not in sensors:
@@ -114,7 +125,7 @@ class ErrorStateFilter(Printed):
                 )
         spread = {name: to_array(value, f"biases[{name!r}]") for name, value in spread.items()}
         for name, value in spread.items():
-            _require_not_negative(f"biases[{name!r}]", value)
+            require_not_negative(f"biases[{name!r}]", value)
         return cls(sampled, measurement, process, dict(sorted(spread.items())))
 
     def __call__(
@@ -145,7 +156,7 @@ class ErrorStateFilter(Printed):
         require("spread", spread, Mapping, 'a dictionary of standard deviations by name, such as {"Omega": 0.1}')
         directions = start.directions
         deviations = to_array(by_name("spread", spread, directions), "spread")
-        _require_not_negative("spread", deviations)
+        require_not_negative("spread", deviations)
         read = self._aligned(readings)
         count, first = len(read.y), to_array(t0, "t0")
         filtered = _filtered(self, read, start, deviations, self._inputs(u, count - 1), first)
@@ -284,17 +295,17 @@ class ErrorStateFilter(Printed):
         shift = round(late)
         return jnp.concatenate([given[shift:], jnp.full_like(given[:shift], jnp.nan)])
 
-    def _sizes(self, state: PlacedState) -> dict[str, int]:
-        """How many components each sensor reads."""
+    def sizes(self, state: PlacedState) -> dict[str, int]:
+        """How many components each sensor reads, in the order of the measurement."""
         parts = jax.eval_shape(lambda s: self.measurement.parts(self.sampled.system, jnp.zeros(()), s), state)
         return {name: int(np.prod(parts[name].shape)) for name in self.measurement.sensors}
 
     def _bias_sizes(self, state: PlacedState) -> dict[str, int]:
-        return {name: size for name, size in self._sizes(state).items() if name in self.spread_of_biases}
+        return {name: size for name, size in self.sizes(state).items() if name in self.spread_of_biases}
 
     def _of_bias(self, state: PlacedState) -> Float[np.ndarray, "m biases"]:
         """What takes biases to the readings that they are in."""
-        sizes = self._sizes(state)
+        sizes = self.sizes(state)
         own = np.concatenate([np.full(size, name in self.spread_of_biases) for name, size in sizes.items()])
         return np.eye(len(own))[:, own]
 
@@ -308,7 +319,7 @@ class ErrorStateFilter(Printed):
     def _each(self, state: PlacedState, number: Callable[[SensorErrors], Array]) -> Float[Array, " m"]:
         sensors = self.measurement.sensors
         return jnp.concatenate(
-            [jnp.full((size,), number(sensors[name].errors)) for name, size in self._sizes(state).items()]
+            [jnp.full((size,), number(sensors[name].errors)) for name, size in self.sizes(state).items()]
         )
 
     def _names_of_biases(self, state: PlacedState) -> tuple[str, ...]:
@@ -367,6 +378,7 @@ def _wanders(sensor: AbstractSensor) -> bool:
     return walk is not None and (is_traced(walk) or bool(np.asarray(walk) > 0))
 
 
-def _require_not_negative(name: str, values: Array) -> None:
+def require_not_negative(name: str, values: Array) -> None:
+    """Raises a ``ValueError`` for a negative number, unless it is traced."""
     if not is_traced(values) and not np.all(np.asarray(values) >= 0):
         raise ValueError(f"Argument `{name}` must be 0 or positive, but it is {np.asarray(values).tolist()}.")
