@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from ..physics.system import AbstractSystem
-from .modes import Modes, draw_modes
+from .modes import NO_MODES, Modes, draw_modes
 from .palette import INK, SOLID, Dashes
 from .style import legend_above, linestyle, named, plane_axes, sharing, up_to_ticks, zero_line
 
@@ -67,7 +67,7 @@ def over_time(
     name: str,
     ax: Axes | None,
     most: int = 5,
-    modes: Modes | None = None,
+    modes: Modes = NO_MODES,
     size: float = 0.0,
 ) -> Axes:
     """Several series of a system over time; ``name`` labels the vertical axis, ``most`` legend entries are in a row.

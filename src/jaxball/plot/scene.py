@@ -98,7 +98,7 @@ def _ball_scene(trajectory: Trajectory, run: Record, arms: Arms, setting: Settin
     figure, ax = _stage(np.concatenate([floor.block.everywhere(setting.moved), visited]), azimuth)
     show_floor = draw_floor(ax, floor, setting, r, viewer)
 
-    show_shadow = _draw_shadow(ax, placed, setting, r) if trajectory.contact is not None else None
+    show_shadow = _draw_shadow(ax, placed, setting, r) if modes_of(trajectory).spells else None
     show_trail = draw_trail(ax, trajectory, placed, setting, linewidth=1.8, zorder=2)
     shade = face(ax, facecolor="white", alpha=0.7, zorder=3)
     back = line(ax, color=FAINT, linewidth=0.6, zorder=4)
@@ -199,7 +199,8 @@ def _contents(figure: Figure, ax: Axes, trajectory: Trajectory, placed: Placed, 
     For a run with a law of contact, the clock shows the mode too.
     """
     system, modes = trajectory.system, modes_of(trajectory)
-    words = [""] * len(placed.times) if modes is None else [f"  {mode.name.lower()}" for mode in modes.at(placed.times)]
+    named = [f"  {mode.name.lower()}" for mode in modes.at(placed.times)] if modes.spells else []
+    words = named or [""] * len(placed.times)
     masses = list(enumerate(system.point_masses, start=1))
     curves = ((i, rail_points(mass.motion, float(system.radius))) for i, mass in masses)
     rails = [(points, line(ax, **mass_line(i, linewidth=0.9, zorder=5))) for i, points in curves if points is not None]

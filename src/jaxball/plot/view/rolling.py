@@ -97,7 +97,7 @@ def body_document(one: Shown) -> dict[str, Any]:
         "arms": [mass_colour(j) for j in range(system.n_masses + 1, system.n_masses + len(system.mechanisms) + 1)],
     }
     modes = modes_of(one.trajectory)
-    if modes is None:
+    if not modes.spells:
         return parts
     spells = [[spell.mode.name.lower(), spell.start, spell.end] for spell in modes.spells]
     return parts | {"spells": spells, "switches": modes.switches.tolist()}
