@@ -56,8 +56,10 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         with_integrated_angles as with_integrated_angles,
         with_masses as with_masses,
     )
-    from .physics.body_on_plane import ContactHistory as ContactHistory
-    from .physics.contact_law import AbstractFriction as AbstractFriction, Contact as Contact
+    from .physics.contact.body_on_plane import ContactHistory as ContactHistory
+    from .physics.contact.law import AbstractFriction as AbstractFriction, Contact as Contact
+    from .physics.contact.modes import Cause as Cause, Mode as Mode
+    from .physics.contact.released import ReleasedState as ReleasedState
     from .physics.feedback import (
         AbstractLaw as AbstractLaw,
         FollowSchedules as FollowSchedules,
@@ -110,7 +112,6 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         spherical_pendulum as spherical_pendulum,
         turning_rail as turning_rail,
     )
-    from .physics.modes import Cause as Cause, Mode as Mode
     from .physics.motion import (
         Driven as Driven,
         Fixed as Fixed,
@@ -130,7 +131,6 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         SplineRail as SplineRail,
         Tube as Tube,
     )
-    from .physics.released import ReleasedState as ReleasedState
     from .physics.resistance import AbstractResistance as AbstractResistance, Resistance as Resistance
     from .physics.schedules import (
         AbstractSchedule as AbstractSchedule,
@@ -188,8 +188,8 @@ else:
         "simulation.equilibrium": "Balance balance with_angles",
         "simulation.events": "AbstractEvent Detachment Event Slip",
         "simulation.extremes": "ContactExtremes contact_extremes",
-        "physics.body_on_plane": "ContactHistory",
-        "physics.contact_law": "AbstractFriction Contact",
+        "physics.contact.body_on_plane": "ContactHistory",
+        "physics.contact.law": "AbstractFriction Contact",
         "physics.feedback": "AbstractLaw FollowSchedules FunctionLaw LinearLaw Servo",
         "physics.force": "AbstractForce AbstractWrench BodyMotion FunctionForce FunctionWrench HarmonicForce Wrench",
         "physics.frames": "AbstractFrame MatrixFrame SphericalFrame VersorFrame",
@@ -203,14 +203,14 @@ else:
             "Spring double_pendulum gyroscopic_pendulum mass_in_tube planar_pendulum rigid_body_masses ring_rotor "
             "spherical_pendulum turning_rail"
         ),
-        "physics.modes": "Cause Mode",
+        "physics.contact.modes": "Cause Mode",
         "physics.motion": "Driven Fixed Free OnRail Oscillating",
         "physics.observables": "Observables observe",
         "simulation.occurrences": "Occurrences",
         "physics.rails": (
             "AbstractRail BernoulliEight Circle Ellipse FourierRail FunctionRail GeronoEight SplineRail Tube"
         ),
-        "physics.released": "ReleasedState",
+        "physics.contact.released": "ReleasedState",
         "physics.resistance": "AbstractResistance Resistance",
         "results": "load_run save to_dataset",
         "scenario": "Scenario ScenarioError load_scenario read_scenario write_scenario",

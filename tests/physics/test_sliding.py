@@ -11,7 +11,7 @@ import jaxball
 from jaxball.physics import friction
 from jaxball.physics.dynamics import given_angles
 from jaxball.physics.moments import moments
-from jaxball.physics.released import (
+from jaxball.physics.contact.released import (
     Motion,
     ReleasedState,
     Response,

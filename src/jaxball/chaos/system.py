@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array
 from ..physics.body import AbstractBody
-from ..physics.contact import reaction
+from ..physics.contact.reaction import reaction
 from ..physics.packing import Packing
 from ..physics.phase_space import dimension, normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem

@@ -12,8 +12,8 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..physics.body_on_plane import ContactHistory
-from ..physics.modes import Mode
+from ..physics.contact.body_on_plane import ContactHistory
+from ..physics.contact.modes import Mode
 from ..simulation.trajectory import Trajectory
 from .palette import DASHED, DOTTED, MODES, on_white
 from .record import finite_rows

@@ -11,8 +11,8 @@ import numpy as np
 
 from ..interface.output import check_destination, replacing
 from ..interface.status import Status
-from ..physics.body_on_plane import ContactHistory
-from ..physics.released import ReleasedState
+from ..physics.contact.body_on_plane import ContactHistory
+from ..physics.contact.released import ReleasedState
 from ..physics.state import ReducedState, RotationState
 from ..scenario import Scenario, ScenarioError, read_scenario, write_scenario
 from ..scenario.paths import entries

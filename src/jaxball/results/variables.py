@@ -10,11 +10,11 @@ from jaxtyping import Array
 
 from ..numerics.arrays import to_array
 from ..physics.body import AbstractBody
-from ..physics.body_on_plane import NOWHERE, ContactHistory
-from ..physics.contact_law import AbstractFriction, Contact
+from ..physics.contact.body_on_plane import NOWHERE, ContactHistory
+from ..physics.contact.law import AbstractFriction, Contact
+from ..physics.contact.modes import ContactSwitches
+from ..physics.contact.released import ReleasedState
 from ..physics.hybrid import AbstractHistory, History, NoHistory, Switches
-from ..physics.modes import ContactSwitches
-from ..physics.released import ReleasedState
 from ..physics.state import AbstractBodyState, DiskState, ReducedState
 from ..scenario.body import COEFFICIENTS
 from ..sensors import AbstractSensor

@@ -16,7 +16,7 @@ from ..numerics.calculus import with_derivatives
 from ..numerics.masks import differentiated_where
 from ..numerics.modes import once
 from ..physics.body import AbstractBody
-from ..physics.contact import Reaction, reaction
+from ..physics.contact.reaction import Reaction, reaction
 from ..physics.hybrid import NoHistory
 from ..physics.packing import Packing
 from ..solvers.dense.maxima import maxima, moved

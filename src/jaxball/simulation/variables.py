@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..physics.modes import Cause, Mode
+from ..physics.contact.modes import Cause, Mode
 
 
 class Variable(NamedTuple):

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..physics.modes import Mode
-from ..physics.released import ReleasedState
+from ..physics.contact.modes import Mode
+from ..physics.contact.released import ReleasedState
 from ..physics.state import BallState, DiskState
 from ..results.variables import labels, undescribed
 from ..scenario import Scenario

@@ -13,7 +13,7 @@ from ...numerics import programs
 from ...numerics.arrays import to_array
 from ...numerics.vectors import apply, cross
 from ...physics.body import Disk, System
-from ...physics.contact_law import Contact
+from ...physics.contact.law import Contact
 from ...physics.load import in_three
 from ...physics.moments import velocity_moments
 from ...physics.momentum import contact_momentum

@@ -21,16 +21,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..interface.printing import is_single, shown
-from ..numerics.norms import root
+from ...interface.printing import is_single, shown
+from ...numerics.norms import root
+from ..body import AbstractBody
+from ..conditions import Condition, Problem
+from ..hybrid import MOST_SHOWN, NONE, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
+from ..system import AbstractSystem
 from . import friction, slip as slips
-from .body import AbstractBody
-from .conditions import Condition, Problem
-from .contact_law import Contact
-from .hybrid import MOST_SHOWN, NONE, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
+from .law import Contact
 from .modes import Cause, ContactState, ContactSwitches, Mode, cause_of
 from .released import PlacedState, ReleasedState, Response, rates, released, response, slip_velocity
-from .system import AbstractSystem
 from .transition import WINDOW, transition
 
 ROUNDING = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none

@@ -1,12 +1,12 @@
-"""What a run of a body with a law of contact needs."""
+"""The system of a body with a law of contact, if it can have one."""
 
 from collections.abc import Mapping
 from typing import Any
 
 from ..interface.arguments import described, require
 from ..physics.body import AbstractBody
-from ..physics.body_on_plane import BodyOnPlane
-from ..physics.contact_law import Contact
+from ..physics.contact.body_on_plane import BodyOnPlane
+from ..physics.contact.law import Contact
 from ..physics.state import ReducedState
 from .events import AbstractEvent, Detachment, Slip
 
