@@ -171,10 +171,10 @@ def _of_rolling(system: AbstractBody, t: Float[Array, ""], state: Any) -> Moveme
 
 
 @movement.register
-def _of_hybrid(system: BodyOnPlane, t: Float[Array, ""], state: Any) -> Movement:
-    response = system.response(t, state)
-    force = system.interaction(t, state, response)
-    system, body = system.body, state.body
+def _of_hybrid(plane: BodyOnPlane, t: Float[Array, ""], state: Any) -> Movement:
+    response = plane.response(t, state)
+    force = plane.interaction(t, state, response)
+    system, body = plane.body, state.body
     slip = slip_velocity(system, t, state.released)
     touching = ~state.is_in(Mode.FLIGHT)
     acting = load(system, t, body, slip, touching, state.height)

@@ -209,16 +209,15 @@ def read_history(
         return type(states)(**of_side)
 
     before, after = map(side, SIDES)
-    return History(
-        Switches(
-            count=jnp.asarray(attribute("switches", int)),
-            times=filled("times"),
-            event=filled("event", nothing=NOWHERE),
-            before=before,
-            after=after,
-            grazing=filled("grazing", nothing=False),
-        )
+    switches = Switches(
+        count=jnp.asarray(attribute("switches", int)),
+        times=filled("times"),
+        event=filled("event", nothing=NOWHERE),
+        before=before,
+        after=after,
+        grazing=filled("grazing", nothing=False),
     )
+    return History(switches=switches)
 
 
 def _read_contact(

@@ -41,7 +41,7 @@ from .arguments import (
     require_one_state,
     require_smooth,
 )
-from .contact import on_plane
+from .contact import system_to_solve
 from .events import AbstractEvent
 from .loop import SolveLoop
 from .observers import Observation, Observers
@@ -161,7 +161,7 @@ def simulate(
         project=project,
         inside=inside,
     )
-    moving = system if contact is None else on_plane(system, state, contact, dae, events)
+    moving = system_to_solve(system, state, contact, dae, events)
     trajectory = _run(method, moving, times, state, rtol, atol, events)
     if events:
         trajectory = locate(trajectory, events)

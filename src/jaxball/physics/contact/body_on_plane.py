@@ -272,7 +272,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
             lost=after.struck - before.struck,
         )
         saved = {name: getattr(states, name) for name in ("V", "height", "rubbed", "struck")}
-        return ContactHistory(self.contact, _whole(states.mode), slip=slip, sigma=sigma, switches=switches, **saved)
+        mode = _whole(states.mode)
+        return ContactHistory(law=self.contact, mode=mode, slip=slip, sigma=sigma, switches=switches, **saved)
 
     def slips(self, times: Float[Array, " T"], states: ContactState) -> tuple[Float[Array, "T 3"], Float[Array, "T 2"]]:
         """The slip velocities, exactly 0 for a body that rolls, and their directions, else 0; ``self`` is prepared."""
