@@ -52,7 +52,7 @@ CHAPTERS = {
     ),
     "contact": (
         "Slip, flight and impact",
-        ["physics.contact_law", "physics.modes", "physics.released", "simulation.history"],
+        ["physics.contact.law", "physics.contact.modes", "physics.contact.released", "physics.contact.body_on_plane"],
     ),
     "systems": ("Systems of your own", ["physics.system"]),
 }

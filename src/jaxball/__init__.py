@@ -60,8 +60,10 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         with_integrated_angles as with_integrated_angles,
         with_masses as with_masses,
     )
-    from .physics.body_on_plane import ContactHistory as ContactHistory
-    from .physics.contact_law import AbstractFriction as AbstractFriction, Contact as Contact
+    from .physics.contact.body_on_plane import ContactHistory as ContactHistory
+    from .physics.contact.law import AbstractFriction as AbstractFriction, Contact as Contact
+    from .physics.contact.modes import Cause as Cause, Mode as Mode
+    from .physics.contact.released import ReleasedState as ReleasedState
     from .physics.feedback import (
         AbstractLaw as AbstractLaw,
         FollowSchedules as FollowSchedules,
@@ -114,7 +116,6 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         spherical_pendulum as spherical_pendulum,
         turning_rail as turning_rail,
     )
-    from .physics.modes import Cause as Cause, Mode as Mode
     from .physics.motion import (
         Driven as Driven,
         Fixed as Fixed,
@@ -134,7 +135,6 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         SplineRail as SplineRail,
         Tube as Tube,
     )
-    from .physics.released import ReleasedState as ReleasedState
     from .physics.resistance import AbstractResistance as AbstractResistance, Resistance as Resistance
     from .physics.schedules import (
         AbstractSchedule as AbstractSchedule,

@@ -297,3 +297,12 @@ def test_a_smooth_system_has_no_switches():
     assert int(run.switches.count) == 0
     assert run.switches.times.size == 0
     assert run.history.lines == []
+
+
+@pytest.mark.parametrize("suffix", ["npz", "nc"])
+def test_switches_are_saved_and_read_back(suffix, tmp_path):
+    run = jaxball.simulate(Bouncing(), TIMES)
+    again = jaxball.load_run(run.save(tmp_path / f"run.{suffix}"), system=Bouncing())
+    np.testing.assert_array_equal(again.switches.times, run.switches.times)
+    np.testing.assert_array_equal(again.switches.after.v, run.switches.after.v)
+    assert repr(again.switches) == repr(run.switches)

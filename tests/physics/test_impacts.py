@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.physics.impact import collision, impact
-from jaxball.physics.released import ReleasedState, released_energy, response, slip_velocity
+from jaxball.physics.contact.impact import collision, impact
+from jaxball.physics.contact.released import ReleasedState, released_energy, response, slip_velocity
 from tests.support import newton_euler, robots, routh
 from tests.support.precision import differences_need_float64
 from tests.support.robot_balls import ball_of, state_of

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.physics import friction
+from jaxball.physics.contact import friction
+from jaxball.physics.contact.released import ReleasedState, rates, released, released_energy, response, slip_velocity
 from jaxball.physics.dynamics import accelerations
-from jaxball.physics.released import ReleasedState, rates, released, released_energy, response, slip_velocity
 from tests.support import lagrange, newton_euler, robots
 from tests.support.robot_balls import ball_of, state_of
 from tests.support.robots import Pushed, Slides
@@ -78,7 +78,7 @@ def all_of(ball, t, state, mu, R):
         "sliding": changes,
         "flight": of(flying, flies),
         "pushed": of(found, pushed),
-        "contact": found.contact,
+        "contact": found.delassus,
         "inverse": found.yielding.reaction,
         "free": found.free,
         "energy": energy,

@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.physics import friction
-from jaxball.physics.dynamics import given_angles
-from jaxball.physics.moments import moments
-from jaxball.physics.released import (
+from jaxball.physics.contact import friction
+from jaxball.physics.contact.released import (
     Motion,
     ReleasedState,
     Response,
@@ -20,6 +18,8 @@ from jaxball.physics.released import (
     response,
     slip_velocity,
 )
+from jaxball.physics.dynamics import given_angles
+from jaxball.physics.moments import moments
 from tests.support.precision import differences_need_float64
 from tests.support.systems import ball_state, disk_state, random_cases, random_disks, stacked
 
@@ -132,7 +132,7 @@ def test_homogeneous_ball_on_a_level_plane():
     omega = np.asarray(state.body.Lambda) @ np.asarray(state.body.Omega)
     np.testing.assert_allclose(slip, state.V - R * np.cross(omega, E3), atol=1e-15)
     sigma = np.asarray(slip / np.linalg.norm(slip))
-    np.testing.assert_allclose(found.contact, np.diag([1 + 1 / K, 1 + 1 / K, 1]) / M, atol=1e-14)
+    np.testing.assert_allclose(found.delassus, np.diag([1 + 1 / K, 1 + 1 / K, 1]) / M, atol=1e-14)
     np.testing.assert_allclose(changes.V, -MU * G * sigma, atol=1e-14)
     omegadot = np.asarray(state.body.Lambda) @ changes.body.Omega
     np.testing.assert_allclose(omegadot, MU * M * G * R / D * np.cross(E3, sigma), atol=1e-14)

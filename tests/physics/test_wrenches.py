@@ -14,8 +14,8 @@ from scipy.special import ellipj, ellipk
 import jaxball
 from jaxball import Ball, BallState, Contact, Disk, DiskState, FunctionWrench, ReleasedState, Wrench
 from jaxball.ensemble import simulate_ensemble
-from jaxball.physics import friction
-from jaxball.physics.released import rates, released, response
+from jaxball.physics.contact import friction
+from jaxball.physics.contact.released import rates, released, response
 from jaxball.verify import verify
 from tests.support import lagrange, newton_euler, robots
 from tests.support.robot_balls import ball_of, state_of

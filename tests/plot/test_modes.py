@@ -157,7 +157,7 @@ def test_modes_after_the_last_switch_that_is_kept_are_those_of_the_saved_times(t
     few = Contact(0.3, 0.35, 0.6, 0.05, room=2)
     switches = jax.tree.map(lambda leaf: leaf[:2] if leaf.ndim else leaf, thrown_trajectory.contact.switches)
     short = dataclasses.replace(thrown_trajectory.contact, law=few, switches=switches)
-    modes = modes_of(dataclasses.replace(thrown_trajectory, contact=short))
+    modes = modes_of(dataclasses.replace(thrown_trajectory, history=short))
     assert [spell.mode for spell in modes.spells] == [Mode.FLIGHT, Mode.SLIDING, Mode.ROLLING]
     step = 0.1
     np.testing.assert_array_less(modes.changes - landed, step)

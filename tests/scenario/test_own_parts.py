@@ -15,7 +15,7 @@ import pytest
 
 import jaxball
 from jaxball import Ball, BallState, Contact, ReleasedState, ScenarioError, read_scenario, write_scenario
-from jaxball.physics.released import released_energy
+from jaxball.physics.contact.released import released_energy
 from jaxball.sweep import read_study
 from tests.support.documents import make_module, modules_of
 

@@ -25,7 +25,7 @@ from ..numerics.tangent import (
     without_normal,
 )
 from ..physics.body import AbstractBody
-from ..physics.contact import reaction
+from ..physics.contact.reaction import reaction
 from ..physics.packing import Packing
 from ..physics.phase_space import dimension, normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem

@@ -18,7 +18,7 @@ from ..numerics import programs
 from ..numerics.arrays import Numbers, to_numpy
 from ..numerics.batches import even_size, in_threads, unpadded
 from ..physics.body import System
-from ..physics.contact import reaction
+from ..physics.contact.reaction import reaction
 from ..physics.force import AbstractWrench
 from .closed_loop import looped, plant_of, whole_number
 from .feedback import AbstractFeedback

@@ -10,11 +10,11 @@ from ..interface.arguments import traceable
 from ..numerics.norms import root
 from ..numerics.vectors import cross
 from ..physics.body import System
-from ..physics.body_on_plane import BodyOnPlane
-from ..physics.contact import Reaction, reaction
-from ..physics.modes import ContactState, Mode
+from ..physics.contact.body_on_plane import BodyOnPlane
+from ..physics.contact.modes import ContactState, Mode
+from ..physics.contact.reaction import Reaction, reaction
+from ..physics.contact.released import released_energy
 from ..physics.observables import observe
-from ..physics.released import released_energy
 from ..physics.state import BallState, DiskState, State
 from .reductions import AbstractReduction, Drift, Integral, Maximum, Minimum
 

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..interface.printing import Printed, shown
 from ..interface.status import Status
 from ..numerics.arrays import is_traced
-from ..physics.body_on_plane import ContactHistory
+from ..physics.contact.body_on_plane import ContactHistory
 from ..simulation.trajectory import Trajectory
 
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..interface.arguments import require, require_flags
 from ..numerics.arrays import Numbers, is_traced, to_numpy
-from ..physics.contact_law import Contact
-from ..physics.released import ReleasedState
+from ..physics.contact.law import Contact
+from ..physics.contact.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem
 from ..simulation.arguments import (
     DEFAULT_TOLERANCE,
@@ -24,8 +24,8 @@ from ..simulation.arguments import (
     require_kind_of_state,
     require_smooth,
 )
+from ..simulation.contact import system_to_solve
 from ..simulation.events import AbstractEvent
-from ..simulation.modal import on_plane
 from ..simulation.simulate import Method
 from ..simulation.trajectory import Trajectory
 from ..simulation.watch import checked
@@ -120,7 +120,7 @@ def simulate_ensemble(
         require_smooth(system)
         require_dae(state, solver)
     events = checked(system, events)
-    simulated = system if contact is None else on_plane(system, state, contact, dae, events)
+    simulated = system_to_solve(system, state, contact, dae, events)
     rtol, atol = checked_tolerances(rtol, atol, of_many=True)
     given = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
     reductions = _checked_reductions(reductions)

@@ -136,10 +136,10 @@ def _flows(leaf: Any) -> bool:
 class Record(NamedTuple):
     """The switches of a run as a solve keeps them, the first ones in the order of time; unused rows have the time NaN.
 
-    ``count`` is how many there were, and ``grazing`` says that a guard touched zero rather than crossing it.
+    ``number`` is how many there were, and ``grazing`` says that a guard touched zero rather than crossing it.
     """
 
-    count: Int[Array, ""]
+    number: Int[Array, ""]
     times: Float[Array, "*switches"]
     event: Int[Array, "*switches"]
     before: Any
@@ -194,7 +194,7 @@ class Switches(Printed):
         known = jnp.isfinite(record.times)
         fields = {"before": record.before, "after": record.after} | others
         event = jnp.where(known, record.event, NONE)
-        return cls(count=record.count, times=record.times, event=event, grazing=record.grazing & known, **fields)
+        return cls(count=record.number, times=record.times, event=event, grazing=record.grazing & known, **fields)
 
     def __repr__(self) -> str:
         return "\n".join(["Switches", *(f"  {line}" for line in self.lines)]) if is_single(self.count) else shown(self)

@@ -10,8 +10,10 @@ from ..interface.arguments import refusal
 from ..interface.printing import Printed, in_short
 from ..numerics.vectors import apply, dot
 from .body import AbstractBody
-from .body_on_plane import BodyOnPlane
-from .contact import ContactForce, reaction_in_body
+from .contact.body_on_plane import BodyOnPlane
+from .contact.modes import Mode
+from .contact.reaction import ContactForce, reaction_in_body
+from .contact.released import slip_velocity
 from .dynamics import accelerations, equations
 from .energy import (
     accelerations_of_masses,
@@ -22,11 +24,9 @@ from .energy import (
     potential_energy,
 )
 from .load import Load, in_three, load
-from .modes import Mode
 from .moments import AbstractMoments, joint_motion, kinematics, point_mass_values, principal_inertia
 from .momentum import linear_momentum
 from .motion import Kinematics
-from .released import slip_velocity
 from .state import BallState, DiskState, Rates, ReducedState, RotationState, centre_velocity
 from .system import require_one_state
 
@@ -171,10 +171,10 @@ def _of_rolling(system: AbstractBody, t: Float[Array, ""], state: Any) -> Moveme
 
 
 @movement.register
-def _of_hybrid(system: BodyOnPlane, t: Float[Array, ""], state: Any) -> Movement:
-    response = system.response(t, state)
-    force = system.interaction(t, state, response)
-    system, body = system.body, state.body
+def _of_hybrid(plane: BodyOnPlane, t: Float[Array, ""], state: Any) -> Movement:
+    response = plane.response(t, state)
+    force = plane.interaction(t, state, response)
+    system, body = plane.body, state.body
     slip = slip_velocity(system, t, state.released)
     touching = ~state.is_in(Mode.FLIGHT)
     acting = load(system, t, body, slip, touching, state.height)

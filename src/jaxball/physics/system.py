@@ -339,7 +339,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
 
     def history(self, times: Float[Array, " T"], states: AnyState, record: Record | None) -> AbstractHistory:
         """The history of one run, from the states at its saved times and its switches; None without modes."""
-        return NoHistory() if record is None else History(Switches.of(record))
+        return NoHistory() if record is None else History(switches=Switches.of(record))
 
     # What is read off a state.
 

@@ -17,7 +17,7 @@ from ..physics.mechanisms import Carriage, Hinge, Slider
 from ..physics.motion import Driven, OnRail
 from ..physics.rails import AbstractRail, FunctionRail, Tube
 from ..simulation.trajectory import Trajectory, times_looked_at
-from .modes import draw_modes, modes_of
+from .modes import NO_MODES, draw_modes, modes_of
 from .over_time import Series, over_run, sizes_of, tell_apart
 from .palette import INK, mass_look
 from .record import drawn_run, finite_rows, record, require_one
@@ -176,7 +176,7 @@ def acceleration(source: Trajectory | System, ax: Axes | None = None, *, times: 
     for members, (t, size) in groups:
         shared = {"color": INK, "linestyle": "-"} if len(groups) == 1 < len(members) else {}
         ax.plot(t, size, **mass_line(members[0], **shared), label=_names(members))
-    draw_modes(ax, modes_of(source) if isinstance(source, Trajectory) else None)
+    draw_modes(ax, modes_of(source) if isinstance(source, Trajectory) else NO_MODES)
     ax.margins(x=0)
     active = [t[size > 0].max() for t, size in curves.values() if np.any(size > 0)]
     if active:

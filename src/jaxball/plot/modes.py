@@ -1,6 +1,6 @@
 """The modes of a run with a law of contact: bands behind curves over time, and line styles of a path.
 
-Other runs have no modes, and are drawn without them.
+Other runs have no spells, and are drawn without them.
 """
 
 import itertools
@@ -12,7 +12,8 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..physics.modes import Mode
+from ..physics.contact.body_on_plane import ContactHistory
+from ..physics.contact.modes import Mode
 from ..simulation.trajectory import Trajectory
 from .palette import DASHED, DOTTED, MODES, on_white
 from .record import finite_rows
@@ -53,11 +54,11 @@ class Modes(NamedTuple):
         return [self.spells[k].mode for k in np.searchsorted(self.changes, times, side="right")]
 
 
-def modes_of(trajectory: Trajectory[Any, Any]) -> Modes | None:
-    """The modes of a run at the times that are drawn; None without a law of contact."""
-    history = trajectory.contact
-    if history is None or not (rows := finite_rows(trajectory)).size:
-        return None
+def modes_of(trajectory: Trajectory[Any, Any]) -> Modes:
+    """The modes of a run at the times that are drawn; no spells without a law of contact."""
+    history, rows = trajectory.history, finite_rows(trajectory)
+    if not (isinstance(history, ContactHistory) and rows.size):
+        return NO_MODES
     times = np.asarray(trajectory.times)[rows]
     saved, switches = np.asarray(history.mode)[rows], history.switches
     kept = min(int(switches.count), history.law.room)
@@ -67,6 +68,9 @@ def modes_of(trajectory: Trajectory[Any, Any]) -> Modes | None:
     if int(switches.count) > kept:  # later modes are known only at the saved times
         begins += [(t, mode) for t, mode in zip(times, saved, strict=True) if t > when[-1]]
     return Modes(tuple(_spells(begins, float(times[-1]))), when[when <= times[-1]])
+
+
+NO_MODES = Modes((), np.zeros(0))
 
 
 def _spells(begins: list[tuple[Any, Any]], end: float) -> Iterator[Spell]:
@@ -82,10 +86,8 @@ def _spells(begins: list[tuple[Any, Any]], end: float) -> Iterator[Spell]:
         yield Spell(mode, start, until)
 
 
-def draw_modes(ax: Axes, modes: Modes | None) -> None:
+def draw_modes(ax: Axes, modes: Modes) -> None:
     """Bands where the body slides or flies, and a thin line at each switch, behind what is drawn over time."""
-    if modes is None:
-        return
     named = set()
     for mode, start, end in modes.spells:
         if mode in BANDS:
@@ -114,14 +116,12 @@ def share_bands(figure: Figure, most: int = 3) -> None:
 
 
 def with_breaks(
-    modes: Modes | None, times: Float[np.ndarray, " T"], *series: Float[np.ndarray, " T"]
+    modes: Modes, times: Float[np.ndarray, " T"], *series: Float[np.ndarray, " T"]
 ) -> tuple[Float[np.ndarray, " T2"], ...]:
     """Times and values of a quantity that jumps between modes, with gaps, which no line crosses.
 
     Where a switch has two times, before and after it, the gap is between them.
     """
-    if modes is None:
-        return times, *series
     places = np.searchsorted(times, modes.changes)
     places += np.searchsorted(times, modes.changes, side="right") > places + 1
     broken = (np.insert(values, places, np.nan) for values in series)
@@ -152,8 +152,8 @@ class Track(NamedTuple):
 
 def track_of(trajectory: Trajectory[Any, Any]) -> Track | None:
     """The track of a run; None without a law of contact."""
-    modes, history = modes_of(trajectory), trajectory.contact
-    if modes is None or history is None:
+    modes, history = modes_of(trajectory), trajectory.history
+    if not (isinstance(history, ContactHistory) and modes.spells):
         return None
     rows, r, kept = finite_rows(trajectory), float(trajectory.system.radius), len(modes.switches)
     saved = _lowest(np.asarray(trajectory.state.z)[rows], np.asarray(history.height)[rows], r)
@@ -166,10 +166,8 @@ def track_of(trajectory: Trajectory[Any, Any]) -> Track | None:
 
 def switch_points(trajectory: Trajectory[Any, Any]) -> Float[np.ndarray, "switches 3"]:
     """Where the body's lowest point is at the switches, space axes."""
-    modes, track = modes_of(trajectory), track_of(trajectory)
-    if modes is None or track is None:
-        return np.zeros((0, 3))
-    return track.points[np.searchsorted(track.times, modes.switches)]
+    track, switches = track_of(trajectory), modes_of(trajectory).switches
+    return np.zeros((0, 3)) if track is None else track.points[np.searchsorted(track.times, switches)]
 
 
 def _lowest(

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from ..physics.system import AbstractSystem
 from ..simulation.trajectory import Trajectory
-from .modes import Modes, draw_modes, modes_of, with_breaks
+from .modes import NO_MODES, Modes, draw_modes, modes_of, with_breaks
 from .palette import COMPONENTS, INK, SOLID, Dashes
 from .record import finite_rows
 from .style import legend_above, linestyle, named, plane_axes, sharing, up_to_ticks, zero_line
@@ -69,7 +69,7 @@ def over_time(
     name: str,
     ax: Axes | None,
     most: int = 5,
-    modes: Modes | None = None,
+    modes: Modes = NO_MODES,
     size: float = 0.0,
 ) -> Axes:
     """Several series of a system over time; ``name`` labels the vertical axis, ``most`` legend entries are in a row.

@@ -7,7 +7,7 @@ Tol's high-contrast ones.
 
 from typing import NamedTuple
 
-from ..physics.modes import Mode
+from ..physics.contact.modes import Mode
 
 INK = "black"
 SHELL = "0.45"

@@ -95,7 +95,7 @@ def _ball_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
     show_floor = draw_floor(ax, floor, setting, r, viewer)
 
     # A shadow below a ball that may leave the plane makes its height visible.
-    shadow = face(ax, facecolor=SHADOW, zorder=1.5) if trajectory.contact is not None else None
+    shadow = face(ax, facecolor=SHADOW, zorder=1.5) if modes_of(trajectory).spells else None
     show_trail = draw_trail(ax, trajectory, placed, linewidth=1.8, zorder=2)
     shade = face(ax, facecolor="white", alpha=0.7, zorder=3)
     back = line(ax, color=FAINT, linewidth=0.6, zorder=4)
@@ -185,7 +185,8 @@ def _contents(figure: Figure, ax: Axes, trajectory: Trajectory, placed: Placed) 
     For a run with a law of contact, the clock shows the mode too.
     """
     system, modes = trajectory.system, modes_of(trajectory)
-    words = [""] * len(placed.times) if modes is None else [f"  {mode.name.lower()}" for mode in modes.at(placed.times)]
+    named = [f"  {mode.name.lower()}" for mode in modes.at(placed.times)] if modes.spells else []
+    words = named or [""] * len(placed.times)
     curves = ((i, rail_points(mass.motion, float(system.radius))) for i, mass in enumerate(system.point_masses, 1))
     rails = [(points, line(ax, **mass_line(i, linewidth=0.9, zorder=5))) for i, points in curves if points is not None]
     dot: dict[str, Any] = {"marker": "o", "ms": 8, "markeredgecolor": "white", "mew": 0.8, "linestyle": "none"}

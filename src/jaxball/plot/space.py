@@ -297,8 +297,7 @@ def _paths(
     elif ax is None or isinstance(ax, Axes3D):
         span = float(trajectory.times[0]), float(trajectory.times[-1])
         ax, columns, over_time = _cylinder(space_axes(ax, LONG, system), r, frame, span), [0, 2], True
-        modes = modes_of(trajectory)
-        for t in () if modes is None else modes.changes:
+        for t in modes_of(trajectory).changes:
             _ring(ax, t, r, **SWITCH)
     else:
         ax, columns = plane_axes(ax), [0, 2]

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from ..numerics import programs
 from ..numerics.arrays import to_array
 from ..physics.body import Disk
-from ..physics.body_on_plane import ContactHistory
-from ..physics.modes import Mode
+from ..physics.contact.body_on_plane import ContactHistory
+from ..physics.contact.modes import Mode
 from ..sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory
 from .modes import share_bands

@@ -11,7 +11,6 @@ import numpy as np
 
 from ..interface.status import Status
 from ..numerics.arrays import to_array
-from ..physics.hybrid import NoHistory
 from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario, ScenarioError, read_scenario
 from ..simulation.trajectory import Trajectory
@@ -72,7 +71,7 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
             steps=jnp.asarray(attribute("steps", int)),
             rejected=jnp.asarray(attribute("rejected_steps", int)),
             start=None if scenario is None else scenario.state,
-            history=read_history(arrays, attribute, state, friction) if "contact_sliding" in about else NoHistory(),
+            history=read_history(about, arrays, attribute, state, friction),
         )
     except KeyError as error:
         raise no_run(path, f"it has no {error}") from None

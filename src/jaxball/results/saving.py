@@ -11,19 +11,19 @@ import numpy as np
 
 from ..interface.output import check_destination, replacing
 from ..interface.status import Status
-from ..physics.body import AbstractBody
-from ..physics.released import ReleasedState
-from ..physics.state import DiskState, ReducedState, RotationState
+from ..physics.contact.body_on_plane import ContactHistory
+from ..physics.contact.released import ReleasedState
+from ..physics.state import ReducedState, RotationState
 from ..scenario import Scenario, ScenarioError, read_scenario, write_scenario
 from ..scenario.paths import entries
 from ..sensors import AbstractSensor
-from ..simulation.extremes import contact_extremes
+from ..simulation.extremes import always_rolls, contact_extremes
 from ..simulation.trajectory import Trajectory
 from ..simulation.variables import Variable
 from .files import FORMAT, SUFFIXES, UNKNOWN_SOLVER
 from .variables import (
-    contact_attributes,
-    described,
+    described_fields,
+    history_attributes,
     history_values,
     labels,
     measured_values,
@@ -66,9 +66,8 @@ def attributes(
         "rejected_steps": int(trajectory.rejected),
         "scenario": text,
     }
-    if trajectory.contact is not None:
-        run |= contact_attributes(trajectory.contact)
-    elif trajectory.interpolant is not None and isinstance(trajectory.system, AbstractBody):
+    run |= history_attributes(trajectory.history)
+    if always_rolls(trajectory) and trajectory.interpolant is not None:
         extremes = contact_extremes(trajectory)
         names = [field.name for field in dataclasses.fields(extremes) if field.name != "constant"]
         run |= {name: float(getattr(extremes, name)) for name in names}
@@ -93,11 +92,11 @@ def _made_of(trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSen
     state = state.in_space() if isinstance(state, RotationState) else state
     if isinstance(state, ReducedState):
         return None
-    contact, law = trajectory.contact, None
-    if contact is not None:
-        law = contact.law
+    history, law = trajectory.history, None
+    if isinstance(history, ContactHistory):
+        law = history.law
         rolls = not isinstance(trajectory.start, ReleasedState)
-        state = state if rolls else ReleasedState(state, contact.V[0], contact.height[0])
+        state = state if rolls else ReleasedState(state, history.V[0], history.height[0])
     return Scenario("", trajectory.system, state, np.asarray(trajectory.times), contact=law, sensors=sensors)
 
 
@@ -209,17 +208,12 @@ def _with_sensors(
 
 def _over_time(trajectory: Trajectory[Any, Any], sensors: Sensors) -> Values:
     """Every variable over time, with its array."""
-    history = trajectory.contact
-    modes = {} if history is None else history_values(history)
-    return values(trajectory) | modes | measured_values(trajectory, sensors)
+    return values(trajectory) | history_values(trajectory.history) | measured_values(trajectory, sensors)
 
 
 def _of_switches(trajectory: Trajectory[Any, Any]) -> Values:
     """Every variable of the switches between modes, with its array."""
-    if trajectory.contact is None:
-        return {}
-    planar = isinstance(trajectory.state, DiskState)
-    return switch_values(trajectory.contact, {name: described(name, planar) for name in vars(trajectory.state)})
+    return switch_values(trajectory.history, described_fields(trajectory.state))
 
 
 def _write_netcdf(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None, sensors: Sensors) -> None:

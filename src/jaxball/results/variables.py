@@ -1,5 +1,6 @@
 """The variables of a saved trajectory, those of its contact included: dimensions, units, meaning and coordinates."""
 
+import functools
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -9,15 +10,16 @@ from jaxtyping import Array
 
 from ..numerics.arrays import to_array
 from ..physics.body import AbstractBody
-from ..physics.body_on_plane import NOWHERE, ContactHistory
-from ..physics.contact_law import AbstractFriction, Contact
-from ..physics.modes import ContactSwitches
-from ..physics.released import ReleasedState
-from ..physics.state import DiskState, ReducedState
+from ..physics.contact.body_on_plane import NOWHERE, ContactHistory
+from ..physics.contact.law import AbstractFriction, Contact
+from ..physics.contact.modes import ContactSwitches
+from ..physics.contact.released import ReleasedState
+from ..physics.hybrid import AbstractHistory, History, NoHistory, Switches
+from ..physics.state import AbstractBodyState, DiskState, ReducedState
 from ..scenario.body import COEFFICIENTS
 from ..sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory
-from ..simulation.variables import CLASSICAL_STATE, HISTORY, LAWS, OBSERVABLES, STATE, SWITCHES, Variable
+from ..simulation.variables import CLASSICAL_STATE, EVENTS, HISTORY, LAWS, OBSERVABLES, STATE, SWITCHES, Variable
 
 
 def values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Variable, np.ndarray]]:
@@ -70,6 +72,15 @@ def described(name: str, planar: bool) -> Variable:
     return STATE[name]._replace(dimensions=()) if planar and name == "z" else STATE[name]
 
 
+def described_fields(states: Any) -> dict[str, Variable]:
+    """The variables of the fields of states along a leading axis, by name."""
+    if isinstance(states, AbstractBodyState):
+        return {name: described(name, isinstance(states, DiskState)) for name in vars(states)}
+    return {
+        name: CLASSICAL_STATE.get(name) or undescribed(name, np.ndim(leaf) - 1) for name, leaf in vars(states).items()
+    }
+
+
 def _classical_values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Variable, np.ndarray]]:
     variables = {}
     for known, leaves in ((CLASSICAL_STATE, vars(trajectory.state)), (LAWS, trajectory.laws._asdict())):
@@ -105,48 +116,116 @@ RELEASED = {name: HISTORY[name] for name in ("V", "height")}
 Variables = dict[str, tuple[Variable, np.ndarray]]
 
 
-def history_values(history: ContactHistory) -> Variables:
-    """The variables over time."""
+@functools.singledispatch
+def history_values(history: AbstractHistory) -> Variables:
+    """The variables over time of a history, besides the states."""
+    return {}
+
+
+@history_values.register
+def _of_contact(history: ContactHistory) -> Variables:
     return {name: (variable, np.asarray(getattr(history, name))) for name, variable in HISTORY.items()}
 
 
-def switch_values(history: ContactHistory, of_state: Mapping[str, Variable]) -> Variables:
+@functools.singledispatch
+def switch_values(history: AbstractHistory, of_state: Mapping[str, Variable]) -> Variables:
     """The variables of the kept switches, which have the dimension ``switch``; none for a run without switches.
 
-    ``of_state`` describes the fields of the body's state.
+    ``of_state`` describes the fields of the state.
     """
+    return {}
+
+
+@switch_values.register
+def _of_events(history: History, of_state: Mapping[str, Variable]) -> Variables:
+    switches, variables = history.switches, {}
+    for name, variable in EVENTS.items():
+        variables[f"switch_{name}"] = variable, getattr(switches, name)
+    for side in SIDES:
+        for name, leaf in vars(getattr(switches, side)).items():
+            variables[f"switch_{side}_{name}"] = _beside(of_state[name], side), leaf
+    return _kept(switches, variables)
+
+
+@switch_values.register
+def _of_changes(history: ContactHistory, of_state: Mapping[str, Variable]) -> Variables:
     switches = history.switches
-    kept = min(int(switches.count), history.law.room)
-    if not kept:
-        return {}
     variables = {f"switch_{name}": (variable, getattr(switches, name)) for name, variable in SWITCHES.items()}
     for side in SIDES:
         released = getattr(switches, side)
         leaves = vars(released.body) | {name: getattr(released, name) for name in RELEASED}
         for name, leaf in leaves.items():
             if leaf.size:
-                variable = RELEASED.get(name) or of_state[name]
-                meaning = f"{variable.meaning}, {side} the switch"
-                variables[f"switch_{side}_{name}"] = variable._replace(meaning=meaning), leaf
-    return {name: (variable, _plain(leaf)[:kept]) for name, (variable, leaf) in variables.items()}
+                variables[f"switch_{side}_{name}"] = _beside(RELEASED.get(name) or of_state[name], side), leaf
+    return _kept(switches, variables)
 
 
-def contact_attributes(history: ContactHistory) -> dict[str, int | float]:
-    """The coefficients of the law, how many switches it keeps, and how many there were."""
+def _beside(variable: Variable, side: str) -> Variable:
+    return variable._replace(meaning=f"{variable.meaning}, {side} the switch")
+
+
+def _kept(switches: Switches, variables: Mapping[str, tuple[Variable, Array]]) -> Variables:
+    kept = min(int(switches.count), switches.times.shape[-1])
+    plain = {name: (variable, _plain(leaf)[:kept]) for name, (variable, leaf) in variables.items()}
+    return plain if kept else {}
+
+
+@functools.singledispatch
+def history_attributes(history: AbstractHistory) -> dict[str, int | float]:
+    """The numbers of a history: how many switches there were and how many are kept, the coefficients of a law."""
+    return {}
+
+
+@history_attributes.register
+def _of_all_events(history: History) -> dict[str, int | float]:
+    return {"switches": int(history.switches.count), "max_switches": history.switches.times.shape[-1]}
+
+
+@history_attributes.register
+def _of_law(history: ContactHistory) -> dict[str, int | float]:
     law = {f"contact_{name}": float(getattr(history.law, name)) for name in COEFFICIENTS}
     return law | {"contact_room": history.law.room, "contact_switches": int(history.switches.count)}
 
 
 def read_history(
+    about: Mapping[str, Any],
     arrays: Mapping[str, np.ndarray],
     attribute: Callable[[str, Callable[[Any], Any]], Any],
     states: Any,
     friction: AbstractFriction | None = None,
-) -> ContactHistory:
-    """The history in a file, whose attributes ``attribute`` reads by name; ``states`` are those of the body.
+) -> AbstractHistory:
+    """The history in a file, whose attributes ``about`` has and ``attribute`` reads by name, with its ``states``.
 
-    ``friction`` is that of the law, if it is not one coefficient.
+    ``friction`` is that of the law of contact, if it is not one coefficient.
     """
+    if "contact_sliding" in about:
+        return _read_contact(arrays, attribute, states, friction)
+    if "switches" not in about:
+        return NoHistory()
+    filled = _filled(arrays, attribute("switches", int), attribute("max_switches", int))
+
+    def side(name: str) -> Any:
+        of_side = {field: filled(f"{name}_{field}", leaf.shape[1:]) for field, leaf in vars(states).items()}
+        return type(states)(**of_side)
+
+    before, after = map(side, SIDES)
+    switches = Switches(
+        count=jnp.asarray(attribute("switches", int)),
+        times=filled("times"),
+        event=filled("event", nothing=NOWHERE),
+        before=before,
+        after=after,
+        grazing=filled("grazing", nothing=False),
+    )
+    return History(switches=switches)
+
+
+def _read_contact(
+    arrays: Mapping[str, np.ndarray],
+    attribute: Callable[[str, Callable[[Any], Any]], Any],
+    states: Any,
+    friction: AbstractFriction | None,
+) -> ContactHistory:
     sliding, *others = (attribute(f"contact_{name}", float) for name in COEFFICIENTS)
     law = Contact(sliding if friction is None else friction, *others, room=attribute("contact_room", int))
     over_time = {
@@ -160,14 +239,7 @@ def read_history(
 def _read_switches(
     arrays: Mapping[str, np.ndarray], count: int, room: int, fields: Mapping[str, Array], state_type: Any
 ) -> ContactSwitches:
-    kept = min(count, room)
-
-    def filled(name: str, shape: tuple[int, ...] = (), nothing: float | int | bool = np.nan) -> Array:
-        """An array of the file, padded with the values that stand for no switch."""
-        whole = np.full((room, *shape), nothing)
-        if kept and whole.size:
-            whole[:kept] = arrays[f"switch_{name}"]
-        return jnp.asarray(whole)
+    filled = _filled(arrays, count, room)
 
     def released(side: str) -> ReleasedState:
         body = {name: filled(f"{side}_{name}", leaf.shape[1:]) for name, leaf in fields.items()}
@@ -185,6 +257,19 @@ def _read_switches(
         lost=filled("lost"),
         grazing=filled("grazing", nothing=False),
     )
+
+
+def _filled(arrays: Mapping[str, np.ndarray], count: int, capacity: int) -> Callable[..., Array]:
+    """The arrays of the kept switches in a file by name, padded with values that stand for no switch."""
+    kept = min(count, capacity)
+
+    def filled(name: str, shape: tuple[int, ...] = (), nothing: float | int | bool = np.nan) -> Array:
+        whole = np.full((capacity, *shape), nothing)
+        if kept and whole.size:
+            whole[:kept] = arrays[f"switch_{name}"]
+        return jnp.asarray(whole)
+
+    return filled
 
 
 def _plain(leaf: Array) -> np.ndarray:

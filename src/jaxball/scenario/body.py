@@ -10,10 +10,10 @@ import jax.numpy as jnp
 
 from ..numerics.arrays import to_array
 from ..physics.body import AbstractBody, Ball, Disk, System
-from ..physics.contact_law import SLOWEST, AbstractFriction, Contact
+from ..physics.contact.law import SLOWEST, AbstractFriction, Contact
+from ..physics.contact.released import ReleasedState
 from ..physics.force import AbstractWrench, FunctionWrench, HarmonicForce, require_wrench
 from ..physics.ground import Ground, Turntable
-from ..physics.released import ReleasedState
 from ..physics.resistance import SMOOTHING, AbstractResistance, Resistance
 from ..physics.system import AbstractState
 from ..sensors import AbstractSensor, Accelerometer, Encoder, Gyroscope, Position, SensorErrors, Tachometer

@@ -12,9 +12,9 @@ import tomli_w
 from jaxtyping import Array, Bool, Float
 
 from ..physics.body import Ball, Disk
-from ..physics.contact_law import Contact
+from ..physics.contact.law import Contact
+from ..physics.contact.released import ReleasedState
 from ..physics.motion import Driven
-from ..physics.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem
 from ..sensors import AbstractSensor
 from .actuation import FORMS, apply_actuation, is_linear, targets_of, write_actuation

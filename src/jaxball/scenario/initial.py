@@ -12,9 +12,9 @@ from ..numerics import programs
 from ..numerics.arrays import is_traced, to_array
 from ..numerics.norms import length
 from ..physics.body import Ball, Disk, PointMass, System
-from ..physics.contact_law import Contact
+from ..physics.contact.law import Contact
+from ..physics.contact.released import ReleasedState
 from ..physics.motion import Driven, OnRail
-from ..physics.released import ReleasedState
 from ..physics.schedules import AbstractSchedule
 from ..physics.state import BallState, DiskState, State
 from .errors import UntraceableError

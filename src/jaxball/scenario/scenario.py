@@ -9,8 +9,8 @@ import numpy as np
 from ..interface.arguments import refusal
 from ..interface.printing import shown
 from ..interface.wording import one_of
-from ..physics.contact_law import Contact
-from ..physics.released import ReleasedState
+from ..physics.contact.law import Contact
+from ..physics.contact.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem
 from ..sensors import AbstractSensor
 from ..simulation.defaults import DEFAULT_TOLERANCE

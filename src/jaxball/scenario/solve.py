@@ -7,7 +7,7 @@ import numpy as np
 
 from ..classical import NonholonomicParticle, VakonomicParticle
 from ..physics.body import Disk
-from ..physics.contact_law import Contact
+from ..physics.contact.law import Contact
 from ..physics.system import AbstractSystem
 from ..simulation.defaults import DEFAULT_TOLERANCE
 from .imports import is_python_name

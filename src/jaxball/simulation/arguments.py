@@ -10,9 +10,9 @@ from jaxtyping import Array
 from ..interface.arguments import refusal, require
 from ..interface.errors import UserError
 from ..numerics.arrays import Numbers, default_dtype, is_traced, require_numbers, to_array
-from ..physics.contact_law import Contact
+from ..physics.contact.law import Contact
+from ..physics.contact.released import ReleasedState
 from ..physics.dae import WITH_UNIT
-from ..physics.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem, require_one, require_state, shapes_of_state
 from ..solvers import NDF, TRBDF2, RadauIIA, Trapezoidal
 from .defaults import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE

@@ -12,7 +12,7 @@ from ..interface.arguments import require_callable, require_flags, traceable
 from ..interface.printing import Printed
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, is_traced, numbers
-from ..physics.contact import reaction
+from ..physics.contact.reaction import reaction
 
 UP, DOWN, EITHER = 1, -1, 0
 

@@ -16,7 +16,8 @@ from ..numerics.calculus import with_derivatives
 from ..numerics.masks import differentiated_where
 from ..numerics.modes import once
 from ..physics.body import AbstractBody
-from ..physics.contact import Reaction, reaction
+from ..physics.contact.reaction import Reaction, reaction
+from ..physics.hybrid import NoHistory
 from ..physics.packing import Packing
 from ..solvers.dense.maxima import maxima, moved
 from ..solvers.dense.steps import Steps
@@ -91,6 +92,11 @@ class ContactExtremes(Printed):
         return "\n".join(lines)
 
 
+def always_rolls(trajectory: Trajectory[Any, Any]) -> bool:
+    """Whether a run is of a body that always rolls, and so has extremes of the contact force."""
+    return isinstance(trajectory.system, AbstractBody) and isinstance(trajectory.history, NoHistory)
+
+
 def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
     """The extreme values of N, |f| / N and |f| within the steps of a run, not just at its saved times.
 
@@ -117,7 +123,7 @@ def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
             "Argument `trajectory` must be of a Ball or a Disk, which is supported by a plane, but it is of a "
             f"{type(trajectory.system).__name__}."
         )
-    if trajectory.contact is not None:
+    if not always_rolls(trajectory):
         raise ValueError(
             "Argument `trajectory` must be of a body that always rolls, but it is of one with a law of contact; its "
             "forces at the saved times are in `observables`."

@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics import programs
-from ..physics import friction
-from ..physics.body_on_plane import BodyOnPlane, ContactHistory
-from ..physics.modes import ContactState, Mode
-from ..physics.released import ReleasedState
-from ..physics.slip import Beginning
+from ..physics.contact import friction
+from ..physics.contact.body_on_plane import BodyOnPlane, ContactHistory
+from ..physics.contact.modes import ContactState, Mode
+from ..physics.contact.released import ReleasedState
+from ..physics.contact.slip import Beginning
 from ..physics.state import DiskState
 from .trajectory import Trajectory
 

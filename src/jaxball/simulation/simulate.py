@@ -19,10 +19,10 @@ from ..numerics.masks import differentiated_where, known_or_nothing, with_unknow
 from ..numerics.modes import forward_only, reverse_only
 from ..physics.body import System
 from ..physics.confinement import until_left
-from ..physics.contact_law import Contact
+from ..physics.contact.law import Contact
+from ..physics.contact.released import ReleasedState
 from ..physics.hybrid import Accuracy
 from ..physics.packing import Packing
-from ..physics.released import ReleasedState
 from ..physics.state import State
 from ..physics.system import AbstractState, AbstractSystem, require_system
 from ..physics.validity import possible_start
@@ -41,9 +41,9 @@ from .arguments import (
     require_one_state,
     require_smooth,
 )
+from .contact import system_to_solve
 from .events import AbstractEvent
 from .loop import SolveLoop
-from .modal import on_plane
 from .observers import Observation, Observers
 from .step_size import by_tolerances, kinks_of, to_kinks
 from .switching import NoSwitching, Switching
@@ -161,7 +161,7 @@ def simulate(
         project=project,
         inside=inside,
     )
-    moving = system if contact is None else on_plane(system, state, contact, dae, events)
+    moving = system_to_solve(system, state, contact, dae, events)
     trajectory = _run(method, moving, times, state, rtol, atol, events)
     if events:
         trajectory = locate(trajectory, events)

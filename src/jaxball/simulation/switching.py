@@ -145,7 +145,7 @@ class Taken(NamedTuple):
 class AbstractSwitching(eqx.Module):
     """What a solve does about modes between its steps. ``args`` are the parameters of a solve."""
 
-    jumps: eqx.AbstractClassVar[bool]  # whether the field may jump from one step to the next
+    jumps: ClassVar[bool]  # whether the field may jump from one step to the next
 
     @abc.abstractmethod
     def init(self, t0: Float[Array, ""], y0: Float[Array, " size"], length: Float[Array, ""]) -> Any:
@@ -239,7 +239,7 @@ class Switching(AbstractSwitching):
             before, after = (packing.unpack_where(known, t, vector) for vector in (row.before, row.after))
             return Record(carry.switches, row.times, row.event, before, after, row.grazing)
 
-        record = jax.lax.map(unpacked, carry.rows)._replace(count=carry.switches)
+        record = jax.lax.map(unpacked, carry.rows)._replace(number=carry.switches)
         return jnp.where(carry.status == int(Status.SUCCESS), status, carry.status), record
 
     # Events.

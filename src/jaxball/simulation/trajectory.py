@@ -21,8 +21,8 @@ from ..numerics.arrays import Numbers, is_traced, to_array
 from ..numerics.kinks import seen_from_before
 from ..numerics.masks import differentiated_where, with_unknown_derivatives
 from ..physics.body import AbstractBody, System
-from ..physics.body_on_plane import ContactHistory
 from ..physics.conditions import Problem
+from ..physics.contact.body_on_plane import ContactHistory
 from ..physics.hybrid import AbstractHistory, NoHistory, Switches
 from ..physics.observables import Observables, movement, observed
 from ..physics.packing import Packing

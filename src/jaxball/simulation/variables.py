@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..physics.modes import Cause, Mode
+from ..physics.contact.modes import Cause, Mode
 
 
 class Variable(NamedTuple):
@@ -112,7 +112,7 @@ HISTORY = {
     "struck": Variable((), "energy", "energy dissipated by impacts"),
 }
 
-# By the names of the fields of Switches. Those of the states before and after come with the kind of the state.
+# By the names of the fields of ContactSwitches. Those of the states before and after come with the kind of the state.
 SWITCHES = {
     "times": Variable((), "time", "time of a change of mode"),
     "cause": Variable((), "1", "why the mode ended", flags=Cause),
@@ -120,6 +120,13 @@ SWITCHES = {
     "target": Variable((), "1", "mode after the switch", flags=Mode),
     "lost": Variable((), "energy", "energy dissipated by the impact"),
     "grazing": Variable((), "1", "1 if the function that ended the mode touched zero without crossing it"),
+}
+
+# Of a hybrid system of another kind, by the names of the fields of its Switches.
+EVENTS = {
+    "times": Variable((), "time", "time of an event"),
+    "event": Variable((), "1", "index of the guard that fell to zero, or the number of guards for a time event"),
+    "grazing": Variable((), "1", "1 if the guard touched zero without crossing it"),
 }
 
 # Of a run as a whole, in the store of a study.

@@ -14,7 +14,7 @@ from ..numerics import programs
 from ..numerics.least_squares import least_squares
 from ..numerics.tangent import largest_row, tangent_field
 from ..physics.body import AbstractBody
-from ..physics.contact import reaction
+from ..physics.contact.reaction import reaction
 from ..physics.packing import Packing
 from ..physics.phase_space import normal_of
 from ..physics.state import AbstractBodyState, BallState, DiskState

@@ -10,7 +10,7 @@ from ..ensemble.quantities import CONTACT as CONTACT_REDUCTIONS
 from ..physics.body import AbstractBody
 from ..scenario.solvers import SOLVERS
 from ..simulation.events import AbstractEvent, Detachment
-from .outputs import contact_results
+from .outputs import history_results
 from .rows import Batch, Request
 
 # The same for any number of threads, so that results are the same to the last bit.
@@ -66,7 +66,7 @@ def _solved(
     )
     trajectory = ensemble.trajectory
     rows = {name: np.asarray(getattr(trajectory, name)) for name in ("status", "steps", "rejected", "reached")}
-    results = vars(trajectory.state) | contact_results(trajectory) | ensemble.reductions
+    results = vars(trajectory.state) | history_results(trajectory.history) | ensemble.reductions
     return rows | jax.tree.map(np.asarray, results)
 
 

@@ -1,5 +1,6 @@
 """The results that a study keeps for each row, and how its rows lie along its axes."""
 
+import functools
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -8,12 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..physics.modes import Mode
-from ..physics.released import ReleasedState
+from ..physics.contact.body_on_plane import ContactHistory
+from ..physics.contact.modes import Mode
+from ..physics.contact.released import ReleasedState
+from ..physics.hybrid import AbstractHistory
 from ..physics.state import BallState, DiskState
 from ..results.variables import labels, undescribed
 from ..scenario import Scenario
-from ..simulation.trajectory import Trajectory
 from ..simulation.variables import CLASSICAL_STATE, EXTREMES, HISTORY, RUN, RUN_SWITCHES, STATE, Variable
 from .axes import Axis, Designed, FromFile, Ranged, Zipped
 from .errors import StudyError
@@ -116,11 +118,14 @@ def state_variables(template: Scenario) -> dict[str, tuple[Variable, tuple[int, 
     return known | {name: (one, tuple(sizes[axis] for axis in one.dimensions)) for name, one in HISTORY.items()}
 
 
-def contact_results(trajectory: Trajectory[Any, Any]) -> dict[str, Array]:
-    """The variables of the contact in a run, or in many, by name; none without a law of contact."""
-    contact = trajectory.contact
-    if contact is None:
-        return {}
+@functools.singledispatch
+def history_results(history: AbstractHistory) -> dict[str, Array]:
+    """The variables of a history, of one run or of many, by name; those of the contact with a law of contact."""
+    return {}
+
+
+@history_results.register
+def _of_contact(contact: ContactHistory) -> dict[str, Array]:
     switches = contact.switches
     # Modes at saved times too, because there may have been more switches than there was room for.
     seen = jnp.concatenate([contact.mode, switches.source, switches.target], axis=-1)

@@ -34,7 +34,7 @@ from ..options import (
 )
 
 if TYPE_CHECKING:
-    from ...physics.body_on_plane import ContactHistory
+    from ...physics.contact.body_on_plane import ContactHistory
     from ...scenario import Scenario
     from ...simulation.events import AbstractEvent
     from ...simulation.trajectory import Trajectory
@@ -263,7 +263,7 @@ def _contact_content(contact: "ContactHistory") -> dict[str, Any]:
 
 
 def _switches(contact: "ContactHistory") -> list[dict[str, Any]]:
-    from ...physics.modes import Cause
+    from ...physics.contact.modes import Cause
 
     switches = contact.switches
     kept = min(int(switches.count), switches.times.shape[-1])
@@ -282,7 +282,7 @@ def _switches(contact: "ContactHistory") -> list[dict[str, Any]]:
 
 def _mode_name(mode: Any) -> str | None:
     """The name of a mode; None at times that the solve did not reach."""
-    from ...physics.modes import Mode
+    from ...physics.contact.modes import Mode
 
     return Mode(int(mode)).name.lower() if int(mode) >= 0 else None
 

@@ -13,7 +13,7 @@ from ...numerics import programs
 from ...numerics.arrays import to_array
 from ...numerics.vectors import apply, cross
 from ...physics.body import Disk, System
-from ...physics.contact_law import Contact
+from ...physics.contact.law import Contact
 from ...physics.load import in_three
 from ...physics.moments import velocity_moments
 from ...physics.momentum import contact_momentum
@@ -95,7 +95,7 @@ def body_document(one: Shown) -> dict[str, Any]:
         "arms": [mass_colour(j) for j in range(system.n_masses + 1, system.n_masses + len(system.mechanisms) + 1)],
     }
     modes = modes_of(one.trajectory)
-    if modes is None:
+    if not modes.spells:
         return parts
     spells = [[spell.mode.name.lower(), spell.start, spell.end] for spell in modes.spells]
     return parts | {"spells": spells, "switches": modes.switches.tolist()}

@@ -11,7 +11,7 @@ So everything is the sum of the rolling motion, with its reaction R₀, and a pa
 
     R = R₀ + D⁻¹ v̇_s        v̇_s = D (R − R₀)
 
-The contact matrix D is A 𝓜⁻¹Aᵀ, where 𝓜 is the inertia in the velocities (Ω, Λ⁻¹V), free joints eliminated, and
+The Delassus operator D is A 𝓜⁻¹Aᵀ, where 𝓜 is the inertia in the velocities (Ω, Λ⁻¹V), free joints eliminated, and
 v_s + u is A = Λ[ rΓ̂, 1 ] times these. In the velocities (Ω, Λ⁻¹v_s), that inertia has the one of ``coupling`` as its
 first block, whose Schur complement is Λ⁻¹D⁻¹Λ. Hence no factors other than those of rolling are needed.
 """
@@ -23,19 +23,19 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..interface.arguments import require
-from ..interface.printing import Printed
-from ..numerics.arrays import numbers
-from ..numerics.vectors import apply, cross, dot, inverse
-from .body import AbstractBody
-from .contact import reaction_in_body
-from .coupling import Joints, joined
-from .dynamics import equations
-from .energy import kinetic_energy, potential_energy
-from .load import in_three, load, place, table_under
-from .moments import kinematics, point_mass_values, principal_inertia
-from .motion import Kinematics
-from .state import BallState, DiskState, RotationState, centre_velocity
+from ...interface.arguments import require
+from ...interface.printing import Printed
+from ...numerics.arrays import numbers
+from ...numerics.vectors import apply, cross, dot, inverse
+from ..body import AbstractBody
+from ..coupling import Joints, joined
+from ..dynamics import equations
+from ..energy import kinetic_energy, potential_energy
+from ..load import in_three, load, place, table_under
+from ..moments import kinematics, point_mass_values, principal_inertia
+from ..motion import Kinematics
+from ..state import BallState, DiskState, RotationState, centre_velocity
+from .reaction import reaction_in_body
 
 PlacedState = BallState | RotationState | DiskState
 
@@ -103,26 +103,26 @@ class Response(NamedTuple):
     """The response of a released body to the reaction of the plane, in which all formulas of this module are linear.
 
     ``rolling`` is the motion with v̇_s = 0 and without dry rolling friction, and its reaction R₀. ``yielding`` is what a
-    unit of v̇_s along each space axis adds, one row for each, so that its reactions are D⁻¹; D is ``contact``.
-    ``rubbing`` is what the dry torque of a unit of normal force adds while v̇_s = 0, None without dry friction.
-    ``convected`` is u̇.
+    unit of v̇_s along each space axis adds, one row for each, so that its reactions are D⁻¹; ``delassus`` is
+    the Delassus operator D. ``rubbing`` is what the dry torque of a unit of normal force adds while v̇_s = 0, None
+    without dry friction. ``convected`` is u̇.
     """
 
     rolling: Motion
     yielding: Motion
-    contact: Float[Array, "3 3"]
+    delassus: Float[Array, "3 3"]
     rubbing: Motion | None
     convected: Float[Array, "3"]
 
     @property
     def free(self) -> Float[Array, "3"]:
         """v̇_free, the slip acceleration without any force of the plane, space axes: −D R₀."""
-        return -apply(self.contact, self.rolling.reaction)
+        return -apply(self.delassus, self.rolling.reaction)
 
     def slip_acceleration(self, R: Float[Array, "3"], N: Float[Array, ""]) -> Float[Array, "3"]:
         """v̇_s under a reaction, space axes; ``N`` is the normal force with which dry rolling friction is computed."""
         rest = R - self.rolling.reaction
-        return apply(self.contact, rest if self.rubbing is None else rest - N * self.rubbing.reaction)
+        return apply(self.delassus, rest if self.rubbing is None else rest - N * self.rubbing.reaction)
 
     def reaction(self, slip_acceleration: Float[Array, "3"], N: Float[Array, ""]) -> Float[Array, "3"]:
         """R with a given v̇_s: the inverse of :meth:`slip_acceleration`."""
@@ -186,7 +186,7 @@ def response(
     return Response(
         rolling=motion(Omegadot, joined(found.angles[2], found.links, thetaddot), R),
         yielding=of_slip,
-        contact=inverse(of_slip.reaction),
+        delassus=inverse(of_slip.reaction),
         rubbing=None if dry is None else change(dry, idle, jnp.zeros_like(dry)),
         convected=jnp.zeros_like(slip) if table is None else in_three(table.acceleration),
     )

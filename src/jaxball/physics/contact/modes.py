@@ -8,12 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .conditions import Condition
+from ..conditions import Condition
+from ..hybrid import Switches
+from ..system import AbstractState
 from .friction import slip_direction
-from .hybrid import Switches
 from .released import PlacedState, ReleasedState
 from .slip import Beginning
-from .system import AbstractState
 
 
 class Mode(enum.IntEnum):

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..interface.printing import Printed
-from ..numerics.arrays import Numbers, is_traced, namespace_of, numbers
-from .conditions import Condition
+from ...interface.printing import Printed
+from ...numerics.arrays import Numbers, is_traced, namespace_of, numbers
+from ..conditions import Condition
 
 SLOWEST = 1e-6
 

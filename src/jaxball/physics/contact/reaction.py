@@ -5,13 +5,13 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..numerics.norms import root
-from ..numerics.vectors import apply, cross, dot
-from .body import AbstractBody
-from .dynamics import accelerations
-from .load import Load, load
-from .moments import Moments
-from .state import State
+from ...numerics.norms import root
+from ...numerics.vectors import apply, cross, dot
+from ..body import AbstractBody
+from ..dynamics import accelerations
+from ..load import Load, load
+from ..moments import Moments
+from ..state import State
 
 
 class ContactForce(NamedTuple):

@@ -24,12 +24,12 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
-from ..numerics import cooper_verner
-from ..numerics.linear import inverses, solutions
-from ..numerics.norms import root
-from .body import AbstractBody
+from ...numerics import cooper_verner
+from ...numerics.linear import inverses, solutions
+from ...numerics.norms import root
+from ..body import AbstractBody
+from ..hybrid import Accuracy
 from .friction import across, left, sliding, unit
-from .hybrid import Accuracy
 from .released import ReleasedState, Response, rates, response, slip_velocity
 
 DEGREE = 6  # of the polynomial through the directions of a slip that begins

@@ -12,9 +12,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..numerics.bracketing import Sample, between, other_end
-from ..numerics.norms import root
-from ..numerics.vectors import apply
+from ...numerics.bracketing import Sample, between, other_end
+from ...numerics.norms import root
+from ...numerics.vectors import apply
 from .released import Response
 
 SAMPLES = 24  # of directions between which one is sought
@@ -52,7 +52,7 @@ def sliding(found: Response, mu: Float[Array, ""], direction: Float[Array, "2"])
     """
     pushed = push(mu, direction)
     net = pushed if found.rubbing is None else pushed - found.rubbing.reaction
-    moved, D33 = apply(found.contact, net), found.contact[2, 2]
+    moved, D33 = apply(found.delassus, net), found.delassus[2, 2]
     N = -found.free[2] / jnp.where(moved[2] == 0, D33, moved[2])
     acceleration = (found.free + N * moved).at[2].set(0.0)  # without what rounding leaves
     return Interaction(N * pushed, acceleration, N, moved[2] / D33)

@@ -23,10 +23,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..numerics import cooper_verner
-from ..numerics.norms import root
-from ..numerics.vectors import apply, dot, inverse
-from .body import AbstractBody
+from ...numerics import cooper_verner
+from ...numerics.norms import root
+from ...numerics.vectors import apply, dot, inverse
+from ..body import AbstractBody
 from .friction import diverging, push, slip_direction
 from .released import ReleasedState, Response, slip_velocity, with_slip
 
@@ -84,7 +84,7 @@ def impact(
     ``found`` is its response just before, ``mu`` the coefficient of friction and ``restitution`` Newton's e.
     """
     before = slip_velocity(system, t, state)
-    done = collision(found.contact, before, mu, restitution)
+    done = collision(found.delassus, before, mu, restitution)
     after = with_slip(system, state, found, before, done.slip)
     return Impact(after, done, 0.5 * dot(done.impulse, before + done.slip))
 

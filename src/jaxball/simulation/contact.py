@@ -1,21 +1,26 @@
-"""What a run of a body with a law of contact needs."""
+"""The system of a body with a law of contact, if it can have one."""
 
 from collections.abc import Mapping
 from typing import Any
 
 from ..interface.arguments import described, require
 from ..physics.body import AbstractBody
-from ..physics.body_on_plane import BodyOnPlane
-from ..physics.contact_law import Contact
+from ..physics.contact.body_on_plane import BodyOnPlane
+from ..physics.contact.law import Contact
 from ..physics.state import ReducedState
+from ..physics.system import AbstractSystem
 from .events import AbstractEvent, Detachment, Slip
 
 
-def on_plane(system: Any, state: Any, contact: Contact, dae: bool, events: Mapping[str, AbstractEvent]) -> BodyOnPlane:
-    """The system of a body with a law of contact.
+def system_to_solve(
+    system: AbstractSystem, state: Any, contact: Contact | None, dae: bool, events: Mapping[str, AbstractEvent]
+) -> AbstractSystem:
+    """The system that is solved: with a law of contact, the body on its plane.
 
-    **Raises:** ``TypeError`` or ``ValueError`` for a system without contact, or a state without equations for it.
+    **Raises:** ``TypeError`` or ``ValueError`` for a law that the system or the state has no equations for.
     """
+    if contact is None:
+        return system
     require("contact", contact, Contact, "a Contact, such as Contact(sliding=0.3)")
     if not isinstance(system, AbstractBody):
         raise TypeError(

@@ -7,10 +7,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..interface.status import Status
-from ..numerics.norms import root
+from ...interface.status import Status
+from ...numerics.norms import root
+from ..hybrid import START, Accuracy, Transition, at_zero
 from . import friction, slip as slips
-from .hybrid import START, Accuracy, Transition, at_zero
 from .impact import impact
 from .modes import CAUSES, Cause, ContactState, Mode
 from .released import ReleasedState, Response, rates, slip_velocity, with_slip
@@ -44,7 +44,7 @@ def transition(
         which,
         cause > int(Cause.START),
     )
-    done = _followed(plane, t, before, cause, accuracy.tolerance)
+    done = _next_mode(plane, t, before, cause, accuracy.tolerance)
     return Transition(
         t=done.t,
         before=done.before,
@@ -59,13 +59,13 @@ def transition(
     )
 
 
-def _followed(
+def _next_mode(
     plane: "BodyOnPlane",
     t: Float[Array, ""],
     state: ContactState,
     cause: Int[Array, ""],
     tolerance: Float[Array, ""],
-) -> "_Following":
+) -> "_Progress":
     """The state that follows the end of a mode, in a solve with this tolerance.
 
     First, a slip that ends is followed to its end. Next comes an impact, if the body lands, then the mode for the
@@ -82,11 +82,11 @@ def _followed(
         lambda x: (x.height, x.begun), state, (jnp.where(starts, state.height, 0.0), slips.Beginning.none(zero))
     )
 
-    def needed(carry: _Following, stage: Int[Array, ""]) -> Bool[Array, ""]:
+    def needed(carry: _Progress, stage: Int[Array, ""]) -> Bool[Array, ""]:
         ends = (cause == int(Cause.STOPS)) & ((stage == END) | (stage == MIDDLE) & carry.decides)
         return ends | (stage == IMPACT) & lands | (stage == MODE) & carry.decides
 
-    def advanced(carry: _Following, stage: Int[Array, ""]) -> _Following:
+    def advanced(carry: _Progress, stage: Int[Array, ""]) -> _Progress:
         now, where = carry.ahead
         found = plane.response(now, eqx.tree_at(lambda x: x.mode, where, zero + int(Mode.SLIDING)))
         return jax.lax.switch(
@@ -100,16 +100,16 @@ def _followed(
             carry,
         )
 
-    def part(carry: _Following, stage: Int[Array, ""]) -> tuple[_Following, None]:
+    def part(carry: _Progress, stage: Int[Array, ""]) -> tuple[_Progress, None]:
         return jax.lax.cond(needed(carry, stage), advanced, lambda carry, _: carry, carry, stage), None
 
     decides, no = cause >= int(Cause.START), jnp.asarray(False)
-    first = _Following(t, before, state, (t, state), still, flies, lands, decides, no)
+    first = _Progress(t, before, state, (t, state), still, flies, lands, decides, no)
     done = jax.lax.scan(part, first, jnp.arange(END, MODE + 1))[0]
     return done._replace(state=_begun(plane, done))
 
 
-def _ending(plane: "BodyOnPlane", carry: "_Following", found: Response, tolerance: Float[Array, ""]) -> "_Following":
+def _ending(plane: "BodyOnPlane", carry: "_Progress", found: Response, tolerance: Float[Array, ""]) -> "_Progress":
     """Halfway to the end of a slip, if it has one."""
     end = _end(plane, carry, found)
     longest = jnp.maximum(float(jnp.finfo(end.time.dtype).eps) ** LONGEST, COARSER * jnp.cbrt(tolerance))
@@ -118,7 +118,7 @@ def _ending(plane: "BodyOnPlane", carry: "_Following", found: Response, toleranc
     return carry._replace(ahead=(carry.t + HALFWAY * end.time, halfway), decides=end.comes & soon)
 
 
-def _ended(plane: "BodyOnPlane", carry: "_Following", found: Response) -> "_Following":
+def _ended(plane: "BodyOnPlane", carry: "_Progress", found: Response) -> "_Progress":
     """At the end of a slip, with the response halfway."""
     end, t = _end(plane, carry, found), carry.t
     state = _slowed(plane, carry, found, carry.ahead[1], end, 1.0)
@@ -127,13 +127,13 @@ def _ended(plane: "BodyOnPlane", carry: "_Following", found: Response) -> "_Foll
     return carry._replace(t=t, before=state, state=state, ahead=(t, state), still=jnp.asarray(True))
 
 
-def _end(plane: "BodyOnPlane", carry: "_Following", found: Response) -> slips.End:
+def _end(plane: "BodyOnPlane", carry: "_Progress", found: Response) -> slips.End:
     slip = slip_velocity(plane.body, carry.t, carry.state.released)
     return slips.end(found, plane.coefficient(slip, HALFWAY), slip)
 
 
 def _slowed(
-    plane: "BodyOnPlane", carry: "_Following", found: Response, where: ContactState, end: slips.End, share: float
+    plane: "BodyOnPlane", carry: "_Progress", found: Response, where: ContactState, end: slips.End, share: float
 ) -> ContactState:
     """The state after a share of the time in which a slip ends, with the rates ``where`` the response was found."""
     time, slip = share * end.time, slip_velocity(plane.body, carry.t, carry.state.released)
@@ -142,7 +142,7 @@ def _slowed(
     return carry.state.moved(jax.tree.map(lambda x, rate: x + time * rate, carry.state.released, moved))
 
 
-def _struck(plane: "BodyOnPlane", carry: "_Following", found: Response) -> "_Following":
+def _struck(plane: "BodyOnPlane", carry: "_Progress", found: Response) -> "_Progress":
     """After an impact. A rebound that is too slow is treated as none."""
     t, state, contact = carry.t, carry.state, plane.contact
     slip = slip_velocity(plane.body, t, state.released)
@@ -162,7 +162,7 @@ def _struck(plane: "BodyOnPlane", carry: "_Following", found: Response) -> "_Fol
     )
 
 
-def _decided(plane: "BodyOnPlane", carry: "_Following", found: Response, cause: Int[Array, ""]) -> "_Following":
+def _decided(plane: "BodyOnPlane", carry: "_Progress", found: Response, cause: Int[Array, ""]) -> "_Progress":
     """In the mode that follows, by the forces that each mode would need."""
     t, state, body, contact = carry.t, carry.state, plane.body, plane.contact
     given, flies = state.released, carry.flies
@@ -189,7 +189,7 @@ def _decided(plane: "BodyOnPlane", carry: "_Following", found: Response, cause: 
     return carry._replace(state=after, begins=begins)
 
 
-def _begun(plane: "BodyOnPlane", done: "_Following") -> ContactState:
+def _begun(plane: "BodyOnPlane", done: "_Progress") -> ContactState:
     """With the direction of a slip that begins, for as long as it is computed in advance."""
     t, state = done.t, done.state
     begins = done.begins & (plane.coefficient(state.V, 0.0) > 0)
@@ -208,7 +208,7 @@ def _begun(plane: "BodyOnPlane", done: "_Following") -> ContactState:
     return eqx.tree_at(lambda x: x.begun, state, _where(begins, begun, slips.Beginning.none(t)))
 
 
-class _Following(NamedTuple):
+class _Progress(NamedTuple):
     """A transition in progress: time, the state at the mode's end, the current one, and where to find the response.
 
     ``still`` says that it does not slip, ``flies`` that it leaves the plane, ``lands`` that it comes down, ``decides``

@@ -21,16 +21,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..interface.printing import is_single, shown
-from ..numerics.norms import root
+from ...interface.printing import is_single, shown
+from ...numerics.norms import root
+from ..body import AbstractBody
+from ..conditions import Condition, Problem
+from ..hybrid import MOST_SHOWN, NONE, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
+from ..system import AbstractSystem
 from . import friction, slip as slips
-from .body import AbstractBody
-from .conditions import Condition, Problem
-from .contact_law import Contact
-from .hybrid import MOST_SHOWN, NONE, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
+from .law import Contact
 from .modes import Cause, ContactState, ContactSwitches, Mode, cause_of
 from .released import PlacedState, ReleasedState, Response, rates, released, response, slip_velocity
-from .system import AbstractSystem
 from .transition import WINDOW, transition
 
 ROUNDING = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none
@@ -272,7 +272,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
             lost=after.struck - before.struck,
         )
         saved = {name: getattr(states, name) for name in ("V", "height", "rubbed", "struck")}
-        return ContactHistory(self.contact, _whole(states.mode), slip=slip, sigma=sigma, switches=switches, **saved)
+        mode = _whole(states.mode)
+        return ContactHistory(law=self.contact, mode=mode, slip=slip, sigma=sigma, switches=switches, **saved)
 
     def slips(self, times: Float[Array, " T"], states: ContactState) -> tuple[Float[Array, "T 3"], Float[Array, "T 2"]]:
         """The slip velocities, exactly 0 for a body that rolls, and their directions, else 0; ``self`` is prepared."""
