@@ -48,6 +48,7 @@ __all__ = [
     "enable_x64",
     "function_of",
     "is_traced",
+    "is_tracer_type",
     "loop",
     "node_of",
     "primitive",
@@ -65,6 +66,11 @@ __all__ = [
 def is_traced(x: Any) -> bool:
     """Whether ``x`` is traced, so that its value is unknown, as within jit, vmap and grad."""
     return isinstance(x, Tracer)
+
+
+def is_tracer_type(of: type) -> bool:
+    """Whether it is a type of what is traced."""
+    return issubclass(of, Tracer)
 
 
 def settings() -> Mapping[str, Any]:

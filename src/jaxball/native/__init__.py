@@ -36,6 +36,7 @@ from .jitting import (
     kind,
     on_one_cpu,
     settings,
+    some_traced,
     usable,
     warn_if_asked_for,
 )
@@ -59,6 +60,7 @@ __all__ = [
     "kind",
     "on_one_cpu",
     "settings",
+    "some_traced",
     "usable",
     "warn_if_asked_for",
 ]

@@ -117,7 +117,7 @@ def _simulate(options: argparse.Namespace, scenario: "Scenario") -> int:
 
     rolls = isinstance(scenario.system, AbstractBody) and scenario.contact is None
     events = _events(options, scenario)
-    with working(options, "compiling and simulating"):
+    with working(options, "simulating"):
         trajectory = scenario.simulate(dense=rolls and _shows_contact(options), events=events)
     written = []
     if options.out is not None:
