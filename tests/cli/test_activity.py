@@ -92,7 +92,7 @@ def test_a_line_counts_its_seconds_and_says_that_something_is_compiled(monkeypat
     def shown(after):
         now[0] += after
         line.show()
-        return path.read_text(encoding="utf-8").split(activity.ERASE)[-1]
+        return path.read_bytes().decode().split(activity.ERASE)[-1]
 
     with path.open("w", encoding="utf-8") as stream:
         line = activity.Line("simulating", stream)
