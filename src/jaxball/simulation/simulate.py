@@ -194,10 +194,10 @@ def _run(
         body = system.body if isinstance(system, BodyOnPlane) else system
         return Trajectory.of(body, times, *solved, {}, state, contact)
 
-    if method.dense and not is_traced(jnp.zeros(())):
+    if method.dense and not any(map(is_traced, jax.tree.leaves((system, times, state, *others)))):
         for room in (room for room in FEW_STEPS if room < method.max_steps):
             trajectory = trajectory_by(method._replace(max_steps=room))
-            if not is_traced(trajectory.status) and np.max(trajectory.steps) < room:
+            if np.max(np.asarray(trajectory.steps)) < room:
                 return trajectory
     return trajectory_by(method)
 
