@@ -39,6 +39,7 @@ __all__ = [
     "declare_linear",
     "differentiate_by",
     "is_traced",
+    "is_tracer_type",
     "node_of",
     "primitive",
     "put",
@@ -55,6 +56,11 @@ __all__ = [
 def is_traced(x: Any) -> bool:
     """Whether ``x`` is traced, so that its value is unknown, as within jit, vmap and grad."""
     return isinstance(x, Tracer)
+
+
+def is_tracer_type(of: type) -> bool:
+    """Whether it is a type of what is traced."""
+    return issubclass(of, Tracer)
 
 
 def settings() -> Mapping[str, Any]:

@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+from jaxball.interface import activity
+
 PRELUDE = """
 import sys, time
 from jaxball.interface import activity as module
@@ -81,3 +83,25 @@ def test_in_a_log(program):
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout == ""
     assert done.stderr == ("half of it\nall of it\n" if "printed" in program else "")
+
+
+def test_a_line_counts_its_seconds_and_says_that_something_is_compiled(monkeypatch, tmp_path):
+    now, path = [10.0], tmp_path / "written"
+    monkeypatch.setattr(activity.time, "monotonic", lambda: now[0])
+
+    def shown(after):
+        now[0] += after
+        line.show()
+        return path.read_bytes().decode().split(activity.ERASE)[-1]
+
+    with path.open("w", encoding="utf-8") as stream:
+        line = activity.Line("simulating", stream)
+        assert shown(0.5) == "simulating …"
+        with activity.compiling(), activity.compiling():
+            assert shown(0.0) == "simulating (compiling) …"
+            assert shown(2.6) == "simulating (compiling) …, 3 s"
+        assert shown(1.0) == "simulating …, 4 s"
+        line.change("half of it")
+        assert shown(0.5) == "half of it …"
+        line.change("half of it")
+        assert shown(0.5) == "half of it …, 1 s"

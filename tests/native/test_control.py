@@ -1,12 +1,15 @@
 """Loops, branches and functions: what is carried, and what may be overwritten."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
 
-from jaxball.native import Lowered
+from jaxball.native import Lowered, lanes
+from jaxball.native.operations import control
 
 from .comparison import agree
 
@@ -164,3 +167,20 @@ def test_a_loop_of_calls_of_a_long_function_is_not_written_out():
     text = Lowered(lambda leaves: [f(*leaves)], [numbers(2)], "f").as_text()
     assert text.count("call double @llvm.sin.f64") == 600
     agree(f, numbers(2), ulps=2000)
+
+
+def polynomial(x):
+    return functools.reduce(lambda value, k: value * x + k, range(20), x)
+
+
+@pytest.mark.parametrize(("f", "pays"), [(jnp.flip, False), (polynomial, True)])
+def test_a_loop_is_computed_in_lanes_where_it_does_more_than_move_numbers(f, pays, monkeypatch):
+    found = []
+
+    def noted(*arguments):
+        found.append(lanes.independent(*arguments))
+        return found[-1]
+
+    monkeypatch.setattr(control, "independent", noted)
+    agree(lambda x: lax.map(f, x), numbers((24, 3)), ulps=200)  # a product and a sum are rounded once or twice
+    assert (found[0] is not None) == pays

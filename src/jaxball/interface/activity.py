@@ -10,25 +10,43 @@ from typing import Any, TextIO
 
 DELAY = 0.5  # in seconds; anything shorter is not worth a line
 BETWEEN_CHANGES = 0.1  # in seconds
+TICK = 1.0  # seconds after which a line says how long it has been the same
 ERASE = "\r\x1b[K"
+
+_compilations: list[None] = []  # one for each thread that compiles
+
+
+@contextlib.contextmanager
+def compiling() -> Iterator[None]:
+    """While this block runs, lines say that something is compiled."""
+    _compilations.append(None)
+    try:
+        yield
+    finally:
+        _compilations.pop()
 
 
 @contextlib.contextmanager
 def activity(text: str, *, quiet: bool = False) -> Iterator["Line"]:
     """Shows ``text`` on standard error while this block runs, after half a second, and erases it at the end.
 
-    Nothing is shown if standard error is not a terminal, or if ``quiet``. Anything printed meanwhile must be printed
-    through the line, which makes room for it.
+    While the text stays the same, the seconds are counted. Nothing is shown if standard error is not a terminal, or if
+    ``quiet``. Anything printed meanwhile must be printed through the line, which makes room for it.
     """
-    line = Line(text, None if quiet or not _is_terminal(sys.stderr) else sys.stderr)
+    line, done = Line(text, None if quiet or not _is_terminal(sys.stderr) else sys.stderr), threading.Event()
+
+    def keep_up_to_date() -> None:
+        wait = DELAY
+        while not done.wait(wait):
+            line.show()
+            wait = TICK - line.age % TICK
+
     # A thread, because the main one compiles, for seconds without a pause.
-    timer = threading.Timer(DELAY, line.show)
-    timer.daemon = True
-    timer.start()
+    threading.Thread(target=keep_up_to_date, daemon=True).start()
     try:
         yield line
     finally:
-        timer.cancel()
+        done.set()
         line.close()
 
 
@@ -38,18 +56,24 @@ class Line:
     def __init__(self, text: str, stream: TextIO | None):
         self._text, self._stream, self._lock = text, stream, threading.Lock()
         self._shown = self._closed = False
-        self._written = 0.0  # when
+        self._written, self._begun = 0.0, time.monotonic()  # when the line was, and when its text was new
+
+    @property
+    def age(self) -> float:
+        """The seconds for which the text has been the same."""
+        return time.monotonic() - self._begun
 
     def show(self) -> None:
         """Shows the line, unless it is closed."""
         with self._lock:
             if self._stream is not None and not self._closed:
-                self._write(f"{ERASE}{self._text} …"[: len(ERASE) + _width(self._stream) - 1])
+                self._write(f"{ERASE}{self._whole()}"[: len(ERASE) + _width(self._stream) - 1])
                 self._shown, self._written = True, time.monotonic()
 
     def change(self, text: str) -> None:
         """Shows another text, at most a few times a second."""
-        self._text = text
+        if text != self._text:
+            self._text, self._begun = text, time.monotonic()
         if self._shown and time.monotonic() - self._written > BETWEEN_CHANGES:
             self.show()
 
@@ -65,6 +89,10 @@ class Line:
         """Erases the line for good."""
         self._closed = True
         self._erase()
+
+    def _whole(self) -> str:
+        doing = f"{self._text} (compiling)" if _compilations else self._text
+        return f"{doing} …, {self.age:.0f} s" if self.age >= TICK else f"{doing} …"
 
     def _erase(self) -> None:
         with self._lock:

@@ -85,8 +85,14 @@ def _given_back(memory: np.ndarray) -> None:
     _spare.memory = memory
 
 
-def as_jax(arrays: Sequence[np.ndarray], avals: Sequence[Any]) -> list[Any]:
-    """JAX arrays of the given types, copied only if necessary."""
-    device = jax.local_devices(backend="cpu")[0]
-    sharding = jax.sharding.SingleDeviceSharding(device)
-    return [put(array, aval, sharding, device) for array, aval in zip(arrays, avals, strict=True)]
+class Results:
+    """Makes JAX arrays of the given types, copied only if necessary."""
+
+    def __init__(self, avals: Sequence[Any]):
+        self._avals = avals
+        self._device = jax.local_devices(backend="cpu")[0]
+        self._sharding = jax.sharding.SingleDeviceSharding(self._device)
+
+    def __call__(self, arrays: Sequence[np.ndarray]) -> list[Any]:
+        sharding, device = self._sharding, self._device
+        return [put(array, aval, sharding, device) for array, aval in zip(arrays, self._avals, strict=True)]

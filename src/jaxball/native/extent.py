@@ -11,9 +11,9 @@ def loops_over_large_arrays(functions: Mapping[str, Block]) -> bool:
     """Whether half or more of the operations within a program's loops produce arrays with a long axis.
 
     This is the case when many runs are solved side by side. A program of 64 lanes took as long to compile natively as
-    by XLA, 22 s, and ten times as long to run. Outside loops large arrays cost little: observables at 201 times, two
-    thirds of whose operations give more than 64 numbers, were compiled in 0.8 s instead of 1.0 and ran in 0.34 ms
-    instead of 0.22.
+    by XLA, 22 s, and ten times as long to run. Outside loops large arrays cost little: observables at 201 times at
+    once, two thirds of whose operations gave more than 64 numbers, were compiled in 0.8 s instead of 1.0 and ran in
+    0.34 ms instead of 0.22.
     """
     lengths: list[int] = []
     _note(functions, functions["main"], False, {}, lengths)

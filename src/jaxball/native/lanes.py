@@ -12,6 +12,21 @@ from .elements import LANES
 from .program import Block, Operation, Value
 
 FEWEST = 2  # vectors that turns must fill
+# Operations on single numbers for each number that a turn reads or writes by its index. Moving one takes three
+# instructions for every lane, so a program that does little else is shorter without lanes, and as fast.
+LEAST_WORK = 8
+_MOVING = ("stablehlo.dynamic_slice", "stablehlo.dynamic_update_slice", "stablehlo.gather")
+_ARITHMETIC = frozenset(
+    f"{dialect}.{name}"
+    for dialect, names in {
+        "stablehlo": (
+            "add subtract multiply divide maximum minimum power atan2 sqrt rsqrt cbrt sine cosine tan tanh exponential "
+            "exponential_minus_one log log_plus_one logistic dot_general reduce"
+        ),
+        "chlo": "asin acos atan sinh cosh asinh acosh atanh erf erfc erf_inv lgamma digamma",
+    }.items()
+    for name in names.split()
+)
 # Operations whose rules know no vectors.
 _APART = ("stablehlo.custom_call", "stablehlo.select_and_scatter")
 
@@ -41,6 +56,9 @@ def independent(
     counter, turns = counted
     if start[counter] != 0 or turns < FEWEST * LANES or _is_apart(body, functions):
         return None
+    moved, computed = _work(body, functions)
+    if computed < LEAST_WORK * moved:
+        return None
     written = frozenset(
         position
         for position, (argument, result) in enumerate(zip(body.arguments, body.results, strict=True))
@@ -54,6 +72,20 @@ def independent(
         if of_condition[condition.arguments[position]]:
             return None
     return Independent(turns, counter, written) if written else None
+
+
+def _work(block: Block, functions: Mapping[str, Block]) -> tuple[int, int]:
+    """How many numbers a block moves to or from where an index says, and how many it computes of floats."""
+    moved = computed = 0
+    for operation in block.every_operation():
+        if operation.name in _MOVING:
+            moved += operation.operands[1].size if "update" in operation.name else operation.results[0].size
+        elif operation.name in _ARITHMETIC and operation.operands[0].dtype.kind in "fc":
+            computed += max(value.size for value in (operation.operands[0], *operation.results))
+        elif operation.name == "func.call":
+            inner = _work(functions[operation.attribute("callee")], functions)
+            moved, computed = moved + inner[0], computed + inner[1]
+    return moved, computed
 
 
 def _counted(condition: Block, body: Block) -> tuple[int, int] | None:

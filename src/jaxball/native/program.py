@@ -30,16 +30,9 @@ class Value:
 
     __slots__ = ("block", "captured", "dtype", "reads", "shape")
 
-    def __init__(self, type: Any, block: "Block"):
-        try:
-            tensor = ir.RankedTensorType(type)
-        except ValueError:  # as the order of effects
-            raise UnsupportedError(f"A value of type {type}") from None
-        self.shape = tuple(tensor.shape)
-        if any(length < 0 for length in self.shape):
-            raise UnsupportedError("an array whose shape is not known")
-        self.dtype = dtype_named(str(tensor.element_type))
-        self.block, self.reads, self.captured = block, 0, False
+    def __init__(self, shape: tuple[int, ...], dtype: np.dtype, block: "Block"):
+        self.shape, self.dtype, self.block = shape, dtype, block
+        self.reads, self.captured = 0, False
 
     @property
     def size(self) -> int:
@@ -55,10 +48,10 @@ class Operation:
 
     __slots__ = ("_attributes", "_text", "last", "name", "operands", "reads", "regions", "results")
 
-    def __init__(self, source: Any, operands: list[Value], block: "Block"):
+    def __init__(self, source: Any, operands: list[Value], results: list[Value]):
         self.name: str = source.name
         self._attributes, self._text = source.attributes, source.__str__
-        self.operands, self.results = operands, [Value(result.type, block) for result in source.results]
+        self.operands, self.results = operands, results
         self.regions: list[Block] = []
         self.reads = Counter(operands)
         self.last: list[Value] = []
@@ -138,14 +131,14 @@ def functions_of(module: Any, known: Container[str]) -> dict[str, Block]:
     """
     if any(name.startswith(_COMPOSED) and name not in known for name in _names(module.operation)):
         _write_out(module)
-    functions = {}
+    functions, reader = {}, _Reader()
     for function in module.body.operations:
         operation = function.operation
         if operation.name == "sdy.mesh":  # of devices: there is one
             continue
         if operation.name != "func.func":
             raise UnsupportedError(operation.name)
-        functions[operation.attributes["sym_name"].value] = _read(operation.regions[0].blocks[0], {})
+        functions[operation.attributes["sym_name"].value] = reader.block(operation.regions[0].blocks[0])
     return functions
 
 
@@ -168,29 +161,53 @@ def _write_out(module: Any) -> None:
         stablehlo_passes().parse(_WRITTEN_OUT).run(module.operation)
 
 
-def _read(source: Any, outer: dict[Any, Value]) -> Block:
-    block, values = Block(), dict(outer)
-    for argument in source.arguments:
-        values[argument] = Value(argument.type, block)
-        block.arguments.append(values[argument])
-    for view in source.operations:
-        operation = view.operation
-        operands = [values[operand] for operand in operation.operands]
-        if operation.name in ("func.return", "stablehlo.return"):
-            block.results = operands
-            break
-        made = Operation(operation, operands, block)
-        values.update(zip(operation.results, made.results, strict=True))
-        for region in operation.regions:
-            if len(region.blocks) != 1:
-                raise UnsupportedError(f"{operation.name} of several blocks")
-            inner = _read(region.blocks[0], values)
-            made.regions.append(inner)
-            made.reads.update(inner.reads())
-        block.operations.append(made)
-    _drop_unread(block)
-    _count(block)
-    return block
+class _Reader:
+    """Reads blocks of a module, each value and each type of values once."""
+
+    def __init__(self) -> None:
+        self._values: dict[Any, Value] = {}
+        self._types: dict[Any, tuple[tuple[int, ...], np.dtype]] = {}
+
+    def block(self, source: Any) -> Block:
+        block, values = Block(), self._values
+        for argument in source.arguments:
+            values[argument] = self._value(argument.type, block)
+            block.arguments.append(values[argument])
+        for view in source.operations:
+            operation = view.operation
+            operands = [values[operand] for operand in operation.operands]
+            if operation.name in ("func.return", "stablehlo.return"):
+                block.results = operands
+                break
+            results = list(operation.results)
+            made = Operation(operation, operands, [self._value(result.type, block) for result in results])
+            values.update(zip(results, made.results, strict=True))
+            for region in operation.regions:
+                if len(region.blocks) != 1:
+                    raise UnsupportedError(f"{operation.name} of several blocks")
+                inner = self.block(region.blocks[0])
+                made.regions.append(inner)
+                made.reads.update(inner.reads())
+            block.operations.append(made)
+        _drop_unread(block)
+        _count(block)
+        return block
+
+    def _value(self, type: Any, block: Block) -> Value:
+        if type not in self._types:
+            self._types[type] = _shape_and_type(type)
+        return Value(*self._types[type], block)
+
+
+def _shape_and_type(type: Any) -> tuple[tuple[int, ...], np.dtype]:
+    try:
+        tensor = ir.RankedTensorType(type)
+    except ValueError:  # as the order of effects
+        raise UnsupportedError(f"A value of type {type}") from None
+    shape = tuple(tensor.shape)
+    if any(length < 0 for length in shape):
+        raise UnsupportedError("an array whose shape is not known")
+    return shape, dtype_named(str(tensor.element_type))
 
 
 def _drop_unread(block: Block) -> None:

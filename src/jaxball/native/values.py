@@ -32,6 +32,7 @@ from .elements import (
 )
 
 MOST_REGISTERS = 72  # numbers of an array
+LONGEST = 48  # axis of such an array: longer ones are of many times or switches, not of vectors and stages
 MOST_VECTORS = 100  # of an array whose first axis is in vectors
 _DEEPEST = 40  # formulas in formulas
 
@@ -191,7 +192,9 @@ def size_of(shape: Sequence[int]) -> int:
 def is_small(shape: Sequence[int]) -> bool:
     """Whether an array of that shape is kept in registers."""
     size = size_of(shape)
-    return size <= MOST_REGISTERS or (FEWEST_ALWAYS <= shape[0] <= LANES and size <= shape[0] * MOST_VECTORS)
+    if size <= MOST_REGISTERS:
+        return size <= LONGEST or max(shape) <= LONGEST
+    return FEWEST_ALWAYS <= shape[0] <= LANES and size <= shape[0] * MOST_VECTORS
 
 
 def linear(builder: Builder, shape: Sequence[int], index: Sequence[Index]) -> Index:

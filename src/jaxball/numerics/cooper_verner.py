@@ -6,6 +6,9 @@ G. J. Cooper & J. H. Verner, Some explicit Runge–Kutta methods of high order, 
 from collections.abc import Callable
 from math import sqrt
 
+import jax
+import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 S = sqrt(21)
@@ -34,12 +37,18 @@ def step(
     slope: Callable[[Float[Array, " n"]], Float[Array, " n"]], x: Float[Array, " n"], h: Float[Array, ""]
 ) -> Float[Array, " n"]:
     """x(h) of ẋ = slope(x), where x is given at 0."""
-    slopes = [slope(x)]
-    for row in STAGES:
-        slopes.append(slope(x + h * _weighted(row, slopes)))
-    return x + h * _weighted(WEIGHTS, slopes)
+    count = len(WEIGHTS)
+    rows = np.array([(*row, *(0.0,) * (count - len(row))) for row in ((), *STAGES)])
+
+    def stage(slopes: Float[Array, "stages n"], at: tuple[Array, Array]) -> tuple[Float[Array, "stages n"], None]:
+        place, row = at
+        return slopes.at[place].set(slope(x + h * _weighted(row, slopes))), None
+
+    # A loop, so that the slope is traced and compiled once.
+    nothing = jnp.zeros((count, *x.shape), x.dtype)
+    slopes, _ = jax.lax.scan(stage, nothing, (jnp.arange(count), jnp.asarray(rows, x.dtype)))
+    return x + h * _weighted(jnp.asarray(WEIGHTS, x.dtype), slopes)
 
 
-def _weighted(weights: tuple[float, ...], slopes: list[Float[Array, " n"]]) -> Float[Array, " n"]:
-    terms = [weight * slope for weight, slope in zip(weights, slopes, strict=True) if weight]
-    return sum(terms[1:], terms[0])
+def _weighted(weights: Float[Array, " stages"], slopes: Float[Array, "stages n"]) -> Float[Array, " n"]:
+    return jnp.sum(weights[:, None] * slopes, axis=0)

@@ -1,6 +1,6 @@
 """Derivatives around unused entries of arrays of fixed size, and of unknown values."""
 
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -44,10 +44,14 @@ def with_unknown_derivatives(tree: Tree, given: PyTree, here: Bool[Array, ""] | 
     """
     inputs = [jnp.sum(leaf) for leaf in jax.tree.leaves(given) if eqx.is_inexact_array(leaf)]
     numbers, others = eqx.partition(tree, eqx.is_inexact_array)
+    together: dict[Any, Array] = {}  # of each type
 
     def one(leaf: Array) -> Array:
-        together = sum((number.astype(leaf.dtype) for number in inputs), jnp.zeros((), leaf.dtype))
-        return jnp.where(here | jnp.isnan(leaf), leaf + _zero.bind(jnp.broadcast_to(together, leaf.shape)), leaf)
+        if leaf.dtype not in together:
+            together[leaf.dtype] = sum((x.astype(leaf.dtype) for x in inputs), jnp.zeros((), leaf.dtype))
+        unknown = _zero.bind(jnp.broadcast_to(together[leaf.dtype], leaf.shape))
+        # Less 0 a number is itself, also where it is −0, so that a compiler can leave all of this out.
+        return jnp.where(here | jnp.isnan(leaf), leaf - unknown, leaf)
 
     return eqx.combine(jax.tree.map(one, numbers), others)
 

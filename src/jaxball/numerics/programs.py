@@ -24,13 +24,15 @@ from .. import native
 from ..cache import current, executables
 from ..cache.current import Store
 from ..cache.executables import NoNameError
-from ..compat import is_traced, settings
+from ..compat import settings
+from ..interface.activity import compiling
 from .fingerprints import digest
 
 P = ParamSpec("P")
 T = TypeVar("T")
 _Runs: TypeAlias = Callable[[list[Any]], Any]
 QUICKLY = "jax_disable_most_optimizations"  # of XLA's
+_MISSING: Any = object()
 _made: "weakref.WeakSet[Program]" = weakref.WeakSet()
 
 
@@ -107,7 +109,7 @@ class Program:
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         leaves, structure = jax.tree.flatten((args, kwargs))
-        if any(map(is_traced, leaves)):
+        if native.some_traced(leaves):
             return self._compiled(*args, **kwargs)
         rest, arrays = self._parted(leaves, structure)
         program = self._program_for(rest, arrays)
@@ -126,7 +128,7 @@ class Program:
         It may raise ``native.CallbackReachedError``.
         """
         leaves, structure = jax.tree.flatten((args, {}))
-        if native.chosen() != "native" or any(map(is_traced, leaves)):
+        if native.chosen() != "native" or native.some_traced(leaves):
             return None
         rest, arrays = self._parted(leaves, structure)
         program = self._program_for(rest, arrays, only_natively=True)
@@ -146,11 +148,10 @@ class Program:
         kinds = tuple(map(native.kind, arrays))
         key = (native.asked_for(), only_natively, rest, tuple(map(type, rest.static)), kinds, native.settings())
         try:
-            if key in self._programs:
-                return self._programs[key]
+            found = self._programs.get(key, _MISSING)
         except TypeError:  # something has no hash
             return None
-        return self._programs.setdefault(key, self._found(rest, arrays, only_natively))
+        return self._programs.setdefault(key, self._found(rest, arrays, only_natively)) if found is _MISSING else found
 
     def _found(self, rest: _Rest, arrays: list[Any], only_natively: bool) -> _Runs | None:
         """The program, from the store or compiled: natively, or by XLA if that is chosen or necessary."""
@@ -205,14 +206,16 @@ def _obtained(
 ) -> _Runs | native.Refusal:
     """A program for so many arrays: loaded from the store, or compiled and written there."""
     if store is None or key is None:
-        return _as_made(make(), result)
+        with compiling():
+            return _as_made(make(), result)
     found = _as_kept(store.early(key)) or _as_kept(executables.loaded(store.read(key)))
     if found is not None:
         return found
     with store.alone(key) as written:
         found = _as_kept(executables.loaded(written))
         if found is None:
-            made = make()
+            with compiling():
+                made = make()
             store.write(key, _content(made, takes, result))
             found = _as_made(made, result)
     return found

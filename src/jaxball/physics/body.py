@@ -78,6 +78,8 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
             yield from solvable_friction(self.prepare(), t, state)
 
     def default_state(self) -> State:
+        if not self.driven and not self.mechanism_order:
+            return AbstractSystem.default_state(self)  # without what is looked up below, which takes microseconds
         by_law = [self.coordinates[slot] for slot in self.accelerated]
         if by_law:
             raise ValueError(

@@ -1,6 +1,7 @@
 """What the arguments of a solve must be, and their defaults."""
 
 import functools
+import math
 
 import diffrax
 import jax.numpy as jnp
@@ -21,6 +22,11 @@ DEFAULT_SOLVER = diffrax.Dopri8()
 DEFAULT_ADJOINT = diffrax.RecursiveCheckpointAdjoint()
 NO_PROGRESS = diffrax.NoProgressMeter()
 FINEST = {name: 8 * float(np.finfo(name).eps) for name in ("float32", "float64")}
+
+
+@functools.cache
+def _finest(dtype: np.dtype) -> float:
+    return FINEST[dtype.name]
 
 
 class PrecisionError(UserError):
@@ -178,10 +184,11 @@ def checked_tolerances(
     **Raises:** ``ValueError`` for more than one number for a single run, and where they are known and negative or not
     finite, and :class:`PrecisionError` when the floating-point type cannot reach the larger of them.
     """
+    if type(rtol) is float and type(atol) is float:
+        dtype = default_dtype()
+        if 0 <= rtol < math.inf and 0 <= atol < math.inf and max(rtol, atol) >= _finest(dtype):
+            return np.asarray(rtol, dtype), np.asarray(atol, dtype)  # which takes microseconds, the rest tens
     rtol, atol = _as_array("rtol", rtol), _as_array("atol", atol)
-    plain = all(isinstance(x, np.ndarray) and x.ndim == 0 for x in (rtol, atol))
-    if plain and 0 <= rtol < np.inf and 0 <= atol < np.inf and max(rtol, atol) >= FINEST[rtol.dtype.name]:
-        return rtol, atol  # which takes microseconds, the rest tens
     known = {name: x for name, x in (("rtol", rtol), ("atol", atol)) if isinstance(x, np.ndarray)}
     for name, x in (("rtol", rtol), ("atol", atol)):
         if x.ndim and not of_many:
@@ -192,7 +199,7 @@ def checked_tolerances(
             where = "".join(f"[{k}]" for k in wrong[0])
             got = x[tuple(wrong[0])]
             raise ValueError(f"Argument `{name}{where}` must be 0 or a positive number, but it is {got}.")
-    dtype, finest = rtol.dtype, FINEST[rtol.dtype.name]
+    dtype, finest = rtol.dtype, _finest(rtol.dtype)
     if not known or np.all(functools.reduce(np.maximum, known.values()) >= finest):
         return rtol, atol
     remedy = (

@@ -195,10 +195,10 @@ def _run(
         *solved, history = _program(method)(system, times, state, *others)
         return Trajectory.of(system.shown, times, *solved, {}, state, history)
 
-    if method.dense and not is_traced(jnp.zeros(())):
+    if method.dense and not any(map(is_traced, jax.tree.leaves((system, times, state, *others)))):
         for room in (room for room in FEW_STEPS if room < method.max_steps):
             trajectory = trajectory_by(method._replace(max_steps=room))
-            if not is_traced(trajectory.status) and np.max(trajectory.steps) < room:
+            if np.max(np.asarray(trajectory.steps)) < room:
                 return trajectory
     return trajectory_by(method)
 

@@ -18,6 +18,7 @@ from ..interface.status import SolveError, Status
 from ..interface.wording import counted
 from ..numerics import programs
 from ..numerics.arrays import Numbers, is_traced, to_array
+from ..numerics.batches import map_rows
 from ..numerics.kinks import seen_from_before
 from ..numerics.masks import differentiated_where, with_unknown_derivatives
 from ..physics.body import AbstractBody, System
@@ -406,7 +407,7 @@ def _at_each(function: Callable[..., Any], system: Any, times: Array, state: Any
         known = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(x)]))
         return with_unknown_derivatives(function(*differentiated_where(known, (prepared, t, x))), x)
 
-    return jax.vmap(one)(times_looked_at(system, times, reached), state)
+    return map_rows(one, times_looked_at(system, times, reached), state)
 
 
 def times_looked_at(system: AbstractSystem, times: Float[Array, " T"], reached: Float[Array, ""]) -> Float[Array, " T"]:
@@ -426,4 +427,4 @@ def _evaluate(interpolant, t, start, reached, status, given) -> Any:
         state = interpolant.packing.system.shown_state(interpolant.packing.unpack_where(known, inside, x))
         return with_unknown_derivatives(state, given)
 
-    return jax.vmap(one)(t) if t.ndim else one(t)
+    return map_rows(one, t) if t.ndim else one(t)

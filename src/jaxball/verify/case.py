@@ -7,12 +7,12 @@ from typing import Any
 
 import diffrax
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Float
 
 from ..interface.status import Status
+from ..numerics import programs
 from ..numerics.tangent import generic_vectors
 from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario
@@ -103,7 +103,7 @@ class Case:
         if system is None and not dae and solver == SOLVERS[self.scenario.solver]():
             # With dense output it is the program of the run itself, which is compiled already.
             trajectory = solve(dense=True, max_steps=FEW_STEPS[-1])
-            if trajectory.status != Status.MAX_STEPS:
+            if int(trajectory.status) != Status.MAX_STEPS:
                 return trajectory
         return solve(max_steps=MOST_STEPS)
 
@@ -130,11 +130,10 @@ class Case:
         of the dimension. It is measured with runs from nearby states, because tangents would need a program of their
         own.
         """
-        start, unravel = ravel_pytree(self.state)
         factors = []
-        for direction in generic_vectors(DIRECTIONS, start.size):
+        for direction in generic_vectors(DIRECTIONS, self.weights.size):
             change = DEVIATION * direction / np.linalg.norm(direction) * self.weights
-            nearby = self.precise(unravel(start + jnp.asarray(change, start.dtype)).projected())
+            nearby = self.precise(_displaced(self.state, change))
             # A constrained body cannot start from every nearby state.
             if nearby.ok:
                 deviation = self.distance(nearby.state, self.reference.state)
@@ -148,6 +147,12 @@ class Case:
         Each step adds an error of about the tolerance, which then grows as any deviation does.
         """
         return SAFETY * self.steps * self.tolerance * float(np.max(self.growth))
+
+
+@programs.jit
+def _displaced(state: AbstractState, change: Float[np.ndarray, " size"]) -> AbstractState:
+    vector, unravel = ravel_pytree(state)
+    return unravel(vector + change).projected()
 
 
 def flat(state: AbstractState) -> Float[np.ndarray, "T size"]:

@@ -113,7 +113,7 @@ def _simulate(options: argparse.Namespace, scenario: "Scenario") -> int:
     # Of what shows how close the ball came to slipping or leaving the plane.
     shown = not options.quiet or any(getattr(options, name) is not None for name in ("out", "json", "plot"))
     events = _events(options, scenario)
-    with working(options, "compiling and simulating"):
+    with working(options, "simulating"):
         trajectory = scenario.simulate(dense=rolls and shown, events=events)
     written = []
     if options.out is not None:

@@ -85,7 +85,7 @@ def _sweep(options: argparse.Namespace, text: str) -> int:
     with naming(options.study):
         study = sweep.read_study(text, Path(options.study).parent)
     if options.dry_run:
-        with working(options, "compiling, then solving a few rows"):
+        with working(options, "solving a few rows"):
             estimate = sweep.estimate(study, measure=options.measure).sentence(options.workers)
         print(estimate if options.measure else f"{estimate}; --measure solves a few rows to estimate the time")
         return 0

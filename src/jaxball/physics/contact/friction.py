@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ...numerics.batches import map_rows
 from ...numerics.bracketing import Sample, between, other_end
 from ...numerics.norms import root
 from ...numerics.vectors import apply
@@ -107,6 +108,7 @@ def diverging(
     vector across σ changes sign between two of 24 directions; a pair of zeros nearer to each other is not found.
     """
 
+    @jax.jit
     def parts(angle: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
         sigma = _at_angle(angle)
         vector, valid = pull(sigma)
@@ -119,10 +121,10 @@ def diverging(
     start = _angle(guess)
     width = 2 * jnp.pi / SAMPLES
     angles = start + width * (jnp.arange(SAMPLES, dtype=guess.dtype) - 0.5)
-    found = jax.lax.stop_gradient(jax.vmap(turning)(angles))
+    found = jax.lax.stop_gradient(map_rows(turning, angles))
     ends = jnp.roll(found, -1)
     share = found / jnp.where(found == ends, 1.0, found - ends)
-    _, along = jax.vmap(parts)(angles + width * jnp.clip(share, 0.0, 1.0))
+    _, along = map_rows(parts, angles + width * jnp.clip(share, 0.0, 1.0))
     best = jnp.argmax(jnp.where((found > 0) != (ends > 0), along, -jnp.inf))
     old, new = Sample(angles[best], found[best]), Sample(angles[best] + width, ends[best])
 

@@ -169,7 +169,7 @@ def beginning(
 
     def at_node(t: Float[Array, ""], x: Float[Array, " size"], tangent: Float[Array, ""]) -> tuple[Array, ...]:
         released = unravel(x)
-        found = response(body, t, released)
+        found = response(body, t, released, touching=jnp.asarray(True))  # as elsewhere, so that it is traced once
         mu = coefficient(slip_velocity(body, t, released))
 
         def pulled(tangent: Float[Array, ""]) -> tuple[Array, Array]:

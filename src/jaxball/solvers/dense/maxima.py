@@ -7,11 +7,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from ...numerics.batches import map_rows
 from ...numerics.masks import differentiated_where, without_derivatives
 from .sampling import FINENESS, NARROWER, sampling
 from .steps import Steps, Values
 
-# How many windows are examined side by side.
+# How many windows are examined in one turn.
 WIDTH = 8
 # The sizes of windows around the best points, relative to their steps, in successive rounds; the third ones are points.
 SHARES = (NARROWER, NARROWER**2, 0.0, NARROWER**2)
@@ -60,7 +61,7 @@ def maxima(steps: Steps, values: Values, k: int) -> Largest:
     the adjacent step if that point is at an end, windows become narrower. Finally the rate along the motion is solved
     for its zero: the location of a maximum is accurate to half the digits, that of a zero to all.
 
-    All evaluations are in one loop, because XLA takes as long again to compile each copy of a long formula.
+    All evaluations are in one loop, because each copy of a long formula takes as long again to compile.
     """
     steps, values = without_derivatives((steps, eqx.filter_closure_convert(values, *steps.like)))
     width, size = max(WIDTH, 2 * k), steps.like[1].size
@@ -71,13 +72,19 @@ def maxima(steps: Steps, values: Values, k: int) -> Largest:
         looking, lines = r < rounds, r == rounds + LINES
         whole, around = _whole(steps, r, width), _around(steps, best, shares[jnp.maximum(r - rounds, 0)], width)
         here = jax.tree.map(lambda a, b: jnp.where(looking, a, b), whole, around)
-        times = here.times(nodes)
-        x = steps.states(here.step, times)
-        tangents = best.vectors[:, None] + (times[:k] - best.time[:, None])[..., None] * best.rates[:, None]
-        x = x.at[:k].set(jnp.where(lines, tangents, x[:k]))
-        both = jax.vmap(values)(times.reshape(-1), x.reshape(-1, size)).reshape(*times.shape, k + size)
-        samples, rates = both[..., :k], both[:, 0, k:]
-        found = _largest(steps, here, samples, x[:, 0], rates)
+
+        def evaluated(window: Int[Array, ""], t: Float[Array, ""]) -> tuple[Array, ...]:
+            own = jnp.minimum(window, k - 1)
+            tangent = best.vectors[own] + (t - best.time[own]) * best.rates[own]
+            x = jnp.where(lines & (window < k), tangent, steps.state(here.step[window], t))
+            return x, *jnp.split(values(t, x), [k])
+
+        def sampled(window: Int[Array, ""], times: Float[Array, " nodes"]) -> tuple[Array, ...]:
+            vectors, samples, rates = map_rows(evaluated, jnp.broadcast_to(window, times.shape), times)
+            return samples, vectors[0], rates[0]
+
+        samples, vectors, rates = map_rows(sampled, jnp.arange(width), here.times(nodes))
+        found = _largest(steps, here, samples, vectors, rates)
         least = jnp.where(looking, jnp.minimum(best.least, found.least), best.least)
         better = ~looking | ~(found.size <= best.size)
         found = jax.tree.map(lambda a, b: jnp.where(better.reshape(-1, *(1,) * (a.ndim - 1)), a, b), found, best)
