@@ -146,17 +146,14 @@ def rolling_state(
     return state
 
 
-def _read_motion(values: Any, path: str) -> Any:
-    return read_motion(*read_one_of(values, path, MOTIONS))
-
-
+_MOTION = Nested(lambda values, path: read_motion(*read_one_of(values, path, MOTIONS)), write_motion, tables=MOTIONS)
 _TURNTABLE = Module(Turntable, {"turning": SCHEDULE, "centre": Key(Numbers((2,), dimension=LENGTH), (0.0, 0.0))})
 GROUND = Module(
     Ground,
     {
         "angle": Key(Radians((), QUARTER_TURN, ANGLE), 0.0),
         "heading": Key(Radians((), FULL_TURN, ANGLE), 0.0),
-        "motion": Key(Nested(_read_motion, write_motion, tables=MOTIONS), None),
+        "motion": Key(_MOTION, None),
         "turntable": Key(_TURNTABLE.nested, None),
     },
 )

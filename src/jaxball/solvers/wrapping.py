@@ -5,6 +5,7 @@ from typing import Any
 
 import diffrax
 import equinox as eqx
+import jax
 from jaxtyping import Array, PyTree
 
 from .base import approach_of
@@ -119,11 +120,6 @@ class _ProjectedStep(diffrax.AbstractLocalInterpolation):
     project: Callable[[PyTree[Array]], PyTree[Array]]
 
     def evaluate(self, t0, t1=None, left=True):
-        y = self.project(self.inner.evaluate(t0, left=left))
-        if t1 is None:
-            return y
-        return eqx.apply_updates(self.evaluate(t1, left=left), _negated(y))
-
-
-def _negated(y: PyTree[Array]) -> PyTree[Array]:
-    return eqx.tree_at(lambda t: t, y, replace_fn=lambda leaf: -leaf)
+        if t1 is not None:
+            return jax.tree.map(lambda a, b: b - a, self.evaluate(t0, left=left), self.evaluate(t1, left=left))
+        return self.project(self.inner.evaluate(t0, left=left))
