@@ -17,6 +17,7 @@ from ...physics.signals import PiecewiseSignal
 from ...scenario import Scenario
 from ...scenario.initial import starting_angles
 from ..problem.run import Run
+from .inputs import with_free_joints
 from .rolling import Rolling, rolling
 from .solution import PLACES, Solution
 
@@ -85,7 +86,7 @@ def scenario_of(solution: Solution, title: str = "", saves: int = 201) -> Scenar
     """
     problem = rolling(solution.problem)
     times = np.linspace(float(problem.start), float(problem.end), saves)
-    return Scenario(title, system_of(solution), problem.of_robot(problem.state), times)
+    return Scenario(title, system_of(solution), with_free_joints(problem.system, problem.state), times)
 
 
 class Resimulated(NamedTuple):
