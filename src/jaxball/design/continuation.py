@@ -258,10 +258,6 @@ def follow(
     return Branch(Y[:, :-1], Y[:, -1], lengths, slope, tuple(folds), ended)
 
 
-def _encloses(a: float, x: float, b: float) -> bool:
-    return bool((a - x) * (b - x) <= 0)
-
-
 class _Corrector:
     """Equations, a norm and a tolerance: the corrector that leads from one point of a branch to the next."""
 
@@ -295,7 +291,7 @@ class _Corrector:
     def onward(self, at: _Point, step: float, end: float | None) -> tuple[_Point | None, bool]:
         """The next point, None if the step is too long; and whether it is the point with λ = ``end``."""
         there = self.step(at, step)
-        if there is None or end is None or not _encloses(at.Y[-1], end, there.Y[-1]):
+        if there is None or end is None or (at.Y[-1] - end) * (there.Y[-1] - end) > 0:
             return there, False
         return self.at_parameter(at, there, end), True
 

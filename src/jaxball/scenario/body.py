@@ -1,5 +1,6 @@
 """The body of a scenario file: its shell, what acts on it, the law of contact, and its sensors."""
 
+import functools
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from ..physics.ground import Ground, Turntable
 from ..physics.resistance import SMOOTHING, AbstractResistance, Resistance
 from ..physics.system import AbstractState
 from ..sensors import AbstractSensor, Accelerometer, Encoder, Gyroscope, Position, SensorErrors, Tachometer
+from .errors import each_of
 from .mechanisms import MOTIONS, read_motion, write_motion
 from .motions import FRAME, HARMONIC_FORCE, SCHEDULE
 from .own import FUNCTION, Open, names_own, read_own, trying, trying_class
@@ -25,6 +27,7 @@ from .table import (
     Key,
     Module,
     join,
+    keys_of,
     read_family,
     read_one_of,
     read_table,
@@ -54,6 +57,7 @@ from .values import (
     require,
     require_conditions,
     shown,
+    unread,
 )
 
 _NONE = Key(Numbers(), 0.0)
@@ -148,17 +152,14 @@ def rolling_state(
     return state
 
 
-def _read_motion(values: Any, path: str) -> Any:
-    return read_motion(*read_one_of(values, path, MOTIONS))
-
-
+_MOTION = Nested(lambda values, path: read_motion(*read_one_of(values, path, MOTIONS)), write_motion, tables=MOTIONS)
 _TURNTABLE = Module(Turntable, {"turning": SCHEDULE, "centre": Key(Numbers((2,), dimension=LENGTH), (0.0, 0.0))})
 GROUND = Module(
     Ground,
     {
         "angle": Key(Radians((), QUARTER_TURN, ANGLE), 0.0),
         "heading": Key(Radians((), FULL_TURN, ANGLE), 0.0),
-        "motion": Key(Nested(_read_motion, write_motion, tables=MOTIONS), None),
+        "motion": Key(_MOTION, None),
         "turntable": Key(_TURNTABLE.nested, None),
     },
 )
@@ -217,6 +218,17 @@ def read_force(values: Any, path: str, kind: str) -> AbstractWrench:
         flat = kind != "disk" or (namespace(array).asarray(array)[..., 1] == 0).all()
         require(flat, join(path, name), FLAT, lambda name=name: repr(values[name]))
     return force
+
+
+def read_surroundings(document: dict[str, Any], kind: str) -> dict[str, Any]:
+    """The arguments of a body for external loads, as far as the document has them."""
+    tables = {
+        "force": lambda values, path: read_force(values, path, kind),
+        "ground": lambda values, path: read_ground(values, path, kind),
+        "resistance": read_resistance,
+    }
+    present = {name: functools.partial(read, document[name], name) for name, read in tables.items() if name in document}
+    return dict(zip(present, each_of(*present.values()), strict=True))
 
 
 def check_force(force: AbstractWrench | None, path: str, coordinates: int) -> None:
@@ -306,3 +318,13 @@ def check_sensors(sensors: Mapping[str, AbstractSensor], path: str, system: Abst
 def write_sensors(sensors: Mapping[str, AbstractSensor], path: str) -> dict[str, Any]:
     """The tables of the sensors by name."""
     return {name: write_family(sensor, join(path, name), SENSORS) for name, sensor in sensors.items()}
+
+
+KEYS = {
+    "body": Key(unread(tables={kind: keys for kind, (_, keys) in BODIES.items()})),
+    "force": Key(unread(tables=keys_of(FORCES)), None),
+    "ground": Key(unread(tables={"": GROUND.keys}), None),
+    "resistance": Key(unread(tables=keys_of(RESISTANCES)), None),
+    "contact": Key(unread(tables={"": CONTACT.keys}), None),
+    "sensors": Key(unread("a table of tables", keys_of(SENSORS)), None),
+}

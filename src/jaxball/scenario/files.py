@@ -1,6 +1,5 @@
 """Scenario files: text to scenario and back, and documents as functions of their numbers."""
 
-import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,22 +18,16 @@ from ..physics.system import AbstractState, AbstractSystem
 from ..sensors import AbstractSensor
 from .actuation import FORMS, apply_actuation, is_linear, targets_of, write_actuation
 from .body import (
-    BALL,
+    BODIES,
     CONTACT,
-    DISK,
-    FORCES,
-    GROUND,
-    RESISTANCES,
-    SENSORS,
+    KEYS as BODY_KEYS,
     check_force,
     check_sensors,
     kind_of,
     read_contact,
-    read_force,
-    read_ground,
-    read_resistance,
     read_sensors,
     read_shell,
+    read_surroundings,
     write_body,
     write_sensors,
 )
@@ -60,7 +53,6 @@ from .table import Key, keys_of, read_table, write_table
 from .values import Choice, Conditions, Integer, ScenarioError, Text, namespace, traced_conditions, unread
 
 FORMAT = 1
-BODIES = ("ball", "disk")
 
 
 @dataclass(frozen=True)
@@ -80,16 +72,11 @@ _SHARED = {
 }
 KEYS = {
     **_SHARED,
-    "body": Key(unread(tables={"ball": BALL, "disk": DISK})),
-    "force": Key(unread(tables=keys_of(FORCES)), None),
-    "ground": Key(unread(tables={"": GROUND.keys}), None),
-    "resistance": Key(unread(tables=keys_of(RESISTANCES)), None),
-    "contact": Key(unread(tables={"": CONTACT.keys}), None),
+    **BODY_KEYS,
     "masses": Key(unread(tables=MASSES), []),
     "mechanisms": Key(unread(tables={"": MECHANISM}), []),
     "actuation": Key(unread(tables=keys_of(FORMS)), None),
     "initial": Key(unread(tables=INITIAL), None),
-    "sensors": Key(unread("a table of tables", keys_of(SENSORS)), None),
 }
 CLASSICAL_KEYS = {
     **_SHARED,
@@ -186,7 +173,7 @@ def read_contents(document: dict[str, Any]) -> Contents:
     readers = {
         "table": lambda: read_table(document, "", KEYS),
         "shell": lambda: read_shell(document["body"], "body", kind) if "body" in document else None,
-        "surroundings": lambda: _read_surroundings(document, kind),
+        "surroundings": lambda: read_surroundings(document, kind),
         "contact": lambda: read_contact(document["contact"], "contact") if "contact" in document else None,
         "times": lambda: read_times(document["time"], "time") if "time" in document else None,
         "solve": lambda: read_table(document.get("solve", {}), "solve", SOLVE),
@@ -250,17 +237,6 @@ def _contents(
         lambda: released_from(initial, "initial", state, contact) if contact or not has_contact_law else state,
     )
     return Contents(table["title"], system, first_state, contact, times, solve, sensors)
-
-
-def _read_surroundings(document: dict[str, Any], kind: str) -> dict[str, Any]:
-    """The arguments of a body for external loads, as far as the document has them."""
-    tables = {
-        "force": lambda values, path: read_force(values, path, kind),
-        "ground": lambda values, path: read_ground(values, path, kind),
-        "resistance": read_resistance,
-    }
-    present = {name: functools.partial(read, document[name], name) for name, read in tables.items() if name in document}
-    return dict(zip(present, each_of(*present.values()), strict=True))
 
 
 def _read_classical(document: dict[str, Any]) -> Contents:

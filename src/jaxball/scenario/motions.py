@@ -155,10 +155,6 @@ def _check_points(table: dict[str, Any], path: str) -> None:
         raise key_error(join(path, "points"), "a list of three points or more", f"one of {n}")
 
 
-def _check_rail(rail: AbstractRail) -> None:
-    require_function("rail", rail.__call__, (3,), theta=a_number())
-
-
 _RAILS: Family = {
     "circle": Module(Circle, {"radius": Key(SIZE), **PLACE}),
     "ellipse": Module(Ellipse, {"semi_axes": Key(SIZES), **PLACE}),
@@ -168,7 +164,7 @@ _RAILS: Family = {
     "fourier": Module(FourierRail, {"cosine": Key(ROWS), "sine": Key(ROWS), "centre": CENTRE}, check=_check_harmonics),
     "spline": Module(SplineRail, {"points": Key(ROWS)}, attributes={"points": "points_on_rail"}, check=_check_points),
 }
-RAILS = Open(AbstractRail, _RAILS, _check_rail)
+RAILS = Open(AbstractRail, _RAILS, lambda rail: require_function("rail", rail.__call__, (3,), theta=a_number()))
 
 
 THETA = Key(Numbers(dimension=ANGLE))
@@ -207,10 +203,6 @@ def _check_waypoints(table: dict[str, Any], path: str) -> None:
         )
 
 
-def _check_schedule(schedule: AbstractSchedule) -> None:
-    require_function("schedule", schedule.__call__, (), t=a_number())
-
-
 _SCHEDULES: Family = {
     "pulse": Module(
         Pulse,
@@ -246,7 +238,9 @@ _SCHEDULES: Family = {
         check=_check_waypoints,
     ),
 }
-SCHEDULES = Open(AbstractSchedule, _SCHEDULES, _check_schedule)
+SCHEDULES = Open(
+    AbstractSchedule, _SCHEDULES, lambda schedule: require_function("schedule", schedule.__call__, (), t=a_number())
+)
 SCHEDULE = Key(member_of(SCHEDULES))
 
 

@@ -184,11 +184,15 @@ def own_class(named: str, path: str, contract: type) -> Any:
 def module_of(kind: Any) -> Module:
     """How an object of a user's class stands in a file: each argument of the class is a key.
 
-    Static fields are settings, all others numbers, of the shape with which they are annotated if they are.
+    Static fields are settings, all others numbers, of the shape with which they are annotated if they are. The default
+    None stands for that of the class itself.
     """
     fields = {field.name: field for field in dataclasses.fields(kind)}
     _, *parameters = inspect.signature(kind.__init__).parameters.values()
-    keys = {one.name: Key(_value_of(fields.get(one.name)), _default_of(one)) for one in parameters}
+    keys = {
+        one.name: Key(_value_of(fields.get(one.name)), REQUIRED if one.default is one.empty else None)
+        for one in parameters
+    }
     return Module(kind, keys)
 
 
@@ -200,11 +204,6 @@ def _value_of(field: dataclasses.Field | None) -> Kind:
     if len(axes) > 2 or not all(axis.isidentifier() or axis.isdecimal() for axis in axes):
         return Parameters()
     return _Array(tuple(int(axis) if axis.isdecimal() else None for axis in axes))
-
-
-def _default_of(argument: inspect.Parameter) -> Any:
-    """None for the default of the class itself."""
-    return REQUIRED if argument.default is argument.empty else None
 
 
 def names_own(values: Any) -> bool:

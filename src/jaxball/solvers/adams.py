@@ -91,6 +91,7 @@ class PredictorCorrector(eqx.Module):
     rtol: Any = FROM_CONTROLLER
     atol: Any = FROM_CONTROLLER
     norm: Any = FROM_CONTROLLER
+    max_steps: ClassVar[int] = 1
 
 
 class AdamsState(NamedTuple):
@@ -152,11 +153,6 @@ class Adams(AbstractMultistep):
     def __init__(self, max_order: int = HIGHEST):
         self.max_order = checked_order(max_order, HIGHEST)
         self.root_finder = PredictorCorrector()  # pyright: ignore[reportIncompatibleVariableOverride]
-
-    @property
-    def root_find_max_steps(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The corrections of a step."""
-        return 1
 
     def order(self, terms) -> int:
         """The order of the result at the largest number of points, which local extrapolation raises by one."""

@@ -85,7 +85,8 @@ def advanced(
     They are zero above the order of the step. ``change`` is the difference of the order after that.
     """
     rows = len(differences)
-    summed = jnp.sum(jnp.where(_from(rows)[:, :, None], differences[None], 0.0), axis=1) + change[None]
+    at_or_behind = np.arange(rows)[None] >= np.arange(rows)[:, None]
+    summed = jnp.sum(jnp.where(at_or_behind[:, :, None], differences[None], 0.0), axis=1) + change[None]
     return jnp.where(up_to(order, rows), summed, 0.0)
 
 
@@ -102,11 +103,6 @@ def _rates_of_stretching(rows: int) -> np.ndarray:
             slope = sum(np.prod(np.delete(factors, left)) for left in range(i)) / math.factorial(i)
             rates[i, m] = -m * slope
     return rates @ _signed_binomials(rows)
-
-
-def _from(rows: int) -> np.ndarray:
-    """Which of so many places are at or behind each."""
-    return np.arange(rows)[None] >= np.arange(rows)[:, None]
 
 
 def _signed_binomials(rows: int) -> np.ndarray:

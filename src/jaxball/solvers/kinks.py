@@ -1,6 +1,7 @@
 """Stepping to the kinks of a vector field."""
 
 from collections.abc import Sequence
+from operator import attrgetter
 from typing import Any
 
 import diffrax
@@ -38,20 +39,9 @@ class StepToKinks(diffrax.AbstractAdaptiveStepSizeController):
         self.controller = controller
         self.kinks = jnp.asarray(kinks)
 
-    @property
-    def rtol(self):  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The relative tolerance of the inner controller."""
-        return self.controller.rtol
-
-    @property
-    def atol(self):  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The absolute tolerance of the inner controller."""
-        return self.controller.atol
-
-    @property
-    def norm(self):  # pyright: ignore[reportIncompatibleMethodOverride]
-        """The norm of the inner controller."""
-        return self.controller.norm
+    rtol = property(attrgetter("controller.rtol"), doc="The relative tolerance of the inner controller.")  # pyright: ignore[reportAssignmentType]
+    atol = property(attrgetter("controller.atol"), doc="The absolute tolerance of the inner controller.")  # pyright: ignore[reportAssignmentType]
+    norm = property(attrgetter("controller.norm"), doc="The norm of the inner controller.")  # pyright: ignore[reportAssignmentType]
 
     def wrap(self, direction):
         controller = self.controller.wrap(direction)

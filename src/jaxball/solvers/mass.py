@@ -92,7 +92,7 @@ class MassMatrixTerm(AbstractMassTerm):
 
     def __init__(self, vector_field: VectorField, mass: PyTree[ArrayLike]):
         self.vector_field = vector_field
-        self.mass = jax.tree.map(_to_float, mass)
+        self.mass = jax.tree.map(lambda x: x if isinstance(x, jax.Array) else np.asarray(x, dtype=float), mass)
         self.null_spaces = _null_spaces(self.mass) if _may_be_full(self.mass) else None
 
     def at_step(self, t, y, args):
@@ -168,10 +168,6 @@ def _null_spaces(mass: Any) -> tuple[np.ndarray, np.ndarray]:
     left, sizes, right = np.linalg.svd(np.asarray(mass))
     null = sizes <= len(sizes) * np.finfo(sizes.dtype).eps * max(sizes)
     return left[:, null] @ left[:, null].T, right[null].T @ right[null]
-
-
-def _to_float(x: ArrayLike) -> Any:
-    return x if isinstance(x, jax.Array) else np.asarray(x, dtype=float)
 
 
 def _each(matrix: Float[Array, "n n"], X: Float[Array, "s n"]) -> Float[Array, "s n"]:

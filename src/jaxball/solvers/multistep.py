@@ -204,6 +204,11 @@ class AbstractMultistep(diffrax.AbstractImplicitSolver, diffrax.AbstractAdaptive
     max_order: eqx.AbstractVar[int]
     root_finder: eqx.AbstractVar[Any]  # pyright: ignore[reportIncompatibleVariableOverride]
 
+    @property
+    def root_find_max_steps(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The most corrections of a step."""
+        return self.root_finder.max_steps
+
     def func(self, terms, t0, y0, args):
         return terms.vf(t0, y0, args)
 

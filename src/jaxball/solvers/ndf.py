@@ -181,11 +181,6 @@ class NDF(AbstractMultistep):
         self.max_order, self.kappa = checked_order(max_order, HIGHEST), kappa
         self.root_finder = root_finder  # pyright: ignore[reportIncompatibleVariableOverride]
 
-    @property
-    def root_find_max_steps(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Iterations after which a step is given up."""
-        return self.root_finder.max_steps
-
     def order(self, terms) -> int:
         return self.max_order
 

@@ -1,10 +1,12 @@
 """Solvers that wrap another, and projection after each step."""
 
 from collections.abc import Callable
+from operator import attrgetter
 from typing import Any
 
 import diffrax
 import equinox as eqx
+import jax
 from jaxtyping import Array, PyTree
 
 from .base import approach_of
@@ -15,35 +17,17 @@ class AbstractWrappingSolver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractWra
 
     solver: eqx.AbstractVar[diffrax.AbstractSolver]  # pyright: ignore[reportIncompatibleVariableOverride]
 
-    @property
-    def term_structure(self) -> Any:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The terms that the inner solver takes."""
-        return self.solver.term_structure
-
-    @property
-    def interpolation_cls(self) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """The inner solver's dense output."""
-        return self.solver.interpolation_cls
-
-    @property
-    def approach(self) -> float:
-        """The inner solver's largest part of the time until a singularity for one step."""
-        return approach_of(self.solver)
-
-    @property
-    def root_finder(self) -> Any:
-        """The root finder of an implicit solver, where diffrax puts the tolerances."""
-        return self.solver.root_finder  # pyright: ignore[reportAttributeAccessIssue]
-
-    @property
-    def controller_cls(self) -> Any:
-        """The class of the step-size controllers of a multistep method."""
-        return self.solver.controller_cls  # pyright: ignore[reportAttributeAccessIssue]
-
-    @property
-    def scan_kind(self) -> Any:
-        """The kind of loop of an explicit solver, which ``diffrax.ForwardMode`` replaces by one that has a jvp."""
-        return self.solver.scan_kind  # pyright: ignore[reportAttributeAccessIssue]
+    term_structure = property(attrgetter("solver.term_structure"), doc="The terms that the inner solver takes.")
+    interpolation_cls = property(attrgetter("solver.interpolation_cls"), doc="The inner solver's dense output.")  # pyright: ignore[reportAssignmentType]
+    approach = property(
+        lambda self: approach_of(self.solver), doc="The inner solver's part of the time until a singularity for a step."
+    )
+    root_finder = property(attrgetter("solver.root_finder"), doc="Where diffrax puts the tolerances.")
+    controller_cls = property(attrgetter("solver.controller_cls"), doc="The controllers of a multistep method.")
+    scan_kind = property(
+        attrgetter("solver.scan_kind"),
+        doc="The kind of loop of an explicit solver, which ``diffrax.ForwardMode`` replaces by one that has a jvp.",
+    )
 
     def order(self, terms):
         return self.solver.order(terms)
@@ -119,11 +103,6 @@ class _ProjectedStep(diffrax.AbstractLocalInterpolation):
     project: Callable[[PyTree[Array]], PyTree[Array]]
 
     def evaluate(self, t0, t1=None, left=True):
-        y = self.project(self.inner.evaluate(t0, left=left))
-        if t1 is None:
-            return y
-        return eqx.apply_updates(self.evaluate(t1, left=left), _negated(y))
-
-
-def _negated(y: PyTree[Array]) -> PyTree[Array]:
-    return eqx.tree_at(lambda t: t, y, replace_fn=lambda leaf: -leaf)
+        if t1 is not None:
+            return jax.tree.map(lambda a, b: b - a, self.evaluate(t0, left=left), self.evaluate(t1, left=left))
+        return self.project(self.inner.evaluate(t0, left=left))

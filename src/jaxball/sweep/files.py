@@ -111,14 +111,16 @@ def damages(folder: Path, *, numbers: bool = True) -> Iterator[Damage]:
     With ``numbers`` all files are read; otherwise only their sizes are checked.
     """
     chunks = set(done(folder))
-    for name, metadata in _nodes(folder).items():
+    nodes = _nodes(folder)
+    for name, metadata in nodes.items():
         about = folder / name / "zarr.json"
         if not _says(about, metadata):
             yield Damage(about, None)
-    for name, array in _arrays(folder).items():
-        size, has_checksum = _size(array), CHECKSUM in _codecs(array)
+    for name, array in nodes.items():
+        size = _size(array) if array.get("node_type") == "array" else None
         if size is None:
             continue
+        has_checksum = CHECKSUM in _codecs(array)
         intact = _is_intact if numbers and has_checksum else _is_of_its_size
         size += BYTES_OF_A_CHECKSUM * has_checksum
         for place in _places(array):
@@ -140,11 +142,6 @@ def changed(path: Path) -> StoreError:
         f'The file "{path}" must be as the sweep wrote it, but something has changed it; run the study into the same '
         "store again to recompute it."
     )
-
-
-def _arrays(folder: Path) -> Mapping[str, Any]:
-    """The metadata of each array, by its path in the store."""
-    return {name: one for name, one in _nodes(folder).items() if one.get("node_type") == "array"}
 
 
 def _nodes(folder: Path) -> Mapping[str, Any]:

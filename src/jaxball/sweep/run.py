@@ -84,7 +84,7 @@ def sweep(
     words = STOPPING if stream is not None else ""
     stream = io.StringIO() if stream is None else stream
     stream.write(_repaired(study, store.repair()))
-    parallel = workers if executor is None else _size(executor)
+    parallel = workers if executor is None else int(getattr(executor, "_max_workers", 0) or 32)
     before, known = set(store.done()), status_counts(store.folder)
     mine = [k for k in range(shard[0] - 1, study.chunks, shard[1]) if k not in before]
     progress = Progress(stream, study.rows, known, sum(len(study.rows_of(k)) for k in mine), parallel)
@@ -139,10 +139,6 @@ def _running(executor: Any, workers: int) -> Iterator[Any]:
         raise
     finally:
         own.shutdown(wait=True, cancel_futures=True)
-
-
-def _size(executor: Any) -> int:
-    return int(getattr(executor, "_max_workers", 0) or 32)
 
 
 def _check(workers: int, shard: tuple[int, int]) -> None:

@@ -6,6 +6,7 @@ without a mark are computed again.
 """
 
 import contextlib
+import functools
 import importlib.metadata
 import json
 import os
@@ -252,26 +253,25 @@ def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attr
         "coordinates": " ".join(name for name, item in outputs.items() if item.coordinate and name != "row"),
     }
     group = zarr.open_group(folder, mode="w-", zarr_format=3, attributes={**about, **attributes})
+    create = functools.partial(group.create_array, compressors=Crc32cCodec())
     for name, output in outputs.items():
-        group.create_array(
+        create(
             name,
             shape=(study.rows, *output.shape),
             chunks=(study.chunk, *output.shape),
             dtype=output.dtype,
             fill_value=output.fill,
             dimension_names=["row", *output.dimensions],
-            compressors=Crc32cCodec(),
             filters=None,
             attributes={"units": output.units, "long_name": output.meaning},
         )
     for name, labels in labels_of(outputs, template).items():
         # There is no string type that every Zarr library reads.
         texts = labels.dtype.kind == "U"
-        group.create_array(
+        create(
             name,
             data=np.arange(len(labels)) if texts else labels,
             dimension_names=[name],
-            compressors=Crc32cCodec(),
             config=WRITTEN_EVEN_IF_ZERO,
             attributes={NAMES: labels.tolist()} if texts else {},
         )

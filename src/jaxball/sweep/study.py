@@ -228,10 +228,14 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
     (4, ('body.mass',))
     """
     document, folder = document_of(text, "study", StudyError), Path(folder)
+
+    def axis(values: Any, path: str) -> Axis:
+        return read_axis(values, path, folder)
+
     (table, read, axes), errors = tried(
         lambda: read_table(document, "", KEYS),
         lambda: _template(document["scenario"], folder) if "scenario" in document else None,
-        lambda: _axes(document["axes"], folder) if "axes" in document else None,
+        lambda: tuple(read_list(document["axes"], "axes", axis)) if "axes" in document else None,
     )
     scenario, template = read or ({}, None)
     # Errors in one of these parts must not hide errors in the others.
@@ -268,10 +272,6 @@ def _template(value: Any, folder: Path) -> tuple[dict[str, Any], Scenario]:
     document = scenario_document(value, folder, StudyError)
     with naming_scenario(value, "study", StudyError):
         return document, read_document(document)
-
-
-def _axes(values: Any, folder: Path) -> tuple[Axis, ...]:
-    return tuple(read_list(values, "axes", lambda item, path: read_axis(item, path, folder)))
 
 
 def _check_contact(table: dict[str, Any], template: Scenario) -> None:

@@ -51,8 +51,9 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
     state = _rolling_states(problem, _target_path(problem, times))
     hanging = np.tile(_initial_moment(problem), (len(times), 1))
     # Only once: each repetition differentiates twice, and at rest the desired acceleration has a kink.
-    torque = _missing_torque(problem, times, _with_masses_for(problem, times, state, hanging))
-    p = _moment_with_torque(problem, hanging, torque)
+    Pi, rate = _momenta(problem, jnp.asarray(times), _with_masses_for(problem, times, state, hanging))
+    # The excess of d(ΛΠ)/dt over the effect of the forces and of the contact point's motion.
+    p = _moment_with_torque(problem, hanging, CubicSpline(times, Pi)(times, 1) - np.asarray(rate))
     state = _with_masses_for(problem, times, state, p)
     x = CubicSpline(times, _packed(problem, times, state))
     nodes = mesh[:-1, None] + np.diff(mesh)[:, None] * gauss(stages).c
@@ -141,12 +142,6 @@ def _moment_with_torque(problem: Rolling, hanging, moment) -> Float[np.ndarray, 
             "centre of mass farther below."
         )
     return beside + np.copysign(np.sqrt(size**2 - side**2), height)[:, None] * up
-
-
-def _missing_torque(problem: Rolling, times, state: BallState | DiskState) -> Float[np.ndarray, "t 3"]:
-    """The excess of d(ΛΠ)/dt over the effect of the forces and of the contact point's motion."""
-    Pi, rate = (np.asarray(part) for part in _momenta(problem, jnp.asarray(times), state))
-    return CubicSpline(times, Pi)(times, 1) - rate
 
 
 def _with_masses_for(problem: Rolling, times, state, p: Float[np.ndarray, "t 3"]) -> BallState | DiskState:

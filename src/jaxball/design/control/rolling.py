@@ -23,7 +23,7 @@ from ..objectives import FollowTrajectory
 from ..problem.requirements import AbstractRunningConstraint, AbstractRunningObjective, require_reachable
 from ..problem.run import Run
 from ..problem.space import DesignError
-from .inputs import MotorIndex, inputs, motor_limits, with_free_joints, with_inputs, with_schedules
+from .inputs import MotorIndex, inputs, motor_limits, with_inputs, with_schedules
 from .problem import AbstractControlProblem
 
 
@@ -176,10 +176,6 @@ class Rolling(AbstractControlProblem):
     ) -> System:
         """The robot with other schedules of θ, and signals of its motors, in the order of the controls."""
         return with_schedules(self.robot, self.motors, schedules, signals)
-
-    def of_robot(self, state: BallState | DiskState) -> BallState | DiskState:
-        """The state of the robot, without what has schedules."""
-        return with_free_joints(self.system, state)
 
     def _run(self, t: Float[Array, ""], x: Float[Array, " n"], u: Float[Array, " m"]) -> Run:
         """A run of one time."""

@@ -16,8 +16,8 @@ from ...physics.schedules import PiecewiseAcceleration
 from ...physics.signals import PiecewiseSignal
 from ...scenario import Scenario
 from ...scenario.initial import starting_angles
-from ..problem.requirements import AbstractRunningConstraint
 from ..problem.run import Run
+from .inputs import with_free_joints
 from .rolling import Rolling, rolling
 from .solution import PLACES, Solution
 
@@ -86,7 +86,7 @@ def scenario_of(solution: Solution, title: str = "", saves: int = 201) -> Scenar
     """
     problem = rolling(solution.problem)
     times = np.linspace(float(problem.start), float(problem.end), saves)
-    return Scenario(title, system_of(solution), problem.of_robot(problem.state), times)
+    return Scenario(title, system_of(solution), with_free_joints(problem.system, problem.state), times)
 
 
 class Resimulated(NamedTuple):
@@ -134,6 +134,9 @@ def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 
     gap = np.asarray(run.state.z) - places(solution, np.asarray(run.times))
     schedules = schedules_of(solution)
     rates = [*starting_angles(tuple(schedules), problem.end)["thetadot"]] if schedules else []
+    whole = Run(system, jnp.asarray(run.times), run.state, run.status)
+    constraints = problem.constraints
+    largest = eqx.filter_jit(lambda run: {name: jnp.max(one(run)) for name, one in constraints.items()})(whole)
     left = _imbalance(system, problem.end, jax.tree.map(lambda leaf: leaf[-1], run.state))
     missed = 0.0 if problem.place is None else np.linalg.norm(run.state.z[-1] - problem.place)
     return Resimulated(
@@ -144,18 +147,13 @@ def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 
         missed=float(missed) / r,
         margin=float(np.min(seen.normal_force)) / (M * float(problem.system.gravity)),
         friction=float(np.max(seen.friction_ratio)),
-        violations=_violations(Run(system, jnp.asarray(run.times), run.state, run.status), problem.constraints),
+        violations={name: float(by) for name, by in largest.items()},
     )
 
 
 @programs.filter_jit
 def _imbalance(system: System, t, state) -> Imbalance:
     return imbalance(system.prepare(), t, state)
-
-
-def _violations(run: Run, constraints: dict[str, AbstractRunningConstraint]) -> dict[str, float]:
-    largest = eqx.filter_jit(lambda run: {name: jnp.max(one(run)) for name, one in constraints.items()})(run)
-    return {name: float(by) for name, by in largest.items()}
 
 
 def places(solution: Solution, times: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k *d"]:
