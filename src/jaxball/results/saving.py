@@ -19,17 +19,8 @@ from ..scenario.paths import entries
 from ..sensors import AbstractSensor
 from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import Trajectory
-from ..simulation.variables import Variable
 from .files import FORMAT, SUFFIXES, UNKNOWN_SOLVER
-from .variables import (
-    contact_attributes,
-    described,
-    history_values,
-    labels,
-    measured_values,
-    switch_values,
-    values,
-)
+from .variables import Variables, contact_attributes, described, labels, measured_values, switch_values, values
 
 if TYPE_CHECKING:
     import xarray
@@ -193,7 +184,6 @@ def save(
 
 
 Sensors = Mapping[str, AbstractSensor]
-Values = dict[str, tuple[Variable, np.ndarray]]
 
 
 def _with_sensors(
@@ -207,14 +197,11 @@ def _with_sensors(
     return None if known is None else dataclasses.replace(known, sensors=sensors), sensors
 
 
-def _over_time(trajectory: Trajectory[Any, Any], sensors: Sensors) -> Values:
-    """Every variable over time, with its array."""
-    history = trajectory.contact
-    modes = {} if history is None else history_values(history)
-    return values(trajectory) | modes | measured_values(trajectory, sensors)
+def _over_time(trajectory: Trajectory[Any, Any], sensors: Sensors) -> Variables:
+    return values(trajectory) | measured_values(trajectory, sensors)
 
 
-def _of_switches(trajectory: Trajectory[Any, Any]) -> Values:
+def _of_switches(trajectory: Trajectory[Any, Any]) -> Variables:
     """Every variable of the switches between modes, with its array."""
     if trajectory.contact is None:
         return {}

@@ -18,12 +18,14 @@ from ..simulation.history import NOWHERE, ContactHistory, Switches
 from ..simulation.trajectory import Trajectory
 from ..simulation.variables import CLASSICAL_STATE, HISTORY, LAWS, OBSERVABLES, STATE, SWITCHES, Variable
 
+Variables = dict[str, tuple[Variable, np.ndarray]]
 
-def values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Variable, np.ndarray]]:
-    """Every variable of a trajectory with its array, ``time`` first; NaN at times that the solve did not reach.
+
+def values(trajectory: Trajectory[Any, Any]) -> Variables:
+    """Every variable of a trajectory over time with its array; NaN at times that the solve did not reach.
 
     A reduced trajectory has its state only, and one of a classical system its state and its laws. For a disk, ``z`` is
-    one number.
+    one number. A run with a law of contact has that of its contact too.
 
     **Raises:** ``ValueError`` for a batch of trajectories.
     """
@@ -48,12 +50,13 @@ def values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Variable, np.nda
         array[missing] = np.nan
         if array.size or "joint" not in variable.dimensions:
             variables[name] = (variable, array)
+    if trajectory.contact is not None:
+        contact = trajectory.contact
+        variables |= {name: (variable, np.asarray(getattr(contact, name))) for name, variable in HISTORY.items()}
     return variables
 
 
-def measured_values(
-    trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSensor]
-) -> dict[str, tuple[Variable, np.ndarray]]:
+def measured_values(trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSensor]) -> Variables:
     """The readings of sensors over time, named ``measured_…``; a vector has the axes of its sensor."""
     variables = {}
     for name, leaf in (trajectory.measured(sensors) if sensors else {}).items():
@@ -69,7 +72,7 @@ def described(name: str, planar: bool) -> Variable:
     return STATE[name]._replace(dimensions=()) if planar and name == "z" else STATE[name]
 
 
-def _classical_values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Variable, np.ndarray]]:
+def _classical_values(trajectory: Trajectory[Any, Any]) -> Variables:
     variables = {}
     for known, leaves in ((CLASSICAL_STATE, vars(trajectory.state)), (LAWS, trajectory.laws._asdict())):
         for name, leaf in leaves.items():
@@ -100,13 +103,6 @@ def labels(system: Any, sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
 
 SIDES = ("before", "after")
 RELEASED = {name: HISTORY[name] for name in ("V", "height")}
-
-Variables = dict[str, tuple[Variable, np.ndarray]]
-
-
-def history_values(history: ContactHistory) -> Variables:
-    """The variables over time."""
-    return {name: (variable, np.asarray(getattr(history, name))) for name, variable in HISTORY.items()}
 
 
 def switch_values(history: ContactHistory, of_state: Mapping[str, Variable]) -> Variables:
