@@ -72,6 +72,6 @@ def diagram(rows: Sequence[Row], ours: str):
     ax.set_yscale("log")
     ax.invert_xaxis()
     ax.grid(True, color=palette.FAINT, linewidth=0.4)
-    style.named(ax, "median over runs of the largest error at $t = 20$", "runs per second")
+    style.label_axes(ax, "median over runs of the largest error at $t = 20$", "runs per second")
     style.legend_above(ax, most=2)
     return ax.figure

@@ -103,9 +103,11 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", prog=parser.prog, required=True, metavar="COMMAND")
     for name, summary in COMMANDS.items():
         if name in arguments[:1]:
-            importlib.import_module(f".commands.{name}", __package__).add(commands)
+            module, command = importlib.import_module(f".commands.{name}", __package__), commands.add_parser(name)
+            module.add(command)
+            command.set_defaults(run=module.run)
             if name not in WITHOUT_CACHE:
-                add_no_cache(commands.choices[name])
+                add_no_cache(command)
         else:
             commands.add_parser(name, help=summary)
     return parser

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from ..interface.arguments import refusal
 from ..interface.printing import Printed, in_short
-from ..numerics.vectors import apply, dot
+from ..numerics.vectors import apply, cross, dot
 from .body import AbstractBody
 from .contact.body_on_plane import BodyOnPlane
 from .contact.modes import Mode
@@ -25,7 +25,7 @@ from .energy import (
 )
 from .load import Load, in_three, load
 from .moments import AbstractMoments, joint_motion, kinematics, point_mass_values, principal_inertia
-from .momentum import linear_momentum
+from .momentum import contact_momentum, linear_momentum
 from .motion import Kinematics
 from .state import BallState, DiskState, Rates, ReducedState, RotationState, centre_velocity
 from .system import require_one_state
@@ -47,6 +47,8 @@ class Observables(Printed):
     - ``vertical_body``: Γ, shape (3,).
     - ``angular_velocity_body``, ``angular_velocity_space``, ``angular_acceleration_body``: Ω, ω = ΛΩ and Ω̇, in
       rad/time and rad/time², shape (3,).
+    - ``contact_momentum``: Π, the angular momentum about the body's lowest point, relative to the plane and in body
+      axes, mass length²/time, shape (3,).
     - ``kinetic_energy``, ``potential_energy``: T and V, mass length²/time².
     - ``power``: Ė, the total of the actuation, the external force, resistance and the ground's motion, mass
       length²/time³.
@@ -76,6 +78,7 @@ class Observables(Printed):
     angular_velocity_body: Float[Array, "*t 3"]  # Ω
     angular_velocity_space: Float[Array, "*t 3"]  # ω = ΛΩ
     angular_acceleration_body: Float[Array, "*t 3"]  # Ω̇
+    contact_momentum: Float[Array, "*t 3"]  # Π
     kinetic_energy: Float[Array, "*t"]
     potential_energy: Float[Array, "*t"]
     power: Float[Array, "*t"]  # Ė
@@ -213,7 +216,10 @@ def observed(system: AbstractBody, t: Float[Array, ""], motion: Movement) -> Obs
     if slip is not None:
         velocity, lowest = velocity + slip.velocity, slip.velocity if lowest is None else lowest + slip.velocity
         centre = centre.at[2].set(slip.height)
-    drift = None if lowest is None else apply(Lambda.T, lowest)
+    drift, Pi = None, contact_momentum(at, r, Omega, Gamma)
+    if lowest is not None:
+        drift = apply(Lambda.T, lowest)
+        Pi = Pi + cross(at.M * r * Gamma + at.p, drift)
     up = jnp.zeros_like(Omega).at[2].set(1.0) if system.ground is None else system.ground.up()
     lost = dissipation(acting, motion.dry, Lambda, velocity, omega)
     if slip is not None:
@@ -238,6 +244,7 @@ def observed(system: AbstractBody, t: Float[Array, ""], motion: Movement) -> Obs
         angular_velocity_body=Omega,
         angular_velocity_space=omega,
         angular_acceleration_body=Omegadot,
+        contact_momentum=Pi,
         kinetic_energy=kinetic_energy(m, principal_inertia(system), r, with_shell, Omega, Gamma, drift),
         potential_energy=potential_energy(m, g, with_shell, apply(Lambda.T, up), dot(up, centre)),
         power=power,

@@ -24,7 +24,7 @@ from ..interface.interruption import blocked_in_children, on_interrupt
 from ..interface.output import OutputError, replacing
 from ..numerics.arrays import Numbers
 from ..simulation.trajectory import Trajectory
-from .record import record_to_show
+from .record import known_rows, record
 from .scene import scene
 
 FRAMES = {".mp4": 30, ".gif": 20}  # a second
@@ -78,7 +78,8 @@ def animate(
     for name, value in (("fps", fps), ("speed", speed)):
         if not value > 0:
             raise ValueError(f"Argument `{name}` must be a positive number, but it is {value}.")
-    run = record_to_show(trajectory)
+    known_rows(trajectory)
+    run = record(trajectory)
     figure, show = scene(trajectory, run)
     if size is not None:
         dpi = _fitted(figure, size)
@@ -158,7 +159,8 @@ def snapshot(trajectory: Trajectory, t: Numbers | None = None) -> Figure:
     >>> print([round(float(place), 3) for place in run.state.z])
     [0.0, 1.0, 2.0]
     """
-    run = record_to_show(trajectory)
+    known_rows(trajectory)
+    run = record(trajectory)
     figure, show = scene(trajectory, run)
     show(len(run.times) - 1 if t is None else int(np.argmin(np.abs(run.times - float(np.asarray(t))))))
     return figure

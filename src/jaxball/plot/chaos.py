@@ -14,7 +14,7 @@ from ..chaos import LyapunovSpectrum
 from ..simulation.variables import symbol
 from ..stability import PeriodicMotion, SteadyMotion
 from .palette import COMPONENTS, INK
-from .style import SMALL, SQUARE, colour_bar, legend_above, mass_line, named, plane_axes, zero_line
+from .style import SMALL, SQUARE, colour_bar, label_axes, legend_above, mass_line, plane_axes, zero_line
 
 if TYPE_CHECKING:
     import xarray
@@ -62,7 +62,7 @@ def _chart(
             keys.append(Patch(color=colour, label=name))
     if keys:
         ax.legend(handles=keys, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, prop=SMALL)
-    named(ax, right, up)
+    label_axes(ax, right, up)
     return ax, mesh
 
 
@@ -111,7 +111,7 @@ def lyapunov_convergence(spectrum: LyapunovSpectrum, ax: Axes | None = None) -> 
         ax.plot(times, running[:, i], label=rf"$\lambda_{i + 1}$", **mass_line(i + 1))
     zero_line(ax)
     ax.margins(x=0)
-    named(ax, "$t$", r"$\lambda_i$")
+    label_axes(ax, "$t$", r"$\lambda_i$")
     legend_above(ax)
     return ax
 
@@ -131,7 +131,7 @@ def poincare_section(
     """
     ax = plane_axes(ax, SQUARE)
     ax.plot(across, up, color=INK, marker=".", linestyle="none", ms=2.5, mew=0)
-    named(ax, *map(symbol, names))
+    label_axes(ax, *map(symbol, names))
     return ax
 
 
@@ -176,5 +176,5 @@ def _in_the_complex_plane(ax: Axes, found: Sequence[tuple[bool, np.ndarray]], le
         if chosen:
             values, look = np.concatenate(chosen), {"ms": 5, "linestyle": "none", "mfc": "none"}
             ax.plot(np.real(values), np.imag(values), marker, color=colour, label=label, **look)
-    named(ax, rf"$\mathrm{{Re}}\,{letter}$", rf"$\mathrm{{Im}}\,{letter}$")
+    label_axes(ax, rf"$\mathrm{{Re}}\,{letter}$", rf"$\mathrm{{Im}}\,{letter}$")
     legend_above(ax)

@@ -21,8 +21,8 @@ from .modes import NO_MODES, draw_modes, modes_of
 from .over_time import Series, over_run, sizes_of, tell_apart
 from .palette import INK, mass_look
 from .record import drawn_run, finite_rows, record, require_one
-from .shapes import grouped
-from .style import legend_above, mass_line, named, plane_axes, up_to_ticks, zero_line
+from .shapes import group_equal
+from .style import label_axes, legend_above, mass_line, plane_axes, up_to_ticks, zero_line
 
 ANGLE, LENGTH, UNKNOWN = "rad", "length", ""
 Curve = tuple[np.ndarray, np.ndarray]
@@ -172,7 +172,7 @@ def acceleration(source: Trajectory | System, ax: Axes | None = None, *, times: 
             "but it has neither; there is no acceleration to draw."
         )
     ax = plane_axes(ax, system=source.system if isinstance(source, Trajectory) else source)
-    groups = grouped(curves.items(), lambda one, other: all(_close(a, b) for a, b in zip(one, other, strict=True)))
+    groups = group_equal(curves.items(), lambda one, other: all(_close(a, b) for a, b in zip(one, other, strict=True)))
     for members, (t, size) in groups:
         shared = {"color": INK, "linestyle": "-"} if len(groups) == 1 < len(members) else {}
         ax.plot(t, size, **mass_line(members[0], **shared), label=_names(members))
@@ -185,7 +185,7 @@ def acceleration(source: Trajectory | System, ax: Axes | None = None, *, times: 
     up_to_ticks(ax, low=0.0)
     top = ax.get_ylim()[1]
     ax.set_ylim(-0.03 * top, top)  # so that the line at zero of a mass that is not pushed is visible
-    named(ax, "$t$", r"$|\ddot{\theta}_i|$")
+    label_axes(ax, "$t$", r"$|\ddot{\theta}_i|$")
     tell_apart(ax)
     legend_above(ax)
     return ax

@@ -11,7 +11,17 @@ from matplotlib.patches import Circle as Ring
 from matplotlib.ticker import MaxNLocator
 
 from .palette import COMPONENTS, DASHED, INK, MASSES, SHELL, TRAIL
-from .style import WIDE, ends, legend_above, linestyle, mass_line, named, number_decades, plane_axes, up_to_ticks
+from .style import (
+    WIDE,
+    label_axes,
+    legend_above,
+    linestyle,
+    mark_ends,
+    mass_line,
+    number_decades,
+    plane_axes,
+    up_to_ticks,
+)
 
 COLOURS = (*COMPONENTS, INK, *MASSES)
 PATH_COLOURS = ("0.6", TRAIL, *COLOURS)  # grey before and red after, as in the plane
@@ -47,10 +57,10 @@ def designed_path(
     ax.plot(*after.T, color=TRAIL, linewidth=1.4, label=names[1])
     if wanted is not None:
         ax.plot(*wanted.T, color=INK, linewidth=0.8, linestyle=linestyle(DASHED), label="target")
-    ends(ax, after, TRAIL, labelled=True, zorder=3)
+    mark_ends(ax, after, TRAIL, labelled=True, zorder=3)
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.08)
-    named(ax, "$z_1$", "$z_2$")
+    label_axes(ax, "$z_1$", "$z_2$")
     legend_above(ax)
     return ax
 
@@ -113,7 +123,7 @@ def _of_masses(times: np.ndarray, values: np.ndarray, symbol: str, ax: Axes | No
 def _over_time(ax: Axes, name: str) -> Axes:
     ax.margins(x=0)
     up_to_ticks(ax)
-    named(ax, "$t$", name)
+    label_axes(ax, "$t$", name)
     legend_above(ax)
     return ax
 
@@ -152,7 +162,7 @@ def convergence(
     if polish is not None:
         ax.axvline(polish - 0.5, color=SHELL, linewidth=0.8, label="polish begins")
     ax.xaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 5, 10], integer=True))
-    named(ax, "report of the search", "objective, violation,\nnorm of the gradient")
+    label_axes(ax, "report of the search", "objective, violation,\nnorm of the gradient")
     legend_above(ax, most=3)
     return ax
 
@@ -182,6 +192,6 @@ def branch(
     for axis in (ax.xaxis, ax.yaxis):
         low, high = axis.get_view_interval()
         number_decades(axis, high / low)
-    named(ax, name, "\n".join(textwrap.wrap(of or ", ".join(values), LABEL_LETTERS)))
+    label_axes(ax, name, "\n".join(textwrap.wrap(of or ", ".join(values), LABEL_LETTERS)))
     legend_above(ax)
     return ax

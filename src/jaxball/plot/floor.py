@@ -56,8 +56,9 @@ class Placed(NamedTuple):
 
 def place(trajectory: Trajectory, run: Record) -> Placed:
     """A run in the axes of the page."""
-    rows, seen, ground = finite_rows(trajectory), run.observables, trajectory.system.ground
-    given = trajectory.system, to_array(run.times), jax.tree.map(lambda leaf: leaf[rows], trajectory.state)
+    rows, seen, system = finite_rows(trajectory), run.observables, trajectory.system
+    ground, with_arms = system.ground, system if system.mechanisms else None
+    given = ground, with_arms, to_array(run.times), jax.tree.map(lambda leaf: leaf[rows], trajectory.state)
     Lambda, arms, moved, turned = jax.tree.map(np.asarray, _evaluate(*given))
     up = np.array([0.0, 0.0, 1.0]) if ground is None else np.asarray(ground.up())
     tilt = np.array([[0.0, 0.0, -up[0]], [0.0, 0.0, -up[1]], [up[0], up[1], 0.0]])
@@ -78,16 +79,16 @@ def place(trajectory: Trajectory, run: Record) -> Placed:
 
 
 @programs.filter_jit
-def _evaluate(system, times, states):
+def _evaluate(ground, system, times, states):
     """Λ, the arms, X and the angle of the turntable at each time; None for what the ground lacks."""
-    prepared = system.prepare()
-    ground = prepared.ground
+    ground, system = (None if part is None else part.prepare() for part in (ground, system))
 
     def at_time(t, state):
         moved = None if ground is None or ground.motion is None else ground.motion.kinematics(t).chi
         table = None if ground is None else ground.turntable
         turned = None if table is None else table.turning.derivatives(t)[0]
-        return state.in_space().Lambda, arms(prepared, t, state.theta), moved, turned
+        rods = [] if system is None else arms(system, t, state.theta)
+        return state.in_space().Lambda, rods, moved, turned
 
     return jax.vmap(at_time)(times, states)
 

@@ -17,7 +17,7 @@ from ..simulation.variables import symbol, symbol_of
 from .over_time import Series, components, over_time
 from .palette import COMPONENTS, DASHED, FAINT, INK, MASSES, SOLID, mass_look
 from .record import finite_rows, require_one
-from .style import ABOVE, SMALL, WIDE, caption, legend_above, linestyle, named, plane_axes, up_to_ticks, zero_line
+from .style import ABOVE, SMALL, WIDE, caption, label_axes, legend_above, linestyle, plane_axes, up_to_ticks, zero_line
 
 PANEL = 1.05  # the height of a panel, in inches
 # A coordinate and its rate have the same colour.
@@ -70,7 +70,7 @@ def law_errors(trajectory: Trajectory[Any, Any]) -> Figure:
     for ax, (name, leaf) in zip(panels, laws.items(), strict=True):
         values = np.asarray(leaf)[rows].reshape(len(rows), -1)
         _panel(ax, times, values - values[:1], symbol(name) if symbol_of(name) else name.replace("_", " "))
-    named(panels[-1], "$t$")
+    label_axes(panels[-1], "$t$")
     return figure
 
 
@@ -127,6 +127,6 @@ def law_residuals(
     ax.axhline(1.0, color=INK, linestyle=linestyle(DASHED), linewidth=0.8)
     ax.margins(x=0)
     ax.grid(axis="y", color=FAINT, linewidth=0.4)
-    named(ax, "$t$", "residual / expected")
+    label_axes(ax, "$t$", "residual / expected")
     legend_above(ax, ROW)
     return ax

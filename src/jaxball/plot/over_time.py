@@ -14,7 +14,7 @@ from ..simulation.trajectory import Trajectory
 from .modes import NO_MODES, Modes, draw_modes, modes_of, with_breaks
 from .palette import COMPONENTS, INK, SOLID, Dashes
 from .record import finite_rows
-from .style import legend_above, linestyle, named, plane_axes, sharing, up_to_ticks, zero_line
+from .style import label_axes, legend_above, linestyle, plane_axes, sharing, up_to_ticks, zero_line
 
 ROUNDING = 1e-12  # of the typical size of a quantity in the system; below this it is drawn as zero
 NEAR = 1.2  # points on paper between lines that hide each other
@@ -90,7 +90,7 @@ def over_time(
     draw_modes(ax, modes)
     ax.margins(x=0)
     up_to_ticks(ax)
-    named(ax, "$t$", name)
+    label_axes(ax, "$t$", name)
     tell_apart(ax)
     legend_above(ax, most)
     return ax

@@ -37,15 +37,6 @@ def drawn_run(trajectory: Trajectory) -> Trajectory:
     return with_limits(trajectory)
 
 
-def record_to_show(trajectory: Trajectory) -> Record:
-    """The record of a trajectory with at least one state that can be shown.
-
-    **Raises:** ``ValueError`` as :func:`record`, and for a trajectory without a finite state.
-    """
-    known_rows(trajectory)
-    return record(trajectory)
-
-
 def known_rows(trajectory: Trajectory) -> np.ndarray:
     """The indices of the saved times at which the state is known.
 

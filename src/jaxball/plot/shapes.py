@@ -51,10 +51,10 @@ def rails_of(system: System) -> list[tuple[list[int], Float[np.ndarray, "points 
     """The rails that can be drawn, each with the masses i = 1 … n that are on it."""
     rails = ((i, rail_points(mass.motion, float(system.radius))) for i, mass in enumerate(system.point_masses, start=1))
     drawable = ((i, rail) for i, rail in rails if rail is not None)
-    return grouped(drawable, lambda rail, other: np.shape(other) == np.shape(rail) and np.allclose(other, rail))
+    return group_equal(drawable, lambda rail, other: np.shape(other) == np.shape(rail) and np.allclose(other, rail))
 
 
-def grouped(
+def group_equal(
     curves: Iterable[tuple[int, Curve]], equal: Callable[[Curve, Curve], bool]
 ) -> list[tuple[list[int], Curve]]:
     """The distinct curves, each with the masses i = 1 … n on it."""

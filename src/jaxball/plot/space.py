@@ -28,10 +28,10 @@ from .style import (
     SQUARE,
     WIDE,
     cube,
-    ends,
+    label_axes,
     legend_above,
+    mark_ends,
     mass_line,
-    named,
     plane_axes,
     sharing,
     space_axes,
@@ -93,7 +93,7 @@ def configuration(
         _draw(ax, system, positions, columns=[0, 2])
         limits, ticks = (-1.08 * r, 1.08 * r), (-r, 0.0, r)
         ax.set(xlim=limits, ylim=limits, xticks=ticks, yticks=ticks, aspect="equal")
-        named(ax, r"$\mathbf{E}_1$", r"$\mathbf{E}_3$")
+        label_axes(ax, r"$\mathbf{E}_1$", r"$\mathbf{E}_3$")
         return ax
     ax = space_axes(ax, system=system)
     cube(ax, r, "E")
@@ -219,16 +219,16 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         ax.margins(x=0)
         up_to_ticks(ax)
         falls = _downhill(trajectory.system)  # a disk rolls along e1
-        named(ax, "$t$", "$z$" + ("" if falls is None else " (downhill)" if falls[0] > 0 else " (uphill)"))
+        label_axes(ax, "$t$", "$z$" + ("" if falls is None else " (downhill)" if falls[0] > 0 else " (uphill)"))
         legend_above(ax)
         return ax
     ax = plane_axes(ax, (WIDE[0], 4.2), trajectory.system)
     _draw_path(ax, trajectory, z)
-    ends(ax, z[:, :2], INK, labelled=True)
+    mark_ends(ax, z[:, :2], INK, labelled=True)
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.08)
     _draw_downhill(ax, trajectory.system, z[:, :2])
-    named(ax, "$z_1$", "$z_2$")
+    label_axes(ax, "$z_1$", "$z_2$")
     legend_above(ax, 3)
     return ax
 
@@ -303,13 +303,13 @@ def _paths(
         ax, columns = plane_axes(ax), [0, 2]
         ax.plot(*(r * parallel(0.0))[:, :2].T, color=SHELL, linewidth=0.8, zorder=1)
         ax.set_aspect("equal")
-        named(ax, rf"$\mathbf{{{frame}}}_1$", rf"$\mathbf{{{frame}}}_3$")
+        label_axes(ax, rf"$\mathbf{{{frame}}}_1$", rf"$\mathbf{{{frame}}}_3$")
     points = np.zeros((0, len(columns) + over_time))
     for path, line in curves:
         points = np.column_stack([times, path[:, columns]]) if over_time else path[:, columns]
         ax.plot(*points.T, **line, zorder=3, **UNCUT)
-        ends(ax, points, line["color"], zorder=4, **UNCUT)
-    ends(ax, np.full_like(points[:1], np.nan), INK, labelled=True)
+        mark_ends(ax, points, line["color"], zorder=4, **UNCUT)
+    mark_ends(ax, np.full_like(points[:1], np.nan), INK, labelled=True)
     legend_above(ax)
     return ax
 
@@ -322,7 +322,7 @@ def _cylinder(ax: Axes3D, r: float, frame: str, span: tuple[float, float]) -> Ax
     ax.view_init(elev=22, azim=-66)
     for t in span:
         _ring(ax, t, r, color=SHELL, linewidth=0.8)
-    named(ax, "$t$", rf"$\mathbf{{{frame}}}_1$", rf"$\mathbf{{{frame}}}_3$")
+    label_axes(ax, "$t$", rf"$\mathbf{{{frame}}}_1$", rf"$\mathbf{{{frame}}}_3$")
     ax.xaxis.labelpad = 2
     return ax
 

@@ -195,10 +195,10 @@ def cube(ax: Axes3D, radius: float, names: str) -> None:
     first = names_of[0] if len(names_of[0]) < 4 else ""
     ax.set(xticklabels=names_of, yticklabels=[first, *names_of[1:]], zticklabels=names_of)
     ax.set_box_aspect((1, 1, 1))
-    named(ax, *(rf"$\mathbf{{{names}}}_{j}$" for j in (1, 2, 3)))
+    label_axes(ax, *(rf"$\mathbf{{{names}}}_{j}$" for j in (1, 2, 3)))
 
 
-def named(ax: Axes, *labels: str) -> None:
+def label_axes(ax: Axes, *labels: str) -> None:
     """Labels the axes of ``ax`` in the order x, y, z."""
     in_space: dict[str, Any] = {"labelpad": -3, "rotation": 0} if isinstance(ax, Axes3D) else {}
     for letter, label in zip("xyz", labels, strict=False):
@@ -207,7 +207,7 @@ def named(ax: Axes, *labels: str) -> None:
         getattr(ax, f"set_{letter}label")(label, fontproperties=LABEL, **in_space)
 
 
-def ends(
+def mark_ends(
     ax: Axes, points: Float[np.ndarray, "T d"], colour: str, *, labelled: bool = False, size: float = 5.0, **look: Any
 ) -> None:
     """A ring at the start of a path and a square at its end, so that both can be seen where they coincide."""

@@ -19,9 +19,9 @@ from ..scenario.paths import entries
 from ..sensors import AbstractSensor
 from ..simulation.extremes import always_rolls, contact_extremes
 from ..simulation.trajectory import Trajectory
-from ..simulation.variables import Variable
 from .files import FORMAT, SUFFIXES, UNKNOWN_SOLVER
 from .variables import (
+    Variables,
     described_fields,
     history_attributes,
     history_values,
@@ -192,7 +192,6 @@ def save(
 
 
 Sensors = Mapping[str, AbstractSensor]
-Values = dict[str, tuple[Variable, np.ndarray]]
 
 
 def _with_sensors(
@@ -206,12 +205,12 @@ def _with_sensors(
     return None if known is None else dataclasses.replace(known, sensors=sensors), sensors
 
 
-def _over_time(trajectory: Trajectory[Any, Any], sensors: Sensors) -> Values:
+def _over_time(trajectory: Trajectory[Any, Any], sensors: Sensors) -> Variables:
     """Every variable over time, with its array."""
     return values(trajectory) | history_values(trajectory.history) | measured_values(trajectory, sensors)
 
 
-def _of_switches(trajectory: Trajectory[Any, Any]) -> Values:
+def _of_switches(trajectory: Trajectory[Any, Any]) -> Variables:
     """Every variable of the switches between modes, with its array."""
     return switch_values(trajectory.history, described_fields(trajectory.state))
 

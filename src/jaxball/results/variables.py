@@ -21,9 +21,11 @@ from ..sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory
 from ..simulation.variables import CLASSICAL_STATE, EVENTS, HISTORY, LAWS, OBSERVABLES, STATE, SWITCHES, Variable
 
+Variables = dict[str, tuple[Variable, np.ndarray]]
 
-def values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Variable, np.ndarray]]:
-    """Every variable of a trajectory with its array, ``time`` first; NaN at times that the solve did not reach.
+
+def values(trajectory: Trajectory[Any, Any]) -> Variables:
+    """Every variable of a trajectory over time with its array; NaN at times that the solve did not reach.
 
     A reduced trajectory has its state only, and one of a classical system its state and its laws. For a disk, ``z`` is
     one number.
@@ -54,9 +56,7 @@ def values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Variable, np.nda
     return variables
 
 
-def measured_values(
-    trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSensor]
-) -> dict[str, tuple[Variable, np.ndarray]]:
+def measured_values(trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSensor]) -> Variables:
     """The readings of sensors over time, named ``measured_…``; a vector has the axes of its sensor."""
     variables = {}
     for name, leaf in (trajectory.measured(sensors) if sensors else {}).items():
@@ -81,7 +81,7 @@ def described_fields(states: Any) -> dict[str, Variable]:
     }
 
 
-def _classical_values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Variable, np.ndarray]]:
+def _classical_values(trajectory: Trajectory[Any, Any]) -> Variables:
     variables = {}
     for known, leaves in ((CLASSICAL_STATE, vars(trajectory.state)), (LAWS, trajectory.laws._asdict())):
         for name, leaf in leaves.items():
@@ -112,9 +112,6 @@ def labels(system: Any, sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
 
 SIDES = ("before", "after")
 RELEASED = {name: HISTORY[name] for name in ("V", "height")}
-
-Variables = dict[str, tuple[Variable, np.ndarray]]
-
 
 @functools.singledispatch
 def history_values(history: AbstractHistory) -> Variables:

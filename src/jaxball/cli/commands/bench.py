@@ -10,8 +10,7 @@ from ..jax_setup import set_up_jax
 from ..options import BadInputError, positive
 
 
-def add(commands) -> None:
-    parser = commands.add_parser("bench")
+def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("problems", nargs="*", metavar="PROBLEM", help="problems to solve (default: all)")
     parser.add_argument("--solvers", nargs="+", default=[], metavar="NAME", help="solvers, packages, or parts of names")
     parser.add_argument("--tolerances", nargs="+", type=positive, metavar="RTOL", help="default: 1e-4 to 1e-13")
@@ -20,10 +19,9 @@ def add(commands) -> None:
     parser.add_argument("--out", type=Path, default=Path("out/bench"), metavar="FOLDER", help="default: out/bench")
     parser.add_argument("--quick", action="store_true", help="two problems, a few solvers, two tolerances")
     parser.add_argument("--list", action="store_true", help="list problems and solvers")
-    parser.set_defaults(run=_run)
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     if not options.list:
         check_folder(options.out, "--out")
     set_up_jax()

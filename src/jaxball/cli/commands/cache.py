@@ -6,17 +6,13 @@ from ...cache import Contents, clear, contents
 from ...interface.wording import counted
 
 
-def add(commands) -> None:
-    parser = commands.add_parser(
-        "cache",
-        description="Shows where compiled programs are kept, so that each is compiled once, and their size.",
-        epilog="JAXBALL_CACHE_DIR sets the folder; JAXBALL_NO_CACHE=1 or --no-cache turns the cache off.",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    parser.description = "Shows where compiled programs are kept, so that each is compiled once, and their size."
+    parser.epilog = "JAXBALL_CACHE_DIR sets the folder; JAXBALL_NO_CACHE=1 or --no-cache turns the cache off."
     parser.add_argument("--clear", action="store_true", help="remove all of them")
-    parser.set_defaults(run=_run)
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     if options.clear:
         print(f"{_amount(clear())} removed")
         return 0

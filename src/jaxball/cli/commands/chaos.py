@@ -33,8 +33,7 @@ INTERVAL, INTERVAL_OF_A_CHART = 1.0, 10.0
 MOST_CROSSINGS = 100_000
 
 
-def add(commands) -> None:
-    parser = commands.add_parser("chaos")
+def add(parser: argparse.ArgumentParser) -> None:
     add_scenario(parser)
     parser.add_argument("--end", type=number, help="end at this time, instead of the scenario's")
     parser.add_argument("--transient", type=number, default=0.0, help="start averaging after this time (default: 0)")
@@ -60,10 +59,9 @@ def add(commands) -> None:
     parser.add_argument(
         "--axes", nargs=2, metavar="COMPONENT", help="the axes of --poincare's figure, as in 'Omega[1]' 'Gamma[2]'"
     )
-    parser.set_defaults(run=_run)
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     _check_options(options)
     try:
         if options.chart is not None:

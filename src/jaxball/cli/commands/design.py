@@ -18,18 +18,14 @@ from ..options import working
 UNMET = 1
 
 
-def add(commands) -> None:
-    parser = commands.add_parser(
-        "design",
-        description="Searches for a design, or resumes one that was interrupted, for whatever reason.",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    parser.description = "Searches for a design, or resumes one that was interrupted, for whatever reason."
     parser.add_argument("problem", metavar="FILE", help="a problem file")
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="folder for the design and report")
     parser.add_argument("--quiet", action="store_true", help="print no progress")
-    parser.set_defaults(run=_run)
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     check_folder(options.out, "--out")
     text = text_of(options.problem, "problem file", ScenarioError)
     with naming(options.problem):

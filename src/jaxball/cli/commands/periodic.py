@@ -38,15 +38,12 @@ NAMES = ("period", "turns", "residual", "periodic", "stable", "kind", "growth", 
 COMPLEX = ("multipliers", "exponents")
 
 
-def add(commands) -> None:
-    parser = commands.add_parser(
-        "periodic",
-        description=(
-            "Finds a periodic motion near the scenario's initial state by Newton's method, and its Floquet "
-            "multipliers, the factors by which deviations change in a period, which decide its stability. Position and "
-            "heading need not return if nothing depends on them, and angles return up to whole turns. Solved to "
-            "1e-11, or to the scenario's tolerances if these are tighter."
-        ),
+def add(parser: argparse.ArgumentParser) -> None:
+    parser.description = (
+        "Finds a periodic motion near the scenario's initial state by Newton's method, and its Floquet "
+        "multipliers, the factors by which deviations change in a period, which decide its stability. Position and "
+        "heading need not return if nothing depends on them, and angles return up to whole turns. Solved to "
+        "1e-11, or to the scenario's tolerances if these are tighter."
     )
     add_scenario(parser)
     period = parser.add_mutually_exclusive_group(required=True)
@@ -84,10 +81,9 @@ def add(commands) -> None:
         "'body.offset[2]=-0.3:-0.1:20' resistance.rolling=0:0.5:20",
     )
     add_results(parser, "the numbers: .csv, or .nc for a chart", "the multipliers, or the chart")
-    parser.set_defaults(run=_run)
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     for name in ("after", "turns"):
         if options.chart is not None and getattr(options, name) is not None:
             raise BadInputError(f"Argument `--{name}` is for one motion; leave it out with --chart.")

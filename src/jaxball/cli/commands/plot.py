@@ -8,11 +8,8 @@ from ..jax_setup import set_up_jax
 from ..options import add_formats, add_quiet, add_replacing, check_figures_folder, say, working, written_line
 
 
-def add(commands) -> None:
-    parser = commands.add_parser(
-        "plot",
-        description="Draws the figures of a saved run, like `jaxball simulate --plot`.",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    parser.description = "Draws the figures of a saved run, like `jaxball simulate --plot`."
     parser.add_argument("saved", type=Path, metavar="RUN", help="a saved run: .nc or .npz")
     parser.add_argument(
         "--out",
@@ -24,10 +21,9 @@ def add(commands) -> None:
     add_formats(parser, "--format")
     add_replacing(parser)
     add_quiet(parser)
-    parser.set_defaults(run=_run)
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     check_figures_folder(options, "out", "format")
     check_saved(options.saved)
     set_up_jax()

@@ -8,8 +8,7 @@ from ..jax_setup import set_up_jax
 from ..options import working
 
 
-def add(commands) -> None:
-    parser = commands.add_parser("reproduce")
+def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, default=Path("out"), metavar="FOLDER", help="where to write (default: out)")
     parser.add_argument(
         "--solvers",
@@ -17,10 +16,9 @@ def add(commands) -> None:
         help="instead of figures, a table of every solver that the paper names and its counterpart in jaxball: steps, "
         "evaluations, error and time; takes three or four minutes",
     )
-    parser.set_defaults(run=_run)
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     check_folder(options.out, "--out")
     set_up_jax()
     from ...paper.reproduce import compare_solvers, reproduce

@@ -5,13 +5,11 @@ import argparse
 from ...scenario.sources import builtin_scenarios, builtin_text, builtin_title
 
 
-def add(commands) -> None:
-    parser = commands.add_parser("scenarios")
+def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", nargs="?", help="the scenario to print")
-    parser.set_defaults(run=_run)
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     if options.name is not None:
         print(builtin_text(options.name), end="")
         return 0

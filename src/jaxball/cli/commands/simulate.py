@@ -44,8 +44,7 @@ OF_STATES, OF_OBSERVABLES = 800.0, 1_800.0
 MANY = 1_000_000  # times, for which a user should be warned of the wait
 
 
-def add(commands) -> None:
-    parser = commands.add_parser("simulate")
+def add(parser: argparse.ArgumentParser) -> None:
     add_scenario(parser)
     parser.add_argument("--end", type=number, metavar="T", help="end at this time, instead of the scenario's")
     parser.add_argument("--out", type=Path, metavar="FILE", help="save the trajectory: .nc, .npz or .csv")
@@ -73,10 +72,9 @@ def add(commands) -> None:
     parser.add_argument("--friction", type=positive, metavar="MU", help="end where rolling needs more friction than MU")
     parser.add_argument("--detachment", action="store_true", help="end where the ball would leave the plane")
     add_output(parser)
-    parser.set_defaults(run=_run)
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     check_json(options)
     if options.out is not None:
         check_destination(options.out, SUFFIXES, "--out")

@@ -19,14 +19,11 @@ NAMES, COMPLEX = ("turning", "residual", "steady", "stable", "kind"), ("eigenval
 ELSE = "give --initial for a state that is steady, or use jaxball periodic for a motion that repeats itself"
 
 
-def add(commands) -> None:
-    parser = commands.add_parser(
-        "stability",
-        description=(
-            "Finds the directions about which a ball can rest or spin in place (--rate) or its rolling in circles "
-            "(--rolling), or takes the scenario's initial state (--initial), and computes the eigenvalues that decide "
-            "its stability. Masses must be at rest in the body."
-        ),
+def add(parser: argparse.ArgumentParser) -> None:
+    parser.description = (
+        "Finds the directions about which a ball can rest or spin in place (--rate) or its rolling in circles "
+        "(--rolling), or takes the scenario's initial state (--initial), and computes the eigenvalues that decide "
+        "its stability. Masses must be at rest in the body."
     )
     add_scenario(parser)
     motions = parser.add_mutually_exclusive_group()
@@ -38,10 +35,9 @@ def add(commands) -> None:
     parser.add_argument("--turning", type=number, metavar="RATE", help="rate at which the state of --initial turns")
     parser.add_argument("--time", type=number, metavar="T", help="the time of the schedules (default: the start)")
     add_results(parser, "the states and eigenvalues: .csv", "the eigenvalues")
-    parser.set_defaults(run=_run)
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     check_outputs(options, (".csv",))
     if options.turning is not None and not options.initial:
         raise BadInputError("Argument `--turning` is for the scenario's initial state; give --initial with it.")

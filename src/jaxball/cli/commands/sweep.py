@@ -17,17 +17,14 @@ from ..options import FAILED_SOLVE, BadInputError, add_formats, add_replacing, c
 NEEDED = ("zarr", "google_crc32c", "pandas", "pyarrow", "scipy")
 
 
-def add(commands) -> None:
-    parser = commands.add_parser(
-        "sweep",
-        usage=(
-            "jaxball sweep STUDY --out STORE [--workers N] [--shard K/N] [--dry-run [--measure]]\n"
-            "       jaxball sweep status STORE\n"
-            "       jaxball sweep plot STORE --out FOLDER [--result NAME ...] [--against PATH ...]\n"
-            "               [--label NAME=TEXT ...] [--format FORMAT ...] [--svg-text] [--force]"
-        ),
-        description="Runs a study, or resumes one that was interrupted, for whatever reason.",
+def add(parser: argparse.ArgumentParser) -> None:
+    parser.usage = (
+        "jaxball sweep STUDY --out STORE [--workers N] [--shard K/N] [--dry-run [--measure]]\n"
+        "       jaxball sweep status STORE\n"
+        "       jaxball sweep plot STORE --out FOLDER [--result NAME ...] [--against PATH ...]\n"
+        "               [--label NAME=TEXT ...] [--format FORMAT ...] [--svg-text] [--force]"
     )
+    parser.description = "Runs a study, or resumes one that was interrupted, for whatever reason."
     parser.add_argument("study", metavar="STUDY", help="a study file, or the word status or plot")
     parser.add_argument("store", nargs="?", type=Path, metavar="STORE", help="the store to describe or draw")
     parser.add_argument("--out", type=Path, metavar="STORE", help="the store, .zarr; for figures, their folder")
@@ -47,10 +44,11 @@ def add(commands) -> None:
     )
     add_formats(parser, "--format")
     add_replacing(parser)
-    parser.set_defaults(run=lambda options: _run(parser, options))
+    parser.set_defaults(parser=parser)
 
 
-def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
+    parser: argparse.ArgumentParser = options.parser
     if options.study == "status":
         if options.store is None:
             parser.error("the following argument is required after status: STORE")

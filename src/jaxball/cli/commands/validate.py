@@ -16,20 +16,16 @@ from ..options import BAD_INPUT, sentence
 WHAT = "scenario, study or problem"
 
 
-def add(commands) -> None:
-    parser = commands.add_parser(
-        "validate",
-        description=(
-            "Reads scenarios, studies and problems, recognised by their keys, and lists everything that is wrong. "
-            "Nothing is simulated. The exit code is 2 if a file is not valid."
-        ),
+def add(parser: argparse.ArgumentParser) -> None:
+    parser.description = (
+        "Reads scenarios, studies and problems, recognised by their keys, and lists everything that is wrong. "
+        "Nothing is simulated. The exit code is 2 if a file is not valid."
     )
     parser.add_argument("files", nargs="+", metavar="FILE", help="a file, a built-in scenario, or - for standard input")
     parser.add_argument("--quiet", action="store_true", help="print nothing about valid files")
-    parser.set_defaults(run=_run)
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     all_valid = True
     for source in options.files:
         description = ""

@@ -29,13 +29,12 @@ if TYPE_CHECKING:
 LAW_BROKEN = 1
 
 
-def add(commands) -> None:
-    parser = commands.add_parser(
-        "verify",
-        description="Runs scenarios and checks every law that applies. A saved run is compared with a new run of the "
-        "scenario in its file. The exit code is 1 if a run fails verification.",
-        epilog="Laws: " + "; ".join(f"{name}: {what}" for name, what in LAWS.items()) + ".",
+def add(parser: argparse.ArgumentParser) -> None:
+    parser.description = (
+        "Runs scenarios and checks every law that applies. A saved run is compared with a new run of the "
+        "scenario in its file. The exit code is 1 if a run fails verification."
     )
+    parser.epilog = "Laws: " + "; ".join(f"{name}: {what}" for name, what in LAWS.items()) + "."
     parser.add_argument(
         "scenarios",
         nargs="*",
@@ -48,10 +47,9 @@ def add(commands) -> None:
         "--plot", type=Path, metavar="FILE", help="draw the residuals of a run over time: .png, .pdf or .svg"
     )
     add_json(parser, "the reports")
-    parser.set_defaults(run=_run)
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     check_json(options)
     if options.plot is not None:
         check_destination(options.plot, FIGURE_SUFFIXES, "--plot")

@@ -20,17 +20,16 @@ if TYPE_CHECKING:
 DESIGN, SWEEP = "design.toml", "zarr.json"  # by which folders are recognised
 
 
-def add(commands) -> None:
-    parser = commands.add_parser(
-        "view",
-        usage=(
-            "jaxball view RUN --out FILE [--friction MU] [--all-times]\n"
-            "       jaxball view DESIGN --out FILE [--friction MU] [--all-times]\n"
-            "       jaxball view STORE --rows K,K,... [--colour NUMBER] --out FILE [--friction MU] [--all-times]"
-        ),
-        description="Writes a saved run as one HTML file, as `jaxball simulate --view` does: the body in "
+def add(parser: argparse.ArgumentParser) -> None:
+    parser.usage = (
+        "jaxball view RUN --out FILE [--friction MU] [--all-times]\n"
+        "       jaxball view DESIGN --out FILE [--friction MU] [--all-times]\n"
+        "       jaxball view STORE --rows K,K,... [--colour NUMBER] --out FILE [--friction MU] [--all-times]"
+    )
+    parser.description = (
+        "Writes a saved run as one HTML file, as `jaxball simulate --view` does: the body in "
         "three dimensions, played or stepped through, with graphs over time. For the folder of a design, it shows "
-        "the runs before and after; for the store of a sweep, the rows given by --rows. The file needs no network.",
+        "the runs before and after; for the store of a sweep, the rows given by --rows. The file needs no network."
     )
     parser.add_argument("saved", type=Path, metavar="RUN", help="a saved run, or the folder of a design or a sweep")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="the file to write: .html")
@@ -39,10 +38,9 @@ def add(commands) -> None:
     parser.add_argument("--colour", metavar="NUMBER", help="number that colours them, such as body.mass or z[0]")
     parser.add_argument("--all-times", action="store_true", help="show all saved times of a long run, in a large file")
     add_quiet(parser)
-    parser.set_defaults(run=_run)
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     check_view(options.out, "--out")
     kind = _kind(options.saved)
     if kind == SWEEP:

@@ -44,7 +44,7 @@ def study_axes(data: "xarray.Dataset", ax: Axes | None, size: tuple[float, float
     return made
 
 
-def heading(ax: Axes, sentences: Sequence[str], keys: Sequence[Any] = (), most: int = 3) -> None:
+def write_heading(ax: Axes, sentences: Sequence[str], keys: Sequence[Any] = (), most: int = 3) -> None:
     """Writes above the axes what is fixed and left out, and below that the legend of ``keys``, ``most`` in a row."""
     title = "\n".join(textwrap.wrap("; ".join(sentences), _LETTERS))
     if not keys:
@@ -55,7 +55,7 @@ def heading(ax: Axes, sentences: Sequence[str], keys: Sequence[Any] = (), most: 
     ax.legend(handles=keys, ncols=columns, title=title or None, title_fontproperties=SMALL, **ABOVE, **wide)
 
 
-def scale(axis: Axis, logarithmic: bool, values: np.ndarray) -> None:
+def set_scale(axis: Axis, logarithmic: bool, values: np.ndarray) -> None:
     """Gives ``axis`` a logarithmic scale if its positive ``values`` are spaced logarithmically."""
     values = values[np.isfinite(values)]
     if not logarithmic or not values.size or values.min() <= 0:
@@ -64,7 +64,7 @@ def scale(axis: Axis, logarithmic: bool, values: np.ndarray) -> None:
     number_decades(axis, float(values.max() / values.min()))
 
 
-def coloured(ax: Axes, shown: ScalarMappable, label: str) -> None:
+def add_colour_bar(ax: Axes, shown: ScalarMappable, label: str) -> None:
     """Adds a colour bar with the scale of the colours."""
     bar = colour_bar(ax, shown, label)
     if isinstance(shown.norm, LogNorm):
@@ -121,7 +121,7 @@ def names_of(outcome: Int[np.ndarray, " rows"]) -> dict[int, str]:
     return {code: f"{_NAMES.get(code) or Status(code).name} ({np.sum(outcome == code):,})" for code in present(outcome)}
 
 
-def marks(
+def mark_failures(
     ax: Axes,
     right: Float[np.ndarray, " rows"],
     up: Float[np.ndarray, " rows"] | None,

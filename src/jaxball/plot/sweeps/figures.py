@@ -15,20 +15,20 @@ from matplotlib.path import Path
 
 from ...interface.status import Status
 from ..palette import COMPONENTS, INK
-from ..style import COLOURS, named, norm_of
+from ..style import COLOURS, label_axes, norm_of
 from .axes import (
     LOOKS,
     MANY,
-    coloured,
+    add_colour_bar,
     edges_of,
     hatching,
-    heading,
     make_room,
-    marks,
+    mark_failures,
     names_of,
     outcomes,
-    scale,
+    set_scale,
     study_axes,
+    write_heading,
 )
 from .rows import (
     Labels,
@@ -38,7 +38,7 @@ from .rows import (
     histories_of,
     label_of,
     number_label,
-    parsed,
+    parse_result,
     result_names,
     rows_of,
     sample,
@@ -102,11 +102,11 @@ def sweep_slice(
         order = which[np.argsort(numbers[which], kind="stable")]
         lines = ax.plot(numbers[order], values[order], color=colour, linewidth=1.2, label=label or None, **look)
         keys += lines if label else []
-    scale(ax.xaxis, rows.is_logarithmic(against), numbers)
+    set_scale(ax.xaxis, rows.is_logarithmic(against), numbers)
     make_room(ax, names)
-    keys += marks(ax, numbers, None, outcome, names)
-    named(ax, number_label(against, labels), label_of(data, result, labels))
-    heading(ax, notes + left_out, keys)
+    keys += mark_failures(ax, numbers, None, outcome, names)
+    label_axes(ax, number_label(against, labels), label_of(data, result, labels))
+    write_heading(ax, notes + left_out, keys)
     return ax
 
 
@@ -163,10 +163,10 @@ def sweep_map(
     ax = study_axes(rows.data, ax, MAP)
     shown, keys, more = (_cells if crossed else _dots)(ax, rows, result, right, up)
     for axis, path in ((ax.xaxis, right), (ax.yaxis, up)):
-        scale(axis, rows.is_logarithmic(path), rows.number(path))
-    coloured(ax, shown, label_of(data, result, labels))
-    named(ax, number_label(right, labels), number_label(up, labels))
-    heading(ax, notes + more, keys, most=2)
+        set_scale(axis, rows.is_logarithmic(path), rows.number(path))
+    add_colour_bar(ax, shown, label_of(data, result, labels))
+    label_axes(ax, number_label(right, labels), number_label(up, labels))
+    write_heading(ax, notes + more, keys, most=2)
     return ax
 
 
@@ -226,7 +226,7 @@ def _dots(ax: Axes, rows: Rows, result: str, right: str, up: str) -> tuple[Any, 
     good = outcome == Status.SUCCESS
     look = {"s": 14.0 if len(rows) <= MANY else 4.0, "cmap": COLOURS, "norm": norm_of(values[good])}
     shown = ax.scatter(x[good], y[good], c=values[good], **look, linewidths=0.0, rasterized=True)
-    return shown, marks(ax, x, y, outcome, names), notes
+    return shown, mark_failures(ax, x, y, outcome, names), notes
 
 
 def sweep_fan(
@@ -257,7 +257,7 @@ def sweep_fan(
     names, (drawn, left_out) = names_of(rows.status), sample(rows, MOST_PATHS)
     rows, ax = rows.chosen(drawn), study_axes(rows.data, ax, FAN)
     in_plane = result is None and {"z[0]", "z[1]"} <= set(result_names(data))
-    at_all_times = (name for name in result_names(data) if "save" in data[parsed(data, name)[0]].dims)
+    at_all_times = (name for name in result_names(data) if "save" in data[parse_result(data, name)[0]].dims)
     results = ["z[0]", "z[1]"] if in_plane else [result or next(at_all_times, result_names(data)[0])]
     curves, numbers = _paths(rows, results), rows.number(by)
     shown = ScalarMappable(norm_of(numbers, rows.is_logarithmic(by)), COLOURS)
@@ -268,16 +268,16 @@ def sweep_fan(
     order = np.argsort(rows.failed, kind="stable")  # failed ones above the others
     ax.add_collection(LineCollection(list(curves[order]), colors=colours[order], linewidths=0.9))
     ends = np.stack([_end(curve) for curve in curves])
-    keys = marks(ax, ends[:, 0], ends[:, 1], rows.status, names)
+    keys = mark_failures(ax, ends[:, 0], ends[:, 1], rows.status, names)
     if in_plane:
         starts = np.unique(curves[:, 0], axis=0)
         keys += ax.plot(*starts.T, "o", ms=4.5, mew=1.0, color=INK, markerfacecolor="white", ls="none", label="start")
         ax.set_aspect("equal", adjustable="datalim")
     ax.autoscale_view()
     names_shown = [label_of(data, name, labels, at_the_end=False) for name in results]
-    named(ax, *(names_shown if in_plane else ["$t$", *names_shown]))
-    coloured(ax, shown, number_label(by, labels))
-    heading(ax, notes + left_out, keys, most=2)
+    label_axes(ax, *(names_shown if in_plane else ["$t$", *names_shown]))
+    add_colour_bar(ax, shown, number_label(by, labels))
+    write_heading(ax, notes + left_out, keys, most=2)
     return ax
 
 

@@ -13,8 +13,8 @@ from matplotlib.ticker import MaxNLocator
 from ...interface.status import Status
 from ...interface.wording import counted
 from ..palette import COMPONENTS
-from ..style import SMALL, caption, named, plane_axes
-from .axes import LOOKS, MANY, edges_of, make_room, marks, names_of, outcomes, present, scale, title_of
+from ..style import SMALL, caption, label_axes, plane_axes
+from .axes import LOOKS, MANY, edges_of, make_room, mark_failures, names_of, outcomes, present, set_scale, title_of
 from .rows import Labels, PictureError, Rows, label_of, number_label, rows_of, sample, standard_results, values_of
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def sweep_matrix(
                 _counts(ax, rows, up)
             else:
                 keys |= _panel(ax, rows, drawn, right, up, first=j == 0)
-            named(ax, right.label if i == n - 1 else "", up.label if j == 0 and i else "")
+            label_axes(ax, right.label if i == n - 1 else "", up.label if j == 0 and i else "")
             ax.tick_params(labelbottom=i == n - 1, labelleft=j == 0 and i > 0)
     figure.legend(
         handles=list(keys.values()),
@@ -107,14 +107,14 @@ def _panel(ax: Axes, rows: Rows, drawn: np.ndarray, right: _Variable, up: _Varia
     good = drawn[outcome == Status.SUCCESS]
     size = 2.5 if len(drawn) <= MANY else 1.2
     ax.plot(right.values[good], up.values[good], "o", ms=size, mew=0.0, color=COMPONENTS[0], ls="none", rasterized=True)
-    scale(ax.xaxis, right.logarithmic, right.values)
-    scale(ax.yaxis, up.logarithmic, up.values)
+    set_scale(ax.xaxis, right.logarithmic, right.values)
+    set_scale(ax.yaxis, up.logarithmic, up.values)
     if first and right.is_number and not up.is_number:
         make_room(ax, names)
     if not right.is_number:
         return {}
     above = up.values[drawn] if up.is_number else None
-    lines = marks(ax, right.values[drawn], above, outcome, names, size=3.5)
+    lines = mark_failures(ax, right.values[drawn], above, outcome, names, size=3.5)
     return {str(line.get_label()): line for line in lines}
 
 
@@ -133,7 +133,7 @@ def _counts(ax: Axes, rows: Rows, variable: _Variable) -> None:
         below = above
     ax.spines["left"].set_visible(False)
     ax.tick_params(left=False)
-    scale(ax.xaxis, variable.logarithmic, values)
+    set_scale(ax.xaxis, variable.logarithmic, values)
 
 
 def _edges(different: Float[np.ndarray, " values"], variable: _Variable) -> Float[np.ndarray, " edges"]:

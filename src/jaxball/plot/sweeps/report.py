@@ -11,7 +11,7 @@ import numpy as np
 from ..files import save_figures, scenario_mark
 from .figures import MOST_CURVES, sweep_fan, sweep_map, sweep_slice
 from .matrix import MOST_VARIABLES, sweep_matrix
-from .rows import Rows, listed, parsed, plain, result_names, rows_of, standard_results
+from .rows import Rows, list_attribute, parse_result, plain, result_names, rows_of, standard_results
 
 if TYPE_CHECKING:
     import xarray
@@ -55,12 +55,12 @@ def sweep_figures(
     """
     rows = rows_of(data)
     for name in results:
-        parsed(data, name)
+        parse_result(data, name)
     for path in against:
         rows.axis_of(path)
     for name in labels or {}:
         if name not in rows.paths:
-            parsed(data, name)
+            parse_result(data, name)
     rows.data.drop_vars([name for name in data.variables if "save" in data[name].dims]).load()  # once for all figures
     numbers = list(against) or (rows.varying() or list(rows.paths))[:MOST_NUMBERS]
     pairs = list(itertools.combinations(numbers, 2))
@@ -70,7 +70,9 @@ def sweep_figures(
         for kind, words, draw in _drawings(rows, chosen, numbers, pairs if against else pairs[:1], labels)
     ]
     # Of a study, its scenario and what it changes.
-    mark = scenario_mark(repr([data.attrs.get("scenario", ""), *(listed(data, name) for name in ("shape", "paths"))]))
+    mark = scenario_mark(
+        repr([data.attrs.get("scenario", ""), *(list_attribute(data, name) for name in ("shape", "paths"))])
+    )
     return save_figures(drawings, folder, mark, formats, svg_text=svg_text, replace=replace)
 
 
@@ -86,7 +88,7 @@ def _drawings(
     for result, pair in itertools.product(results, pairs):
         if rows.axis_of(pair[0]) != rows.axis_of(pair[1]) or rows.is_scattered(pair[0]):
             yield "map", (result, *pair), partial(sweep_map, data, result, *pair, labels=labels)
-    if any("save" in data[parsed(data, name)[0]].dims for name in result_names(data)):
+    if any("save" in data[parse_result(data, name)[0]].dims for name in result_names(data)):
         for number in numbers:
             yield "fan", (number,), partial(sweep_fan, data, number, labels=labels)
     fitting = results[: MOST_VARIABLES - len(numbers)]

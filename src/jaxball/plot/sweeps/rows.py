@@ -119,7 +119,7 @@ class Rows:
     @property
     def paths(self) -> tuple[str, ...]:
         """The paths of the numbers that change."""
-        return tuple(listed(self.data, "paths"))
+        return tuple(list_attribute(self.data, "paths"))
 
     @property
     def failed(self) -> Bool[np.ndarray, " rows"]:
@@ -134,15 +134,15 @@ class Rows:
         if path not in self.paths:
             hint = did_you_mean(path, self.paths, f"it changes {', '.join(self.paths)}", "`")
             raise PictureError(f"Path `{path}` must be one of the numbers that the study changes{hint}")
-        return int(listed(self.data, "path_axis")[self.paths.index(path)])
+        return int(list_attribute(self.data, "path_axis")[self.paths.index(path)])
 
     def is_scattered(self, path: str) -> bool:
         """Whether the values at ``path`` are those of a design or of a file."""
-        return bool(listed(self.data, "axis_scattered")[self.axis_of(path)])
+        return bool(list_attribute(self.data, "axis_scattered")[self.axis_of(path)])
 
     def is_logarithmic(self, path: str) -> bool:
         """Whether the values at ``path`` are spaced logarithmically."""
-        return bool(listed(self.data, "path_logarithmic")[self.paths.index(path)])
+        return bool(list_attribute(self.data, "path_logarithmic")[self.paths.index(path)])
 
     def number(self, path: str) -> Float[np.ndarray, " rows"]:
         """The number at ``path`` in each row."""
@@ -185,7 +185,7 @@ def rows_of(data: "xarray.Dataset") -> Rows:
             f"Argument `data` must have a row that succeeded, but all {len(status):,} that are done failed: {counts}; "
             "see `jaxball sweep status` for what is wrong with the first of them."
         )
-    indices = np.stack(np.unravel_index(row[computed], tuple(listed(data, "shape"))), axis=1)
+    indices = np.stack(np.unravel_index(row[computed], tuple(list_attribute(data, "shape"))), axis=1)
     return Rows(data, computed, indices, status)
 
 
@@ -240,7 +240,7 @@ def sample(rows: Rows, most: int) -> tuple[Int[np.ndarray, " some"], list[str]]:
     return drawn, [f"{len(drawn):,} of {len(rows):,} rows drawn"]
 
 
-def listed(data: Any, name: str) -> list[Any]:
+def list_attribute(data: Any, name: str) -> list[Any]:
     """An attribute that is a list; some file formats store a list of one as a number or a text."""
     value = data.attrs[name]
     return [value] if isinstance(value, str) else np.atleast_1d(value).tolist()
@@ -265,7 +265,7 @@ def standard_results(data: "xarray.Dataset") -> list[str]:
 
 def _finds(data: "xarray.Dataset") -> list[str]:
     """The results that the study's key ``find`` lists."""
-    return [name for name in listed(data, "finds") if name in data.data_vars] if "finds" in data.attrs else []
+    return [name for name in list_attribute(data, "finds") if name in data.data_vars] if "finds" in data.attrs else []
 
 
 def values_of(rows: Rows, result: str) -> Float[np.ndarray, " rows"]:
@@ -273,7 +273,7 @@ def values_of(rows: Rows, result: str) -> Float[np.ndarray, " rows"]:
 
     **Raises:** :class:`PictureError` when there is no such result.
     """
-    name, index = parsed(rows.data, result)
+    name, index = parse_result(rows.data, result)
     array = rows.data[name]
     if "save" in array.dims:
         array = array.isel(save=-1)
@@ -285,16 +285,16 @@ def histories_of(rows: Rows, result: str) -> Float[np.ndarray, "rows saves"]:
 
     **Raises:** :class:`PictureError` when there is no such result, or when it was not saved at all times.
     """
-    name, index = parsed(rows.data, result)
+    name, index = parse_result(rows.data, result)
     array = rows.data[name]
     if "save" not in array.dims:
-        saved = [item for item in result_names(rows.data) if "save" in rows.data[parsed(rows.data, item)[0]].dims]
+        saved = [item for item in result_names(rows.data) if "save" in rows.data[parse_result(rows.data, item)[0]].dims]
         known = ", ".join(saved) or 'none: the study needs `save = "times"`'
         raise PictureError(f"Result `{result}` must be one that was saved at all times, which are {known}.")
     return array.isel(row=rows.places).values[(slice(None), slice(None), *index)]
 
 
-def parsed(data: "xarray.Dataset", result: str) -> tuple[str, tuple[int, ...]]:
+def parse_result(data: "xarray.Dataset", result: str) -> tuple[str, tuple[int, ...]]:
     """The variable that a name such as ``z[0]`` stands for, and the index in it.
 
     **Raises:** :class:`PictureError` when there is no such result.
@@ -310,7 +310,7 @@ def label_of(data: "xarray.Dataset", result: str, labels: Labels = None, *, at_t
     """The label of a result in a figure, from ``labels``, or with its units."""
     if labels and result in labels:
         return labels[result]
-    name, index = parsed(data, result)
+    name, index = parse_result(data, result)
     known = _KNOWN.get(name)
     words = (known and known.words) or name.replace("_", " ")
     if symbol_of(name):
@@ -347,7 +347,7 @@ def sweep_scale(data: "xarray.Dataset", rows: Sequence[int], by: str | None = No
     """
     places = np.asarray(rows, dtype=int)
     chosen = Rows(data, places, np.zeros((places.size, 0), dtype=int), data["status"].values[places].astype(int))
-    paths = [str(path) for path in listed(data, "paths")]
+    paths = [str(path) for path in list_attribute(data, "paths")]
     if by is None:
         by = next(iter(chosen.varying()), None)
     if by is None:

@@ -4,19 +4,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from ...numerics import programs
-from ...numerics.arrays import to_array
-from ...numerics.vectors import apply, cross
 from ...physics.body import Disk, System
 from ...physics.contact.law import Contact
-from ...physics.load import in_three
-from ...physics.moments import velocity_moments
-from ...physics.momentum import contact_momentum
 from ...physics.state import ReducedState
 from ...simulation.trajectory import Trajectory
 from ..coordinates import ANGLE, LENGTH, UNKNOWN, angles_of, joint_units, joints_of, mass_units
@@ -104,10 +97,7 @@ def body_document(one: Shown) -> dict[str, Any]:
 def body_numbers(one: Shown, plane: float) -> dict[str, Numbers]:
     """The numbers of the body above a plane at ``plane`` below the origin, which may differ from its own radius."""
     system, run, placed, r = one.system, one.run, one.placed, one.radius
-    setting, seen, trajectory = placed.setting, run.observables, one.trajectory
-    rows, history = finite_rows(trajectory), trajectory.contact
-    slips = None if history is None else history.slip
-    momentum = _momentum(system, to_array(trajectory.times), trajectory.state, slips)
+    setting, seen, history, rows = placed.setting, run.observables, one.trajectory.contact, finite_rows(one.trajectory)
     numbers = {
         "time": Numbers(run.times, 0.0),
         "centre": Numbers(placed.centre + (r - plane) * setting.page[:, 2], r),
@@ -125,7 +115,7 @@ def body_numbers(one: Shown, plane: float) -> dict[str, Numbers]:
     }
     numbers |= {
         "angular_velocity": Numbers(seen.angular_velocity_body),
-        "angular_momentum": Numbers(np.asarray(momentum)[rows]),
+        "angular_momentum": Numbers(seen.contact_momentum),
         "normal_force": Numbers(seen.normal_force),
         "friction": Numbers(seen.friction),
         "energies": Numbers(np.stack([seen.kinetic_energy, seen.potential_energy], axis=1)),
@@ -143,25 +133,6 @@ def body_numbers(one: Shown, plane: float) -> dict[str, Numbers]:
     if system.mechanisms:
         numbers["joint_angles"] = Numbers(seen.joint_angles)
     return numbers
-
-
-@programs.filter_jit
-def _momentum(system, times, states, slips):
-    """Π about the body's lowest point at each time, in body axes; velocities are relative to the plane."""
-    prepared = system.prepare()
-
-    def at_time(t, state, slip):
-        in_space, r = state.in_space(), prepared.radius
-        Gamma = in_space.Lambda[2]
-        at = velocity_moments(prepared, t, (state.theta, state.thetadot))
-        Pi = contact_momentum(at, r, in_space.Omega, Gamma)
-        u = prepared.drift(t, in_space)
-        for v in (None if u is None else in_three(u), slip):  # of the lowest point
-            if v is not None:
-                Pi = Pi + cross(at.M * r * Gamma + at.p, apply(in_space.Lambda.T, v))
-        return Pi
-
-    return jax.vmap(at_time)(times, states, slips)
 
 
 def _masses(system: System) -> list[dict[str, Any]]:
