@@ -25,7 +25,8 @@ def unreached(A: Float[np.ndarray, "samples n n"], B: Float[np.ndarray, "samples
     n = A.shape[1]
     reached = np.zeros((n, n))
     for step, own in zip(A, B, strict=True):
-        reached = np.linalg.qr(np.concatenate([(step @ reached).T, own.T]), mode="r").T
+        triangle = np.asarray(np.linalg.qr(np.concatenate([(step @ reached).T, own.T]), mode="r"))
+        reached = triangle.T
     rows, sizes, _ = np.linalg.svd(reached)
     sizes = np.append(sizes, np.zeros(n - len(sizes)))
     return rows.T[sizes <= LEAST * np.max(sizes, initial=0.0)]
