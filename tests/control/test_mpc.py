@@ -74,7 +74,7 @@ XI[[3, 6]] = 0.3
 
 @pytest.mark.parametrize(("limit", "friction"), [(0.5, None), (10.0, 0.03), (0.6, 0.04)], ids=str)
 def test_the_plan_is_the_solution_of_the_program_with_active_limits(track, limit, friction):
-    """SciPy's barrier is as good as 1e-5 of inputs; costs, which are flat at the least, agree to 1e-8."""
+    """SciPy's barrier method stops where its cost is up to 1e-4 above the least, at inputs that are off by 1e-3."""
     control = mpc(track, HORIZON, limits=limit, friction=friction)
     plan = control.plan(0, track.nominal.state(0).retract(jnp.asarray(XI)))
     assert bool(plan.closed)
@@ -84,14 +84,15 @@ def test_the_plan_is_the_solution_of_the_program_with_active_limits(track, limit
     inputs, least = by_scipy(form, rows, bounds)
     ours = np.append(np.asarray(plan.z[:, 12:]).ravel(), 1.0)
     assert np.min(bounds - rows @ ours[:-1]) < 1e-6
-    assert ours @ form @ ours == pytest.approx(least, rel=1e-6)
+    assert ours @ form @ ours == pytest.approx(least, rel=1e-4)
+    assert ours @ form @ ours < least * (1 + 1e-8)
     np.testing.assert_allclose(ours[:-1], inputs, rtol=0, atol=2e-3)
 
 
 def test_the_optimality_conditions_hold(track):
     """Karush, Kuhn and Tucker's: the gradient is that of the limits, multipliers are positive, and 0 inside them.
 
-    The gap between the program and its dual is closed to 1e-9 of the cost.
+    The gap between the program and its dual is closed to 1e-9 of the cost, which leaves 1e-6 of the gradient.
     """
     control = mpc(track, HORIZON, limits=0.6, friction=0.04)
     plan = control.plan(0, track.nominal.state(0).retract(jnp.asarray(XI)))
@@ -99,7 +100,7 @@ def test_the_optimality_conditions_hold(track):
     u, multipliers = np.asarray(plan.z[:, 12:]).ravel(), np.asarray(plan.multipliers).ravel()
     n = len(u)
     gradient = 2 * form[:n, :n] @ u + 2 * form[:n, n]
-    np.testing.assert_allclose(gradient, -rows.T @ multipliers, rtol=0, atol=1e-8 * np.max(np.abs(gradient)))
+    np.testing.assert_allclose(gradient, -rows.T @ multipliers, rtol=0, atol=1e-6 * np.max(np.abs(gradient)))
     assert np.all(multipliers >= 0)
     whole = np.append(u, 1.0)
     assert multipliers @ (bounds - rows @ u) <= 1e-9 * (whole @ form @ whole)
@@ -131,9 +132,11 @@ def test_the_rows_are_derivatives_of_the_reaction(track):
 
 
 def test_limits_that_cannot_be_kept_are_exceeded_least_and_named(track):
-    """The inputs of the motion alone need more friction than there is at the start, whatever is added within limits."""
-    control = mpc(track, 2, limits=0.2, friction=1e-3)
-    plan = control.plan(0, track.nominal.state(0).retract(jnp.asarray(XI)))
+    """A pendulum that is let go at 0.5 pushes the ball with some per cent of its weight, whatever weak motors do."""
+    control = mpc(track, 2, limits=0.01, friction=0.01)
+    swung = np.zeros(12)
+    swung[8] = 0.5
+    plan = control.plan(0, track.nominal.state(0).retract(swung))
     assert bool(plan.closed)
     sentences = control.exceeded(plan)
     assert any(sentence.startswith("friction[") and "cannot be kept" in sentence for sentence in sentences)

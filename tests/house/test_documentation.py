@@ -40,12 +40,14 @@ LONG_PAGES = (
     "derivatives.md",
     "extending.md",
     "files.md",
+    "holding-a-motion.md",
     "mechanisms.md",
     "shaping-a-rail.md",
     "slip-and-flight.md",
     "solvers.md",
     "sweep-overnight.md",
     "sweeps.md",
+    "track.md",
 )
 # What 05 and 09 show, tests/equilibrium and tests/simulate/test_own_system.py compute as well.
 LONG_EXAMPLES = (

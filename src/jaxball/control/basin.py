@@ -1,7 +1,7 @@
 """Which disturbed starts come back to a motion under feedback: closed loops in vector lanes, on all cores."""
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -179,7 +179,7 @@ def _compiled(
 
     def run(xi: Float[np.ndarray, "block n"]) -> Outcome:
         given = feedback, plant, jnp.asarray(xi), samples, delay
-        natively = _one_by_one.natively(*given)
+        natively = cast(programs.Program, _one_by_one).natively(*given)
         return _side_by_side(*given) if natively is None else natively()
 
     return run

@@ -56,7 +56,7 @@ class ClosedLoop(Printed):
     @property
     def saturated(self) -> Bool[Array, "samples m"]:
         """Where an input was at its limit."""
-        return jnp.abs(self.u) >= self.plant.limits
+        return jnp.abs(self.u) >= self.plant.limits[None]
 
     @property
     def run(self) -> Trajectory[Any, Any]:
@@ -132,8 +132,9 @@ def closed_loop(
     plant = plant_of(feedback, system, limits, push)
     first = start_of(feedback, start)
     count = feedback.nominal.samples if samples is None else whole_number("samples", samples, 1)
-    *found, memory = _looped(feedback, plant, first, count, whole_number("delay", delay, 0), adjoint)
-    return ClosedLoop(*found, feedback, plant, memory)
+    late = whole_number("delay", delay, 0)
+    times, states, u, du, xi, memory = _looped(feedback, plant, first, count, late, adjoint)
+    return ClosedLoop(times, states, u, du, xi, feedback, plant, memory)
 
 
 @programs.filter_jit

@@ -21,7 +21,8 @@ def reached(A: Float[np.ndarray, "samples n n"], B: Float[np.ndarray, "samples n
     n = A.shape[1]
     found = np.zeros((n, n))
     for step, own in zip(A, B, strict=True):
-        found = np.linalg.qr(np.concatenate([(step @ found).T, own.T]), mode="r").T
+        triangle = np.asarray(np.linalg.qr(np.concatenate([(step @ found).T, own.T]), mode="r"))
+        found = triangle.T
     return found
 
 

@@ -27,17 +27,17 @@ class GivenAccelerations(AbstractLaw):
 
 
 class Place(NamedTuple):
-    """Where an input acts: on a mass, or, with the index of its mechanism, on a joint; and which of both it sets."""
+    """Where an input acts: on the mass of this number, or the joint of this number in a mechanism; and what it sets."""
 
     mechanism: int | None
-    index: int
+    number: int
     is_effort: bool
 
     @property
     def name(self) -> str:
         """As in ``coordinates`` of a body."""
         on_mass = self.mechanism is None
-        return f"masses[{self.index}]" if on_mass else f"mechanisms[{self.mechanism}].joints[{self.index}]"
+        return f"masses[{self.number}]" if on_mass else f"mechanisms[{self.mechanism}].joints[{self.number}]"
 
 
 def places_of(system: System, names: Sequence[str] | None) -> tuple[Place, ...]:
@@ -90,7 +90,7 @@ def with_inputs(system: System, places: Sequence[Place]) -> System:
 
 
 def _freed(system: System, places: Sequence[Place]) -> System:
-    own = {place.index for place in places if place.mechanism is None}
+    own = {place.number for place in places if place.mechanism is None}
     masses = [
         PointMass(item.mass, Driven(item.motion.rail)) if index in own and isinstance(item.motion, OnRail) else item
         for index, item in enumerate(system.point_masses)
@@ -99,7 +99,7 @@ def _freed(system: System, places: Sequence[Place]) -> System:
     for place in places:
         if place.mechanism is not None and place.is_effort:
             mechanism = mechanisms[place.mechanism]
-            mechanisms[place.mechanism] = _driven(mechanism, place.index, kept_drive(mechanism.drives[place.index]))
+            mechanisms[place.mechanism] = _driven(mechanism, place.number, kept_drive(mechanism.drives[place.number]))
     accelerations = sum(not place.is_effort for place in places)
     law = GivenAccelerations(jnp.zeros(accelerations)) if accelerations else None
     return type(system)(**{**system.arguments, "masses": masses, "mechanisms": mechanisms, "law": law})
@@ -119,8 +119,8 @@ def _moved(system: System, places: Sequence[Place], signals: Mapping[str, Any], 
     for place in places:
         if place.mechanism is not None and place.is_effort:
             mechanism, motor = mechanisms[place.mechanism], Motor(signals[place.name])
-            kept = kept_drive(mechanism.drives[place.index])
-            mechanisms[place.mechanism] = _driven(mechanism, place.index, motor if kept is None else kept + motor)
+            kept = kept_drive(mechanism.drives[place.number])
+            mechanisms[place.mechanism] = _driven(mechanism, place.number, motor if kept is None else kept + motor)
     return type(system)(**{**system.arguments, "mechanisms": mechanisms, "law": law})
 
 
@@ -149,7 +149,7 @@ def motor_of(system: System, place: Place) -> Motor | None:
     """
     if place.mechanism is None:
         return None
-    drive = system.mechanisms[place.mechanism].drives[place.index]
+    drive = system.mechanisms[place.mechanism].drives[place.number]
     motors = [term for term in _terms(drive) if isinstance(term, Motor)]
     if len(motors) > 1:
         raise ValueError(
@@ -191,7 +191,7 @@ def _is_moved(system: System, place: Place) -> bool:
     """Whether a schedule, a law or a motor moves it."""
     if place.mechanism is None or not place.is_effort:
         return True
-    drive = system.mechanisms[place.mechanism].drives[place.index]
+    drive = system.mechanisms[place.mechanism].drives[place.number]
     return isinstance(drive, AbstractSchedule) or motor_of(system, place) is not None
 
 

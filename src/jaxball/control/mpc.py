@@ -182,7 +182,7 @@ def _bounded(track: Track, mu: Array | None, limited: tuple[int, ...]) -> Float[
     sides = 2 if track.sampled.system.planar else FACETS
     inner = 1.0 if sides == 2 else np.cos(np.pi / sides)
     angles = 2 * np.pi * np.arange(sides) / sides
-    of_inputs = np.kron(np.eye(len(limited)), [[1.0], [-1.0]]).reshape(-1, len(limited))
+    of_inputs = np.kron(np.eye(len(limited)), [[1.0], [-1.0]]).reshape(2 * len(limited), len(limited))
     normal = np.array([[0.0, 0.0, -1.0]])
     cone = np.stack([np.cos(angles), np.sin(angles), np.zeros(sides)], axis=1)
     of_plane = jnp.asarray(normal if mu is None else cone, track.W.dtype)

@@ -104,7 +104,7 @@ def nominal_of(run: Trajectory[Any, Any], sampled: SampledSystem, samples: int) 
     again = simulate(run.system, times, start, inside=False, **settings)
     if not is_traced(again.status):
         again.raise_if_failed()
-    states, inputs = _moving(run.system, sampled.system, sampled.places, again.times, again.state, again.observables)
+    states, inputs = _moving(run.system, sampled.system, sampled.places, times, again.state, again.observables)
     every = len(GAUSS) + 1
     u = 0.5 * (inputs[1::every] + inputs[2::every])
     return NominalMotion(times[::every], jax.tree.map(lambda leaf: leaf[::every], states), u)

@@ -73,7 +73,8 @@ def _solved(A: Array, B: Array, W: Array, S: Array) -> tuple[Array, Array]:
     """Gains of all samples, and P = SᵀS at each and at the end."""
 
     def step(S, at):
-        gain, before = _previous(*at, W, S)
+        A, B = at
+        gain, before = _previous(A, B, W, S)
         return before, (gain, before.T @ before)
 
     gains, P = jax.lax.scan(step, S, (A, B), reverse=True)[1]

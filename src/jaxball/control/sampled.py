@@ -78,8 +78,8 @@ class SampledSystem(Printed):
         systems.
         """
         places = places_of(system, inputs)
-        limits = (numbers(name)(x) for name, x in (("sample", sample), ("rtol", rtol), ("atol", atol)))
-        return cls(with_inputs(system, places), limits_of(system, places), *limits, places)
+        h, relative, absolute = (numbers(name)(x) for name, x in (("sample", sample), ("rtol", rtol), ("atol", atol)))
+        return cls(with_inputs(system, places), limits_of(system, places), h, relative, absolute, places)
 
     @classmethod
     def without_inputs(

@@ -5,7 +5,7 @@ Times, lengths and masses are in the same consistent units as the parameters.
 
 import abc
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -118,7 +118,7 @@ class BallState(AbstractBodyState):
     def turned(self, rotation: Float[Array, "3"]) -> Float[Array, "4"]:
         return versor.product(self.q, versor.exponential(rotation))
 
-    def turn_to(self, other: "BallState") -> Float[Array, "3"]:
+    def turn_to(self, other: Any) -> Float[Array, "3"]:
         return versor.logarithm(versor.product(versor.conjugate(self.q), other.q))
 
     def reduced(self) -> "ReducedState":
@@ -198,7 +198,7 @@ class RotationState(AbstractBodyState):
         turn = versor.rotation_matrix(versor.exponential(rotation))
         return jnp.sum(self.Lambda[:, :, None] * turn[None], axis=1)
 
-    def turn_to(self, other: "RotationState") -> Float[Array, "3"]:
+    def turn_to(self, other: Any) -> Float[Array, "3"]:
         turn = jnp.sum(self.Lambda[:, :, None] * other.Lambda[:, None, :], axis=0)
         return versor.logarithm(versor.from_rotation_matrix(turn))
 

@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..interface.arguments import a, described, refusal
 from ..interface.printing import Printed, is_array
 from ..interface.status import Status
-from ..numerics.arrays import default_dtype
+from ..numerics.arrays import Numbers, default_dtype, to_array
 from ..numerics.masks import differentiated_where
 from .conditions import Condition, Problem, unit
 from .hybrid import (
@@ -91,22 +91,21 @@ class AbstractState(Printed):
             names += [f"{field}[{k}]" for k in range(np.size(leaf))] if np.ndim(leaf) else [field]
         return tuple(names)
 
-    def retract(self: AnyState, xi: Float[Array, " directions"]) -> AnyState:
-        """The state with local coordinates ``xi`` around this one.
+    def retract(self: AnyState, xi: Numbers) -> AnyState:
+        """The state with local coordinates ``xi`` around this one, shape (directions,).
 
         The attitude is turned by the first three, a rotation vector in body axes; the rest are added.
 
         **Raises:** ``TypeError`` for a state with a unit vector that is no attitude.
         """
-        first = 0 if self.attitude is None else 3
+        xi, name = to_array(xi, "xi"), self.attitude
         flat, unravel = ravel_pytree(self._without_attitude())
-        moved = unravel(flat + xi[first:])
-        if self.attitude is None:
-            return moved
-        turned = self.turned(xi[:first])
-        return eqx.tree_at(lambda s: getattr(s, self.attitude), moved, turned, is_leaf=lambda x: x is None)
+        if name is None:
+            return unravel(flat + xi)
+        moved = unravel(flat + xi[3:])
+        return eqx.tree_at(lambda s: getattr(s, name), moved, self.turned(xi[:3]), is_leaf=lambda x: x is None)
 
-    def difference(self: AnyState, other: AnyState) -> Float[Array, " directions"]:
+    def difference(self, other: Any) -> Float[Array, " directions"]:
         """The local coordinates of ``other`` around this state: the inverse of :meth:`retract`.
 
         **Raises:** as :meth:`retract`.
@@ -118,21 +117,21 @@ class AbstractState(Printed):
         """The attitude, turned by a rotation vector in body axes."""
         raise NotImplementedError
 
-    def turn_to(self: AnyState, other: AnyState) -> Float[Array, "3"]:
+    def turn_to(self, other: Any) -> Float[Array, "3"]:
         """The rotation vector, in body axes, that turns this attitude into that of ``other``; no longer than π."""
         raise NotImplementedError
 
     def _without_attitude(self: AnyState) -> AnyState:
-        if self.attitude is None and self.unit_vector is None:
+        name = self.attitude
+        if name is not None:
+            return eqx.tree_at(lambda state: getattr(state, name), self, None)
+        if self.unit_vector is None:
             return self
-        if self.attitude is None:
-            kind = type(self).__name__
-            raise TypeError(
-                f"Argument `state` must have an attitude where local coordinates around it are needed, but it is "
-                f"{a(kind)}, whose `{self.unit_vector}` is a unit vector; use a state with an attitude, such as a "
-                "BallState."
-            )
-        return eqx.tree_at(lambda state: getattr(state, self.attitude), self, None)
+        raise TypeError(
+            f"Argument `state` must have an attitude where local coordinates around it are needed, but it is "
+            f"{a(type(self).__name__)}, whose `{self.unit_vector}` is a unit vector; use a state with an attitude, "
+            "such as a BallState."
+        )
 
 
 class NoLaws(NamedTuple):

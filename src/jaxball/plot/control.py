@@ -12,8 +12,8 @@ from ..control import Basin, ClosedLoop, Track
 from ..interface.arguments import require
 from ..physics.body import Disk
 from .over_time import Series, over_time
-from .palette import COMPONENTS, DASHED, FAINT, INK, MASSES
-from .style import SMALL, SQUARE, ends, legend_above, linestyle, named, plane_axes
+from .palette import COMPONENTS, DASHED, FAINT, INK, MASSES, mass_look
+from .style import SMALL, SQUARE, WIDE, ends, legend_above, linestyle, named, plane_axes
 
 COLOURS = (*COMPONENTS, *MASSES)
 RETURNED = COMPONENTS[0]
@@ -35,7 +35,7 @@ def gains(track: Track, name: str | None = None, ax: Axes | None = None) -> Axes
         raise ValueError(f"Argument `name` must be one of {', '.join(track.inputs)}, but it is {name!r}.")
     K = np.asarray(track.gains)[:, track.inputs.index(name)]
     shown = [k for k in range(K.shape[1]) if np.any(np.abs(K[:, k]) > 1e-9 * np.max(np.abs(K)))]
-    series = [Series(K[:, k], track.directions[k], COLOURS[j % len(COLOURS)]) for j, k in enumerate(shown)]
+    series = [Series(K[:, k], track.directions[k], *mass_look(j + 1)) for j, k in enumerate(shown)]
     return over_time(track.sampled.system, np.asarray(track.times), series, f"gain of {name}", ax, most=4)
 
 
@@ -63,7 +63,7 @@ def held_paths(loops: Mapping[str, ClosedLoop], ax: Axes | None = None) -> Axes:
         ]
         motion = Series(_extended(np.asarray(nominal.states.z), len(first.times)), "motion", INK, DASHED)
         return over_time(system, np.asarray(first.times), [*series, motion], "$z$", ax)
-    ax = plane_axes(ax, SQUARE, system)
+    ax = plane_axes(ax, (WIDE[0], 4.0), system)
     for k, (label, loop) in enumerate(loops.items()):
         colour, path = COLOURS[k % len(COLOURS)], np.asarray(loop.states.z)
         ax.plot(*path.T, color=colour, linewidth=1.2, label=label)
