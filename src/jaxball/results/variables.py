@@ -113,6 +113,7 @@ def labels(system: Any, sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
 SIDES = ("before", "after")
 RELEASED = {name: HISTORY[name] for name in ("V", "height")}
 
+
 @functools.singledispatch
 def history_values(history: AbstractHistory) -> Variables:
     """The variables over time of a history, besides the states."""
