@@ -86,8 +86,14 @@ class SampledSystem(Printed):
         cls, system: System, sample: Numbers, rtol: Numbers = DEFAULT_TOLERANCE, atol: Numbers = DEFAULT_TOLERANCE
     ) -> "SampledSystem":
         """The sampled system of a body that nobody steers: whatever moves it stays. Arguments as for :meth:`of`."""
-        given = (numbers(name)(x) for name, x in (("sample", sample), ("rtol", rtol), ("atol", atol)))
-        return cls(system, jnp.zeros((0,), default_dtype()), *given, ())
+        return cls(
+            system,
+            jnp.zeros((0,), default_dtype()),
+            numbers("sample")(sample),
+            numbers("rtol")(rtol),
+            numbers("atol")(atol),
+            (),
+        )
 
     @property
     def inputs(self) -> tuple[str, ...]:

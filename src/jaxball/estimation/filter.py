@@ -8,7 +8,7 @@ innovations as in Bar-Shalom, Li & Kirubarajan, *Estimation with Applications to
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -25,7 +25,7 @@ from ..numerics import programs
 from ..numerics.arrays import Numbers, default_dtype, is_traced, to_array
 from ..physics.body import Ball, Disk, System
 from ..physics.system import require_one_state
-from ..sensors import AbstractSensor, SensorErrors
+from ..sensors import AbstractSensor
 from ..sensors.errors import CLOSE
 from ..simulation.defaults import DEFAULT_TOLERANCE
 from .belief import Belief, symmetric
@@ -114,8 +114,8 @@ class ErrorStateFilter(Printed):
         """The filter of a sampled system; arguments as for :meth:`of`."""
         measurement = measurement_of(sensors, sampled.system)
         directions = sampled.system.default_state().directions
-        process = to_array(by_name("process", process or {}, directions), "process")
-        require_not_negative("process", process)
+        rates = to_array(by_name("process", process or {}, directions), "process")
+        require_not_negative("process", rates)
         spread = {name: 0.0 for name, sensor in sensors.items() if _wanders(sensor)} | dict(biases or {})
         for name in spread:
             if name not in sensors:
@@ -126,7 +126,7 @@ class ErrorStateFilter(Printed):
         spread = {name: to_array(value, f"biases[{name!r}]") for name, value in spread.items()}
         for name, value in spread.items():
             require_not_negative(f"biases[{name!r}]", value)
-        return cls(sampled, measurement, process, dict(sorted(spread.items())))
+        return cls(sampled, measurement, rates, dict(sorted(spread.items())))
 
     def __call__(
         self,
@@ -201,7 +201,7 @@ class ErrorStateFilter(Printed):
         **Raises:** ``ValueError`` for another number of them.
         """
         m = len(self.sampled.inputs)
-        inputs = jnp.zeros((count, m), default_dtype()) if u is None and not m else to_array(u, "u")
+        inputs = jnp.zeros((count, 0), default_dtype()) if u is None else to_array(u, "u")
         if inputs.shape != (count, m):
             raise ValueError(
                 f"Argument `u` must have a row for each of the {count} samples and {m} columns, for "
@@ -316,7 +316,7 @@ class ErrorStateFilter(Printed):
     def _walks(self, state: PlacedState) -> Float[Array, " biases"]:
         return self._each(state, lambda errors: errors.random_walk) @ self._of_bias(state)
 
-    def _each(self, state: PlacedState, number: Callable[[SensorErrors], Array]) -> Float[Array, " m"]:
+    def _each(self, state: PlacedState, number: Callable[[Any], Array]) -> Float[Array, " m"]:
         sensors = self.measurement.sensors
         return jnp.concatenate(
             [jnp.full((size,), number(sensors[name].errors)) for name, size in self.sizes(state).items()]
@@ -349,7 +349,18 @@ def _filtered(
     _, (*following, F) = jax.lax.scan(step, belief, (times[1:], held[:-1], held[1:], rest))
     whole = jax.tree.map(lambda one, others: jnp.concatenate([one[None], others]), found, tuple(following))
     now, ahead, innovation, S = whole
-    return Filtered(*now, *ahead, F, innovation, S, read.there)
+    return Filtered(
+        state=now.state,
+        bias=now.bias,
+        P=now.P,
+        ahead=ahead.state,
+        ahead_bias=ahead.bias,
+        ahead_P=ahead.P,
+        F=F,
+        innovation=innovation,
+        S=S,
+        there=read.there,
+    )
 
 
 @programs.filter_jit

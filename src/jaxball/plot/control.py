@@ -13,7 +13,7 @@ from ..interface.arguments import require
 from ..physics.body import Disk
 from .over_time import Series, over_time
 from .palette import COMPONENTS, DASHED, FAINT, INK, MASSES, mass_look
-from .style import SMALL, SQUARE, WIDE, ends, legend_above, linestyle, named, plane_axes
+from .style import SMALL, SQUARE, WIDE, label_axes, legend_above, linestyle, mark_ends, plane_axes
 
 COLOURS = (*COMPONENTS, *MASSES)
 RETURNED = COMPONENTS[0]
@@ -67,11 +67,11 @@ def held_paths(loops: Mapping[str, ClosedLoop], ax: Axes | None = None) -> Axes:
     for k, (label, loop) in enumerate(loops.items()):
         colour, path = COLOURS[k % len(COLOURS)], np.asarray(loop.states.z)
         ax.plot(*path.T, color=colour, linewidth=1.2, label=label)
-        ends(ax, path, colour, zorder=3)
+        mark_ends(ax, path, colour, zorder=3)
     ax.plot(*np.asarray(nominal.states.z).T, color=INK, linewidth=1.0, linestyle=linestyle(DASHED), label="motion")
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.08)
-    named(ax, "$z_1$", "$z_2$")
+    label_axes(ax, "$z_1$", "$z_2$")
     legend_above(ax)
     return ax
 
@@ -104,7 +104,7 @@ def held_inputs(loops: Mapping[str, ClosedLoop], name: str | None = None, ax: Ax
         for sign in (1, -1):
             ax.axhline(sign * limit, color="0.6", linewidth=0.6, zorder=0)
     ax.margins(x=0)
-    named(ax, "$t$", name or "")
+    label_axes(ax, "$t$", name or "")
     legend_above(ax)
     return ax
 
@@ -127,7 +127,7 @@ def basin_map(basin: Basin, ax: Axes | None = None) -> Axes:
     ax.pcolormesh(returned[second], returned[first], values, cmap=colours, vmin=0.0, vmax=1.0, rasterized=True)
     keys = [Patch(color=RETURNED, label="comes back"), Patch(color=FAINT, label="does not")]
     ax.legend(handles=keys, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False, prop=SMALL)
-    named(ax, second, first)
+    label_axes(ax, second, first)
     return ax
 
 

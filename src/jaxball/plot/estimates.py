@@ -13,7 +13,7 @@ from ..estimation import Estimate
 from ..simulation.variables import STATE
 from .over_time import Series, over_time
 from .palette import COMPONENTS, DASH_DOTTED, DASHED, INK, SOLID
-from .style import WIDE, named
+from .style import WIDE, label_axes
 
 PANEL = 1.5  # the height of a panel, inches
 BAND = 0.15
@@ -43,7 +43,7 @@ def estimate(estimate: Estimate, truth: PlacedState | None = None, confidence: f
     groups = _groups(names)
     figure = Figure(figsize=(WIDE[0], PANEL * (len(groups) + 1)), layout="constrained")
     *panels, last = figure.subplots(len(groups) + 1, 1, sharex=True, squeeze=False)[:, 0]
-    width = np.sqrt(chi2.ppf(confidence, 1))
+    width = float(np.sqrt(chi2.ppf(confidence, 1)))
     for ax, (group, places) in zip(panels, groups.items(), strict=True):
         _draw_errors(ax, estimate, group, places, errors, width)
         ax.label_outer()
@@ -92,7 +92,7 @@ def _draw_innovations(ax: Axes, estimate: Estimate, confidence: float) -> None:
     over_time(None, times, [Series(found, "", COMPONENTS[0])], r"$\nu^\top S^{-1}\nu$", ax)
     for bound in bounds:
         ax.plot(times, bound, color=INK, linewidth=0.8, linestyle=(0, DASHED))
-    named(ax, "$t$", r"$\nu^\top S^{-1}\nu$")
+    label_axes(ax, "$t$", r"$\nu^\top S^{-1}\nu$")
 
 
 def _tails(confidence: float) -> tuple[float, float]:

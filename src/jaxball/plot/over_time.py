@@ -63,7 +63,7 @@ def without_rounding(values: Float[np.ndarray, "..."], size: float) -> Float[np.
 
 
 def over_time(
-    system: AbstractSystem,
+    system: AbstractSystem | None,
     times: Float[np.ndarray, " T"],
     series: Sequence[Series],
     name: str,
