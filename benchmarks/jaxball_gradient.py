@@ -52,13 +52,14 @@ def starts(count: int, tolerance: float) -> dict[str, Callable[[], np.ndarray]]:
 
 
 def value_and_derivatives(p: jax.Array, tolerance: float) -> tuple:
-    """z1(20) of balls with the parameters in each row of ``p``, and its derivatives with respect to the row's own."""
+    """z1(20) of balls with the parameters in each row of ``p``, and its derivatives with respect to the row's own.
 
-    def along(direction):
-        directions = jnp.broadcast_to(direction, p.shape)
-        return jax.jvp(lambda p: places(p, tolerance), (p,), (directions,))
-
-    return jax.vmap(along, out_axes=(None, -1))(jnp.eye(p.shape[1]))
+    Each derivative is that of a run of its own, which takes less time than several derivatives of one run.
+    """
+    runs, count = p.shape
+    directions = jnp.tile(jnp.eye(count), (runs, 1))
+    ends, slopes = jax.jvp(lambda p: places(p, tolerance), (jnp.repeat(p, count, axis=0),), (directions,))
+    return ends[::count], slopes.reshape(runs, count)
 
 
 def places(p: jax.Array, tolerance: float) -> jax.Array:

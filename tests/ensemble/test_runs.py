@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import BallState, Disk, DiskState, Fixed, FunctionForce, PointMass, Status, paper, simulate
+from jaxball import BallState, Detachment, Disk, DiskState, Fixed, FunctionForce, PointMass, Status, paper, simulate
 from jaxball.classical import FreeRigidBody
 from jaxball.ensemble import Maximum, simulate_ensemble
 from jaxball.solvers import NDF, Adams, Gauss, RadauIIA
@@ -136,6 +136,21 @@ def test_every_method_steps_as_in_a_run_of_its_own(solver):
         # Where a method chooses its order, or when to stop iterating, rounding may decide; then within the tolerance.
         bound = 1e-12 if isinstance(solver, diffrax.AbstractERK) else 1e-6
         assert_same(found, k, single(system, state, k, solver=solver, rtol=1e-6, atol=1e-6), bound)
+
+
+@pytest.mark.thorough
+def test_runs_end_where_their_bodies_detach():
+    """Wheels with an offset, of which the fast ones leave the plane."""
+    wheels = stacked([Disk(mass=m, inertia=0.3, gravity=1.0, offset=(0.0, 0.0, -0.4)) for m in np.linspace(0.5, 2, 20)])
+    start = stacked([DiskState(phidot=speed) for speed in np.linspace(0.5, 5.0, 20)])
+    settings = {"events": {"lift": Detachment()}, "max_steps": 500}
+    found = simulate_ensemble(wheels, TIMES, start, **settings)
+    assert set(found.status.tolist()) == {Status.SUCCESS, Status.DETACHED}
+    for k in (0, 19):
+        one = single(wheels, start, k, **settings)
+        assert_same(found, k, one, 1e-9)
+        np.testing.assert_allclose(found.reached[k], one.reached, rtol=1e-9)
+        assert int(found.trajectory.events["lift"].count[k]) == int(one.events["lift"].count)
 
 
 def test_a_classical_system():
