@@ -7,7 +7,7 @@ and of all parameters, and has their derivatives, so that derivatives of what fo
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import equinox as eqx
 import jax
@@ -189,7 +189,7 @@ class Switches(Printed):
     grazing: Bool[Array, "*batch switches"]
 
     @classmethod
-    def of(cls, record: Record, **others: Any) -> "Switches":
+    def of(cls, record: Record, **others: Any) -> Self:
         """Those of one run, or of several as a leading axis; ``others`` are further fields, by name."""
         known = jnp.isfinite(record.times)
         fields = {"before": record.before, "after": record.after} | others
@@ -240,3 +240,6 @@ class NoHistory(AbstractHistory):
     def switches(self) -> Switches:
         none, no = jnp.zeros((0,)), jnp.zeros((0,), bool)
         return Switches(jnp.asarray(0), none, none.astype(int), None, None, no)
+
+
+NO_HISTORY = NoHistory()  # pyright: ignore[reportCallIssue]

@@ -24,6 +24,7 @@ from ..numerics.arrays import default_dtype
 from ..numerics.masks import differentiated_where
 from .conditions import Condition, Problem, unit
 from .hybrid import (
+    NO_HISTORY,
     NONE,
     START,
     AbstractHistory,
@@ -31,7 +32,6 @@ from .hybrid import (
     Assessment,
     GuardedStep,
     History,
-    NoHistory,
     Record,
     Switches,
     Transition,
@@ -280,7 +280,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
 
     def history(self, times: Float[Array, " T"], states: AnyState, record: Record | None) -> AbstractHistory:
         """The history of one run, from the states at its saved times and its switches; None without modes."""
-        return NoHistory() if record is None else History(switches=Switches.of(record))
+        return NO_HISTORY if record is None else History(switches=Switches.of(record))
 
     # What is read off a state.
 
