@@ -7,7 +7,7 @@ and of all parameters, and has their derivatives, so that derivatives of what fo
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -189,7 +189,7 @@ class Switches(Printed):
     grazing: Bool[Array, "*batch switches"]
 
     @classmethod
-    def of(cls, record: Record, **others: Any) -> Self:
+    def of(cls, record: Record, **others: Any) -> Any:
         """Those of one run, or of several as a leading axis; ``others`` are further fields, by name."""
         known = jnp.isfinite(record.times)
         fields = {"before": record.before, "after": record.after} | others
