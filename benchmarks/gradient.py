@@ -18,7 +18,7 @@ TOLERANCES = (1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 GOAL = 1e-8
 # What each mode is measured with.
 OURS = {
-    "forward": {"jaxball, forward mode": "forward", "jaxball, forward mode in a lane": "in_a_lane"},
+    "forward": {"jaxball, forward mode": "forward"},
     "reverse": {"jaxball, reverse mode": "reverse"},
 }
 PLAIN = "jaxball, no derivatives"

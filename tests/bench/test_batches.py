@@ -172,16 +172,6 @@ def test_the_plain_right_hand_side_is_the_papers(benchmarks):
             np.testing.assert_allclose(compiled(jnp.asarray(t), jnp.asarray(x)), expected, rtol=0.0, atol=1e-11)
 
 
-def test_operations_are_counted(benchmarks):
-    """The slope −x has a sign for each of nine numbers."""
-    from floors import kinds_of
-    from lane_costs import nothing_at_all
-
-    from jaxball import paper
-
-    assert kinds_of(nothing_at_all(paper.ball())) == {"neg": 9}
-
-
 @pytest.mark.slow
 def test_all_contenders_solve_the_same_problem(tmp_path):
     """Few runs, errors only: plain diffrax steps over the kinks, so its bound is far coarser."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import BallState, Disk, DiskState, Fixed, FunctionForce, PointMass, Status, paper, simulate
+from jaxball import BallState, Detachment, Disk, DiskState, Fixed, FunctionForce, PointMass, Status, paper, simulate
 from jaxball.classical import FreeRigidBody
 from jaxball.ensemble import Maximum, simulate_ensemble
 from jaxball.solvers import NDF, Adams, Gauss, RadauIIA
@@ -138,6 +138,21 @@ def test_every_method_steps_as_in_a_run_of_its_own(solver):
         assert_same(found, k, single(system, state, k, solver=solver, rtol=1e-6, atol=1e-6), bound)
 
 
+@pytest.mark.thorough
+def test_runs_end_where_their_bodies_detach():
+    """Wheels with an offset, of which the fast ones leave the plane."""
+    wheels = stacked([Disk(mass=m, inertia=0.3, gravity=1.0, offset=(0.0, 0.0, -0.4)) for m in np.linspace(0.5, 2, 20)])
+    start = stacked([DiskState(phidot=speed) for speed in np.linspace(0.5, 5.0, 20)])
+    settings = {"events": {"lift": Detachment()}, "max_steps": 500}
+    found = simulate_ensemble(wheels, TIMES, start, **settings)
+    assert set(found.status.tolist()) == {Status.SUCCESS, Status.DETACHED}
+    for k in (0, 19):
+        one = single(wheels, start, k, **settings)
+        assert_same(found, k, one, 1e-9)
+        np.testing.assert_allclose(found.reached[k], one.reached, rtol=1e-9)
+        assert int(found.trajectory.events["lift"].count[k]) == int(one.events["lift"].count)
+
+
 def test_a_classical_system():
     system = stacked([FreeRigidBody(inertia=(1.0, 2.0, 2.5 + k / 10)) for k in range(3)])
     state = stacked([FreeRigidBody.state_type(Omega=(0.1, 1.0, 0.1))] * 3)
@@ -194,9 +209,9 @@ def test_derivatives_are_those_of_single_runs():
     masses = np.linspace(0.5, 2.0, 5)
     system, state = disks(masses)
 
-    def many(m, rows=slice(None), lanes=None):
+    def many(m, rows=slice(None)):
         few = jax.tree.map(lambda leaf: leaf[rows], (system, state))
-        found = simulate_ensemble(_with_mass(few[0], m), TIMES[[0, -1]], few[1], lanes=lanes)
+        found = simulate_ensemble(_with_mass(few[0], m), TIMES[[0, -1]], few[1])
         return found.trajectory.state.phi[:, -1]
 
     def one(m, k):
@@ -206,8 +221,8 @@ def test_derivatives_are_those_of_single_runs():
     _, found = jax.jvp(many, (jnp.asarray(masses),), (jnp.ones(5),))
     wanted = [jax.jvp(lambda m, k=k: one(m, k), (jnp.asarray(masses[k]),), (jnp.ones(()),))[1] for k in (0, 4)]
     np.testing.assert_allclose(found[jnp.array([0, 4])], jnp.stack(wanted), rtol=1e-9)
-    in_a_lane = jax.jacfwd(lambda m: many(m, slice(1), lanes=1))(jnp.asarray(masses[:1]))
-    np.testing.assert_allclose(in_a_lane[0, 0], wanted[0], rtol=1e-9)
+    alone = jax.jacfwd(lambda m: many(m, slice(1)))(jnp.asarray(masses[:1]))
+    np.testing.assert_allclose(alone[0, 0], wanted[0], rtol=1e-9)
 
 
 def test_fewer_runs_than_a_block_compile_nothing_anew():

@@ -46,11 +46,11 @@ def solved_in_blocks(
         # A run that only pads a block ends as it begins.
         spans[np.append(False, places[1:] == places[:-1])] = spans[-1, :1]
         given = structure.unflatten(parts), spans, *(x[places] for x in tolerances), events
-        for room in _rooms(settings.method):
+        for room in _few_steps(settings.method):
             results = solved(settings._replace(method=settings.method._replace(max_steps=room)), *given)
             if np.max(results[0].steps) < room:
-                break
-        return results
+                return results
+        return solved(settings, *given)
 
     shapes = tuple(leaf.shape if shared else leaf.shape[1:] for leaf, shared in own)
     key = settings, structure, shapes, block, times.shape[1]
@@ -70,10 +70,9 @@ def _is_warm(key: Any) -> bool:
     return known
 
 
-def _rooms(method: Method) -> list[int]:
-    """The numbers of steps to try: with dense output few at first, because unused room costs time as well."""
-    few = [room for room in FEW_STEPS if room < method.max_steps] if method.dense else []
-    return [*few, method.max_steps]
+def _few_steps(method: Method) -> list[int]:
+    """The numbers of steps to try first with dense output, because unused room costs time as well."""
+    return [room for room in FEW_STEPS if room < method.max_steps] if method.dense else []
 
 
 def _filling_vectors(block: int) -> int:

@@ -8,7 +8,7 @@ together wait for the longest of them.
 import contextlib
 import functools
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -91,7 +91,8 @@ def _solve(settings: Settings, parameters: Any, times: Array, rtol: Array, atol:
         own, times, rtol, atol = row
         following = iter(own)
         whole = [leaf if shared else next(following) for leaf, shared in zip(leaves, settings.shared, strict=True)]
-        return _run(settings, *structure.unflatten(whole), times, rtol, atol, events)
+        system, state = structure.unflatten(whole)
+        return _run(settings, system, state, times, rtol, atol, events)
 
     rows = own, times, rtol, atol
     results = jax.lax.map(run, rows) if settings.lanes is None else map_batches(run, rows, settings.lanes)
@@ -99,7 +100,7 @@ def _solve(settings: Settings, parameters: Any, times: Array, rtol: Array, atol:
     return *results, _executed(results[0].steps, together)
 
 
-_solve_filtered = programs.filter_jit(_solve)
+_solve_filtered = cast(programs.Program, programs.filter_jit(_solve))
 
 
 def _run(
@@ -107,8 +108,8 @@ def _run(
 ) -> tuple[Ends, dict[str, Array]]:
     """One of the runs."""
     method = settings.method._replace(observation=_observation(settings.reductions))
-    (*fields, history), found = simulated_and_found(method, system, times, state, rtol, atol, events)
-    run = Trajectory.of(system.shown, times, *fields, {}, state, history)
+    fields, found = simulated_and_found(method, system, times, state, rtol, atol, events)
+    run = Trajectory.of(system.shown, times, *fields[:-1], {}, state, fields[-1])
     if events:
         run = locate(run, events)
     reported = _reports(settings.reductions, found)

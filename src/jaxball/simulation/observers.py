@@ -165,9 +165,8 @@ class Observers:
                 return self._signed(t, step.exact(t))[k]
 
             # A maximum does not change to first order as its place does.
-            first, last = jax.lax.stop_gradient((step.start[None], last_within(step.start, step.end)[None]))
-            still = lambda t: jax.lax.stop_gradient(at(t[0]))[None]  # noqa: E731
-            t = jax.lax.stop_gradient(place_of_largest(still, first, last - first, first, last, ROUNDS))[0]
+            first, last = jax.lax.stop_gradient((step.start, last_within(step.start, step.end)))
+            t = place_of_largest(lambda t: jax.lax.stop_gradient(at(t)), first, last, ROUNDS)
             return at(t), t
 
         values, times = (x.reshape(2, count) for x in jax.lax.map(search, jnp.arange(2 * count)))

@@ -27,7 +27,7 @@ def solve_in_lanes(batch: Batch, request: Request) -> dict[str, np.ndarray]:
     - ``batch``: the rows.
     - ``request``: what to compute for them.
     """
-    reductions = _contact(batch, request) | {find.name: find.reduction() for find in request.finds}
+    reductions = {**_contact(batch, request), **{find.name: find.reduction() for find in request.finds}}
     if not request.detachment:
         return _solved(batch, request, reductions)
     ended = _solved(batch, request, {}, {"detachment": Detachment()})

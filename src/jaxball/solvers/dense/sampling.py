@@ -77,35 +77,28 @@ def last_within(start: Float[Array, "*steps"], end: Float[Array, "*steps"]) -> F
 
 
 def place_of_largest(
-    values: Callable[[Float[Array, " k"]], Float[Array, " k"]],
-    times: Float[Array, " k"],
-    half: Float[Array, " k"],
-    first: Float[Array, " k"],
-    last: Float[Array, " k"],
+    value: Callable[[Float[Array, ""]], Float[Array, ""]],
+    first: Float[Array, ""],
+    last: Float[Array, ""],
     rounds: int,
-) -> Float[Array, " k"]:
-    """Where k functions of time are largest between ``first`` and ``last``, by quartics in ever narrower windows.
+) -> Float[Array, ""]:
+    """Where a function of time is largest between ``first`` and ``last``, by quartics in ever narrower windows.
 
-    The first windows reach ``half`` to either side of ``times``; where a value in one is not finite, that time is kept.
+    Where a value in a window is not finite, the time before stays, which at first is ``first``.
     """
     at = sampling()
-    nodes, fractions = jnp.asarray(at.nodes, first.dtype), jnp.asarray(at.fractions, first.dtype)
+    nodes, fractions, matrix = (jnp.asarray(x, first.dtype) for x in (at.nodes, at.fractions, at.matrix))
 
     def narrower(_, carry):
-        times, half = carry
-        low, high = jnp.maximum(times - half, first), jnp.minimum(times + half, last)
+        t, half = carry
+        low, high = jnp.maximum(t - half, first), jnp.minimum(t + half, last)
+        samples = jax.lax.map(lambda node: value(low + node * (high - low)), nodes)
+        fine = jnp.sum(matrix * samples[None], axis=1)
+        # The first of the largest, without argmax, at which XLA's CPU compiler fails in a loop.
+        best = low + (high - low) * jnp.min(jnp.where(fine == jnp.max(fine), fractions, jnp.inf))
+        return jnp.where(jnp.all(jnp.isfinite(samples)), best, t), half * NARROWER
 
-        def sample(j, samples):
-            return samples.at[j].set(values(low + nodes[j] * (high - low)))
-
-        samples = jax.lax.fori_loop(0, nodes.size, sample, jnp.zeros((nodes.size, first.size), first.dtype))
-        fine = jnp.sum(jnp.asarray(at.matrix, first.dtype)[:, :, None] * samples[None], axis=1)
-        # The index of the largest, without argmax, at which XLA's CPU compiler fails in a loop.
-        here = jnp.where(fine == jnp.max(fine, axis=0)[None], fractions[:, None], jnp.inf)
-        best = low + (high - low) * jnp.min(here, axis=0)
-        return jnp.where(jnp.all(jnp.isfinite(samples), axis=0), best, times), half * NARROWER
-
-    return jax.lax.fori_loop(0, rounds, narrower, (times, half))[0]
+    return jax.lax.fori_loop(0, rounds, narrower, (first, last - first))[0]
 
 
 def _lagrange(nodes: np.ndarray, k: int, x: float) -> float:

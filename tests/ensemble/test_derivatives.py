@@ -1,0 +1,86 @@
+"""Derivatives of ensembles, by forward and by reverse mode, and the form that compiled functions give them."""
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxball
+from jaxball import Disk, DiskState, Ground, native
+from jaxball.ensemble import Maximum, simulate_ensemble
+
+SLOPE, END = 0.3, 2.0
+INERTIAS = np.linspace(0.2, 1.0, 20)
+BACKWARDS = diffrax.RecursiveCheckpointAdjoint()
+
+
+def placed(system, t, state):
+    """z, which grows down the slope."""
+    return state.z
+
+
+FOUND = {"furthest": Maximum(placed)}
+
+
+def rolled(inertias, **settings):
+    """How far disks roll down a slope, at the end and at most."""
+    disks = jax.vmap(lambda d: Disk(mass=1.0, inertia=d, gravity=9.81, ground=Ground(SLOPE)))(inertias)
+    settings = {"in_axes": (0, None), "reductions": FOUND, "max_steps": 64} | settings
+    many = simulate_ensemble(disks, [0.0, END], DiskState(), **settings)
+    return many.state.z[:, -1], many.reductions.get("furthest")
+
+
+def distance(inertias):
+    """½ g sin α t² / (1 + d / (m r²))."""
+    return 9.81 * np.sin(SLOPE) * END**2 / 2 / (1 + inertias)
+
+
+def slope(inertias):
+    """Its derivative."""
+    return -distance(inertias) / (1 + inertias)
+
+
+XLA = pytest.param(jax.jit, marks=pytest.mark.thorough)
+COMPILERS = pytest.mark.parametrize("compiled", [jaxball.jit, XLA], ids=["natively", "by XLA"])
+
+
+@COMPILERS
+def test_forward_mode(compiled):
+    one = jnp.ones(INERTIAS.size)
+    (ends, most), slopes = compiled(lambda d: jax.jvp(rolled, (d,), (one,)))(jnp.asarray(INERTIAS))
+    for found, changes in ((ends, slopes[0]), (most, slopes[1])):
+        np.testing.assert_allclose(jnp.abs(found), distance(INERTIAS), rtol=1e-9)
+        np.testing.assert_allclose(jnp.abs(changes), -slope(INERTIAS), rtol=1e-8)
+
+
+@pytest.mark.thorough
+@COMPILERS
+def test_reverse_mode(compiled):
+    weights = jnp.linspace(1.0, 2.0, INERTIAS.size)
+
+    def total(d):
+        ends, most = rolled(d, adjoint=BACKWARDS)
+        return jnp.sum(weights * (ends + 2 * most))
+
+    found = compiled(jax.grad(total))(jnp.asarray(INERTIAS))
+    np.testing.assert_allclose(jnp.abs(found), -3 * weights * slope(INERTIAS), rtol=1e-8)
+
+
+def test_reverse_mode_must_be_asked_for():
+    with pytest.raises(TypeError, match=r"`adjoint` must be diffrax.RecursiveCheckpointAdjoint\(\) where"):
+        jax.grad(lambda d: jnp.sum(rolled(d)[0]))(jnp.asarray(INERTIAS))
+
+
+def test_a_compiled_function_computes_runs_side_by_side_in_whatever_way_it_is_compiled():
+    """Eight in vectors natively. XLA would compute the turns of a loop one after the other, and is given none."""
+
+    @jax.jit
+    def ends(inertias):
+        return rolled(inertias, reductions={})[0]
+
+    given = jnp.asarray(INERTIAS)
+    assert "<8 x double>" in native.Lowered(lambda arrays: [ends(*arrays)], [given], "ends").as_text()
+    # A trace for one of the compilers is not taken for the other: XLA's has the frames of all disks in one array.
+    assert f"tensor<{INERTIAS.size}x3x3xf64>" in ends.lower(given).as_text()
+    np.testing.assert_allclose(jaxball.jit(ends)(given), ends(given), rtol=1e-12)
