@@ -1,4 +1,4 @@
-"""The sketches of the theory pages are those that their script draws."""
+"""The sketches of the pages are those that their script draws."""
 
 import subprocess
 import sys
@@ -20,7 +20,7 @@ def drawn(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("name", ["notation", "ground", "modes"])
+@pytest.mark.parametrize("name", ["notation", "ground", "modes", "rooms"])
 def test_the_sketch_is_what_the_script_draws(name, drawn):
     pictures = [coarse(folder / f"{name}.png") for folder in (DOCS / "figures", drawn)]
     assert np.sqrt(np.mean(np.subtract(*pictures) ** 2)) < 8.0
