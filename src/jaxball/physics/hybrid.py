@@ -189,7 +189,7 @@ class Switches(Printed):
     grazing: Bool[Array, "*batch switches"]
 
     @classmethod
-    def of(cls, record: Record, **others: Any) -> "Switches":
+    def of(cls, record: Record, **others: Any) -> Any:
         """Those of one run, or of several as a leading axis; ``others`` are further fields, by name."""
         known = jnp.isfinite(record.times)
         fields = {"before": record.before, "after": record.after} | others
@@ -240,3 +240,6 @@ class NoHistory(AbstractHistory):
     def switches(self) -> Switches:
         none, no = jnp.zeros((0,)), jnp.zeros((0,), bool)
         return Switches(jnp.asarray(0), none, none.astype(int), None, None, no)
+
+
+NO_HISTORY = NoHistory()  # pyright: ignore[reportCallIssue]

@@ -25,6 +25,7 @@ from ..numerics.arrays import Numbers, default_dtype, to_array
 from ..numerics.masks import differentiated_where
 from .conditions import Condition, Problem, unit
 from .hybrid import (
+    NO_HISTORY,
     NONE,
     START,
     AbstractHistory,
@@ -32,7 +33,6 @@ from .hybrid import (
     Assessment,
     GuardedStep,
     History,
-    NoHistory,
     Record,
     Switches,
     Transition,
@@ -338,7 +338,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
 
     def history(self, times: Float[Array, " T"], states: AnyState, record: Record | None) -> AbstractHistory:
         """The history of one run, from the states at its saved times and its switches; None without modes."""
-        return NoHistory() if record is None else History(switches=Switches.of(record))
+        return NO_HISTORY if record is None else History(switches=Switches.of(record))
 
     # What is read off a state.
 

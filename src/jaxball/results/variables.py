@@ -14,7 +14,7 @@ from ..physics.contact.body_on_plane import NOWHERE, ContactHistory
 from ..physics.contact.law import AbstractFriction, Contact
 from ..physics.contact.modes import ContactSwitches
 from ..physics.contact.released import ReleasedState
-from ..physics.hybrid import AbstractHistory, History, NoHistory, Switches
+from ..physics.hybrid import NO_HISTORY, AbstractHistory, History, Switches
 from ..physics.state import AbstractBodyState, DiskState, ReducedState
 from ..scenario.body import COEFFICIENTS
 from ..sensors import AbstractSensor
@@ -199,7 +199,7 @@ def read_history(
     if "contact_sliding" in about:
         return _read_contact(arrays, attribute, states, friction)
     if "switches" not in about:
-        return NoHistory()
+        return NO_HISTORY
     filled = _filled(arrays, attribute("switches", int), attribute("max_switches", int))
 
     def side(name: str) -> Any:

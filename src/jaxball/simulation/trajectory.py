@@ -24,7 +24,7 @@ from ..numerics.masks import differentiated_where, with_unknown_derivatives
 from ..physics.body import AbstractBody, System
 from ..physics.conditions import Problem
 from ..physics.contact.body_on_plane import ContactHistory
-from ..physics.hybrid import AbstractHistory, NoHistory, Switches
+from ..physics.hybrid import NO_HISTORY, AbstractHistory, Switches
 from ..physics.observables import Observables, movement, observed
 from ..physics.packing import Packing
 from ..physics.state import BallState, DiskState, ReducedState, State
@@ -112,7 +112,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     interpolant: Interpolant[AnyState] | None = None
     events: dict[str, Occurrences] = eqx.field(default_factory=dict)
     start: Any = None
-    history: AbstractHistory = eqx.field(default_factory=NoHistory)
+    history: AbstractHistory = eqx.field(default_factory=lambda: NO_HISTORY)
     # No field and so no part of the pytree: what a transformation returns need not be of the scenario.
     scenario: ClassVar["Scenario | None"] = None
 
