@@ -25,7 +25,7 @@ from ..cache import current, executables
 from ..cache.current import Store
 from ..cache.executables import NoNameError
 from ..compat import settings
-from ..interface.activity import compiling
+from ..interface.compilation import compiling
 from .fingerprints import digest
 
 P = ParamSpec("P")

@@ -46,6 +46,7 @@ def rolling(found: Response) -> Interaction:
     return Interaction(found.reaction(still, N), still, N, solvability)
 
 
+@jax.jit
 def sliding(found: Response, mu: Float[Array, ""], direction: Float[Array, "2"]) -> Interaction:
     """R = N (e3 − μσ), with N so that the body stays on the plane; ``direction`` is σ and ``mu`` the coefficient.
 

@@ -77,6 +77,7 @@ def released(system: AbstractBody, t: Float[Array, ""], state: PlacedState) -> R
     return ReleasedState(state, V, jnp.zeros_like(system.radius))
 
 
+@jax.jit
 def slip_velocity(system: AbstractBody, t: Float[Array, ""], state: ReleasedState) -> Float[Array, "3"]:
     """v_s = V − rω × e3 − u, of the body's lowest point relative to the plane, space axes.
 
