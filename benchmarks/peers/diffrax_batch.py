@@ -46,7 +46,7 @@ def right_hand_side(t, x, numbers: BallNumbers):
     """f of ``rolling_ball_ode_f``."""
     n = len(numbers.u)
     theta, thetadot, q, Omega = x[:n], x[n : 2 * n], x[2 * n : 2 * n + 4], x[2 * n + 4 : 2 * n + 7]
-    u = push(t, jax_parameters(BALL)(t))
+    u = push(t, list(jax_parameters(BALL)(t)))
     rotation = matrix(q)
     Gamma = rotation[2]
     kappa = acceleration(numbers, theta, thetadot, u, Omega, Gamma)
