@@ -67,7 +67,7 @@ def diagram(problem: Problem, rows: Sequence[Row]) -> Figure:
     ax.grid(True, color=palette.FAINT, linewidth=0.4)
     ax.set_axisbelow(True)
     kind = "largest relative error" if problem.relative else "largest error"
-    style.named(ax, f"{kind} at $t = {style.number(problem.end)}$", "time of a solve [s]")
+    style.label_axes(ax, f"{kind} at $t = {style.number(problem.end)}$", "time of a solve [s]")
     ax.set_title(_with_subscripts(problem.title), fontproperties=style.LABEL, loc="left")
     _name_lines(ax)
     figure = ax.figure
