@@ -47,6 +47,7 @@ class Memory(NamedTuple):
 class PredictiveControl(AbstractFeedback):
     """Model predictive control along a motion, of :func:`mpc`.
 
+    - ``sampled``, ``nominal``: the robot with its inputs, and the motion.
     - ``track``: the regulator, whose linear flow and weights it has, and whose cost-to-go is that beyond the horizon.
     - ``limits``: the linearised limits of each sample.
     - ``penalty``: the cost of exceeding a limit by its own size, per time.

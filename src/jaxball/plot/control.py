@@ -84,7 +84,8 @@ def held_inputs(loops: Mapping[str, ClosedLoop], name: str | None = None, ax: Ax
     - ``loops``: as for :func:`held_paths`.
     - ``name``: that of the input; the first if not given.
 
-    **Raises:** as :func:`held_paths`, and ``ValueError`` for an unknown input.
+    **Raises:** ``ValueError`` for an unknown input, and when ``ax`` is three-dimensional; ``TypeError`` as
+    :func:`held_paths`.
     """
     require("loops", loops, Mapping, "a dictionary of closed loops by their labels")
     ax = plane_axes(ax)
