@@ -411,7 +411,7 @@ def _first_end(
     places = jnp.min(jnp.where(over, index[None], last + 1), axis=1)
     place = jnp.min(places, axis=0)
     which = jnp.where(places[0] == place, 0, jnp.where(places[1] == place, 1, 2))
-    samples = _entry(which[None], seen)
+    samples = _entry(which, seen)
 
     def fraction(k: Int[Array, ""]) -> Float[Array, ""]:
         return jnp.sum(jnp.where(index == jnp.clip(k, 0, last), fractions, 0.0))
@@ -452,7 +452,7 @@ def _root(
     return u, a1 + u * (2 * a2 + u * (3 * a3 + u * 4 * a4))
 
 
-def _entry(which: Int[Array, ""], rows: Float[Array, " 3"]) -> Float[Array, ""]:
+def _entry(which: Int[Array, ""], rows: Float[Array, "3 *shape"]) -> Float[Array, "*shape"]:
     return jnp.where(which == 0, rows[0], jnp.where(which == 1, rows[1], rows[2]))
 
 
