@@ -81,9 +81,9 @@ def simulate_ensemble(
     - ``reductions``: results to find in each run while it is computed, by name: some of
       ``jaxball.ensemble.REDUCTIONS``, or any :class:`Maximum`, :class:`Minimum`, :class:`Drift` or :class:`Integral` of
       your own function.
-    - ``lanes``: how many runs XLA computes side by side; by default 64, which was fastest on the CPU measured, or a
-      whole block on a GPU. Native programs always take 8 runs. The next begin when the longest of these has ended: put
-      runs of similar length next to each other.
+    - ``lanes``: how many runs XLA computes side by side; by default 64 on a CPU, where 512 were no faster, or a whole
+      block on a GPU. Native programs always take 8 runs. The next begin when the longest of these has ended: put runs
+      of similar length next to each other.
     - ``block``: how many runs a compiled program takes at a time; fewer are padded, so that calls with other numbers of
       runs share it. By default the runs are divided equally among threads, or GPUs, with at most 512 at a time natively
       and 4096 with XLA on CPUs.
@@ -134,7 +134,7 @@ def simulate_ensemble(
     runs = _count(parameters, shared, given, rtol, atol)
     whole = given if given.ndim == 2 else jnp.broadcast_to(given, (runs, given.shape[-1]))
     limits = tuple(x if x.ndim else jnp.broadcast_to(x, (runs,)) for x in (rtol, atol))
-    traced = any(map(is_traced, (*jax.tree.leaves((parameters, whole, limits)), jnp.zeros(()))))
+    traced = any(map(is_traced, (*jax.tree.leaves((parameters, whole, limits, events)), jnp.zeros(()))))
     method = Method(
         solver=checked_solver(solver),
         adjoint=adjoint if traced else FORWARD,  # where nothing is traced, nothing is differentiated
