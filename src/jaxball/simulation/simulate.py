@@ -102,8 +102,8 @@ def simulate(
       the modes and when each of them began. If not given, the body always rolls.
     - ``adjoint``: the mode of differentiation. ``diffrax.RecursiveCheckpointAdjoint()`` if not given: reverse mode,
       ``jax.grad``, ``jax.jacrev``, ``jax.vjp``, once. ``diffrax.ForwardMode()`` for ``jax.jvp`` and ``jax.jacfwd``,
-      and for second derivatives, ``jax.jacfwd(jax.jacfwd(f))``, of all but events. ``diffrax.DirectAdjoint()`` is
-      refused, because its reverse-mode derivatives were wrong.
+      and for second derivatives, ``jax.jacfwd(jax.jacfwd(f))``, of all but events and hybrid systems.
+      ``diffrax.DirectAdjoint()`` is refused, because its reverse-mode derivatives were wrong.
     - ``max_steps``: the most steps, accepted and rejected, that the solve may take.
     - ``progress``: a diffrax progress meter.
     - ``inside``: whether rails and masses must be in the body (module ``confinement``): where a rail or an initial
