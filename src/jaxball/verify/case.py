@@ -9,7 +9,7 @@ import diffrax
 import jax
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from ..interface.status import Status
 from ..numerics import programs
@@ -150,7 +150,7 @@ class Case:
 
 
 @programs.jit
-def _displaced(state: AbstractState, change: Float[np.ndarray, " size"]) -> AbstractState:
+def _displaced(state: AbstractState, change: Float[Array, " size"]) -> AbstractState:
     vector, unravel = ravel_pytree(state)
     return unravel(vector + change).projected()
 
