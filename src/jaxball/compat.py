@@ -5,7 +5,7 @@
 
 import functools
 import importlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -46,6 +46,7 @@ __all__ = [
     "declare_linear",
     "differentiate_by",
     "enable_x64",
+    "evaluate",
     "function_of",
     "is_traced",
     "loop",
@@ -185,6 +186,11 @@ def called(equation: Any) -> Program | None:
         return None
     inner = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
     return inner if isinstance(inner, ClosedJaxpr) else None
+
+
+def evaluate(program: Program, constants: Sequence[Any], operands: Sequence[Any]) -> list[Any]:
+    """The results of a program for these constants, instead of its own, and operands."""
+    return _core.jaxpr_as_fun(ClosedJaxpr(program.jaxpr, list(constants)))(*operands)
 
 
 def argument(equation: Any, name: str) -> Any:

@@ -16,10 +16,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..compat import while_loop
 from ..interface.status import Status
 from ..solvers.dense.continuous import DenseOutput, has_one_tableau
 from ..solvers.multistep_controller import AbstractMultistepController
+from .adjoint import put, put_rows, while_loop
 from .observers import Observers, Step
 from .switching import NONE, Course, Switching
 
@@ -98,17 +98,19 @@ class SolveLoop(diffrax.AbstractAdjoint):
             lasts = (state.tprev < t1) & (state.result == RESULTS.successful)
             return lasts if course is None else lasts & (course.status == int(Status.SUCCESS))
 
-        def advance(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        def advance(carry: tuple[Any, ...], counts: Bool[Array, ""]) -> tuple[Any, ...]:
             state, saved, course, seen = carry
             if course is not None:
+                course = course._replace(pending=jnp.where(counts, course.pending, NONE))
                 state, course = solve.settled(state, course)
             new, info, keep, course = solve.advanced(state, course)
+            keep &= counts
             step = {"t0": state.tprev, "t1": state.tnext}
             exactly = dense or (observers is not None and observers.needs_exact)
             coarse = solver.interpolation_cls(**step, **info)
             interpolation = coarse
             if exactly or self.times.size > 2:
-                asked = keep & (exactly | (self._due(saved) < state.tnext))
+                asked = keep & (exactly | (self._due(saved.filled) < state.tnext))
                 info = output.info(info, terms, **step, args=args, asked=asked)
                 interpolation = output.interpolation(**step, **info)
                 saved = self._save(saved, interpolation, jnp.where(keep, state.tnext, -jnp.inf))
@@ -127,8 +129,8 @@ class SolveLoop(diffrax.AbstractAdjoint):
             (init_state, inner, course, seen),
             max_steps=max_steps,
             buffers=_buffers_with_switches if self.switching is not None else _buffers,
-            kind=self.kind,
-            checkpoints=self._checkpoints(max_steps),
+            reverse=self.kind == "checkpointed",
+            rows=self._checkpoints(max_steps),
         )
         done = state.tprev >= t1
         last = jnp.where(done, state.y, jnp.inf)
@@ -162,30 +164,25 @@ class SolveLoop(diffrax.AbstractAdjoint):
         if self.times.size == 2:
             return saved
 
-        def due(saved: SavedStates) -> Bool[Array, ""]:
-            return self._due(saved) <= until
-
-        def save(saved: SavedStates) -> SavedStates:
-            # Not at `_due`, which is infinite where nothing is: in a batch, that would be differentiated.
-            vector = interpolation.evaluate(self.times[1:-1][saved.filled])
-            return SavedStates(saved.filled + 1, saved.vectors.at[saved.filled].set(vector))
-
-        return while_loop(
-            due,
-            save,
-            saved,
-            max_steps=self.times.size - 2,
-            buffers=lambda saved: saved.vectors,
-            kind=self.kind,
-            checkpoints=self.times.size - 2,
-        )
-
-    def _due(self, saved: SavedStates) -> Float[Array, ""]:
-        """The next of the times between; infinite where there is none."""
         inner = self.times[1:-1]
-        return (
-            jnp.where(saved.filled < inner.size, inner[saved.filled], jnp.inf) if inner.size else jnp.asarray(jnp.inf)
+
+        def row_of(k: Int[Array, ""]) -> Float[Array, " size"]:
+            # Not at `_due`, which is infinite where nothing is: in a batch, that would be differentiated.
+            return interpolation.evaluate(inner[k])
+
+        vectors, filled = put_rows(
+            saved.vectors,
+            saved.filled,
+            lambda k: self._due(k) <= until,
+            row_of,
+            reverse=self.kind == "checkpointed",
         )
+        return SavedStates(filled, vectors)
+
+    def _due(self, filled: Int[Array, ""]) -> Float[Array, ""]:
+        """The next of the times between, of which so many are past; infinite where there is none."""
+        inner = self.times[1:-1]
+        return jnp.where(filled < inner.size, inner[filled], jnp.inf) if inner.size else jnp.asarray(jnp.inf)
 
 
 class _Solve(NamedTuple):
@@ -303,12 +300,11 @@ def _kept_for_dense_output(state: Any, info: Any, keep: Bool[Array, ""]) -> Any:
     index = state.dense_save_index
     return dataclasses.replace(
         state,
-        dense_ts=state.dense_ts.at[index + 1].set(state.tprev, pred=keep),
+        dense_ts=put(state.dense_ts, index + 1, state.tprev, keep),
         dense_infos=jax.tree.map(
-            lambda kept, new: kept.at[index].set(new, pred=keep),
+            lambda kept, new: put(kept, index, new, keep),
             state.dense_infos,
             info,
-            is_leaf=lambda x: hasattr(x, "at"),
         ),
         dense_save_index=index + jnp.where(keep, 1, 0),
     )

@@ -21,6 +21,7 @@ from ..physics.modes import CAUSES, Cause, Mode
 from ..physics.packing import Packing
 from ..solvers.base import APPROACH
 from ..solvers.dense.sampling import sampling
+from .adjoint import put
 
 NONE = -1  # no cause
 WINDOW = -2  # no cause either: the end of the time for which the direction of a slip was known beforehand
@@ -94,9 +95,7 @@ class Kept(NamedTuple):
     def having(self, place: Int[Array, ""], switch: "Kept") -> "Kept":
         """The kept switches with one more, if there is room."""
         there = place < self.times.shape[0]
-        index = jnp.where(there, place, 0)
-        rows: Any = self  # within the loop, buffers of equinox
-        return Kept(*(kept.at[index].set(new, pred=there) for kept, new in zip(rows, switch, strict=True)))
+        return Kept(*(put(kept, place, new, there) for kept, new in zip(self, switch, strict=True)))
 
 
 class Course(NamedTuple):
