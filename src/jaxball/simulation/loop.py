@@ -18,6 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
 from ..solvers.dense.continuous import DenseOutput, has_one_tableau
+from ..solvers.explicit import pulled_back_by_stages
 from ..solvers.multistep_controller import AbstractMultistepController
 from .adjoint import put, put_rows, while_loop
 from .observers import Observers, Step
@@ -87,7 +88,8 @@ class SolveLoop(diffrax.AbstractAdjoint):
         if dense:
             infos = output.room(init_state.dense_infos, max_steps)
             init_state = dataclasses.replace(init_state, dense_ts=init_state.dense_ts.at[0].set(t0), dense_infos=infos)
-        solve = _Solve(terms, solver, stepsize_controller, args, t0, t1, event, progress_meter, self.switching)
+        stepper = solver if self.kind == "lax" else pulled_back_by_stages(solver)
+        solve = _Solve(terms, solver, stepper, stepsize_controller, args, t0, t1, event, progress_meter, self.switching)
         y0, course = init_state.y, None
         observers = None if self.observers is None else self.observers(args)
         if self.switching is not None:
@@ -190,6 +192,7 @@ class _Solve(NamedTuple):
 
     terms: Any
     solver: Any
+    stepper: Any  # the same, with steps that can be differentiated
     controller: Any
     args: Any
     t0: Float[Array, ""]
@@ -215,7 +218,7 @@ class _Solve(NamedTuple):
         solver_state, jumped = state.solver_state, state.made_jump if jumps else False
         if has_one_tableau(self.solver):
             solver_state, jumped = self._with_first_slope(state, jumped), False
-        y, error, info, solver_state, step_result = self.solver.step(
+        y, error, info, solver_state, step_result = self.stepper.step(
             self.terms, state.tprev, state.tnext, state.y, self.args, solver_state, jumped
         )
         keep, tprev, tnext, made_jump, controller_state, control_result = self.controller.adapt_step_size(
@@ -266,7 +269,7 @@ class _Solve(NamedTuple):
     def again(self, output: DenseOutput, t0: Array, t1: Array, y: Array) -> Step:
         """A step that was taken, computed once more, which is cheaper than keeping its intermediate values."""
         fresh = self.solver.init(self.terms, t0, t1, y, self.args)
-        _, _, info, _, _ = self.solver.step(self.terms, t0, t1, y, self.args, fresh, True)
+        _, _, info, _, _ = self.stepper.step(self.terms, t0, t1, y, self.args, fresh, True)
         info = output.info(info, self.terms, t0, t1, args=self.args, asked=jnp.asarray(True))
         within = output.interpolation(t0=t0, t1=t1, **info)
         return Step(t0, t1, y, within.evaluate, within.evaluate)
