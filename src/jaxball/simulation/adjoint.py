@@ -6,18 +6,67 @@ cotangents of what it led to become those of what it began with. This is the der
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Int
 
-from ..compat import Program, evaluate, unvmap_any
-from ..numerics.dependence import varying
+from ..compat import Program, argument, evaluate, unvmap_any
+from ..numerics.dependence import evaluated, lasting
+from ..numerics.reverse_rules import added, chosen, or_zeros, replaced, with_rule
 
 Carry = TypeVar("Carry")
-ROOM = 2**18  # bytes of the rows in which steps are recorded, if all are
+UNINITIALISED = "jaxball_uninitialised"
+ROOM = 2**18  # bytes in which all steps are recorded, if they fit
+
+
+class Recorded:
+    """The part of a step whose results are recorded: on the way back it is not carried out again, but only pulled back.
+
+    A step calls it once, and not within a branch or a loop.
+    """
+
+    NAME = "recorded_part_of_a_step"
+
+    def __init__(self):
+        self._pull: Callable[..., Any] | None = None
+        self._structure: Any = None
+
+    def __call__(self, function: Callable[[Any], list[Array]], pull: Callable[..., Any], operands: Any) -> list[Array]:
+        """``function(operands)``; ``pull((operands, results), cotangents, varies)`` gives the operands' cotangents."""
+        leaves, structure = jax.tree.flatten(operands)
+        self._pull, self._structure = pull, structure
+
+        def recorded(*leaves: Array) -> list[Array]:
+            return function(structure.unflatten(leaves))
+
+        recorded.__name__ = self.NAME
+        return jax.jit(recorded)(*leaves)
+
+    def known(self, operands: Sequence[Any], results: Sequence[Array]) -> list[Array]:
+        """The known results, with their derivatives with respect to the operands."""
+        pull = self._pull
+        assert pull is not None
+
+        def forward(given: Any) -> tuple[list[Array], Any]:
+            return given[1], given
+
+        def back(given: Any, cotangents: list[Any], varies: Any) -> Any:
+            return pull(given, cotangents, varies[0]), [None] * len(results)
+
+        known = with_rule(lambda given: given[1], forward, back)
+        return known((self._structure.unflatten(operands), list(results)))
+
+
+class Parts(NamedTuple):
+    """An array that all steps read, and the ``arrays`` of which ``join`` made it, which may vary one by one."""
+
+    whole: Array
+    arrays: list[Array]
+    join: Callable[[list[Array]], Array]
 
 
 def while_loop(
@@ -29,17 +78,22 @@ def while_loop(
     buffers: Callable[[Carry], Any],
     reverse: bool,
     rows: int | None = None,
+    recorded: Recorded | None = None,
+    parts: Parts | None = None,
 ) -> Carry:
     """What is carried when ``unfinished`` says no, or after ``max_steps``.
 
     - ``advance``: a step. Its second argument says whether it counts: in a batch, steps go on until all are finished.
-    - ``buffers``: the arrays of a carry of which steps write rows, by :func:`put` alone, each row once, and read none.
-    - ``reverse``: whether derivatives are those of reverse mode, or else those of forward mode.
+    - ``buffers``: the arrays of a carry of which steps write rows, each once, by :func:`~.rows.put`, and read none.
+    - ``reverse``: whether derivatives are those of reverse mode, once, or else those of forward mode.
     - ``rows``: how many steps are recorded at most, for reverse mode. If not given, all of them where that needs little
       memory, and at least the square root of ``max_steps``.
+    - ``recorded``: the part of a step that is recorded, too. Its operand that is the whole of the ``parts`` is given to
+      it as the list of their arrays where it is pulled back.
     """
     leaves, structure = jax.tree.flatten(jax.tree.map(jnp.asarray, initial))
-    is_buffer = _marks(buffers, structure)
+    written = set(jax.tree.leaves(buffers(structure.unflatten(range(len(leaves))))))
+    is_buffer = [k in written for k in range(len(leaves))]
 
     def goes_on(leaves: list[Array]) -> Bool[Array, ""]:
         return unvmap_any(unfinished(structure.unflatten(leaves)))
@@ -49,277 +103,279 @@ def while_loop(
         counts = unfinished(carry)
         new = jax.tree.leaves(advance(carry, counts))
         return [
-            jax.lax.convert_element_type(x if written else jnp.where(counts, x, old), old.dtype)
-            for x, old, written in zip(new, leaves, is_buffer, strict=True)
+            jax.lax.convert_element_type(x if is_written else jnp.where(counts, x, old), old.dtype)
+            for x, old, is_written in zip(new, leaves, is_buffer, strict=True)
         ]
 
     if not reverse:
-        taken, last = jax.lax.while_loop(
-            lambda at: goes_on(at[1]) & (at[0] < max_steps), lambda at: (at[0] + 1, step(at[1])), (0, leaves)
-        )
-        return structure.unflatten(last)
-    loop = _Loop(jax.make_jaxpr(goes_on)(leaves), jax.make_jaxpr(step)(leaves), is_buffer, max_steps, rows)
-    return structure.unflatten(loop(leaves))
+        return structure.unflatten(_repeated(goes_on, lambda k, leaves: step(leaves), leaves, max_steps)[1])
+    programs = jax.make_jaxpr(goes_on)(leaves), jax.make_jaxpr(step)(leaves)
+    return structure.unflatten(_Loop(*programs, is_buffer, max_steps, rows, recorded, parts)(leaves))
 
 
-def _marks(buffers, structure):
-    numbered = structure.unflatten(range(structure.num_leaves))
-    chosen = set(jax.tree.leaves(buffers(numbered)))
-    return [k in chosen for k in range(structure.num_leaves)]
+def _repeated(goes_on: Callable, step: Callable, carry: Any, most: int | Array) -> tuple[Array, Any]:
+    """How many steps were taken, and where they led to."""
+
+    def condition(at: tuple[Array, Any]) -> Array:
+        return goes_on(at[1]) & (at[0] < most)
+
+    return jax.lax.while_loop(condition, lambda at: (at[0] + 1, step(*at)), (jnp.asarray(0), carry))
 
 
-def put(buffer: Array, index: Int[Array, ""], row: Array, counts: Bool[Array, ""]) -> Array:
-    """``buffer`` with one more row, if it ``counts``."""
-    return buffer.at[jnp.where(counts, index, buffer.shape[0])].set(row, mode="drop")
+class _Kept(NamedTuple):
+    """What is kept of the way forward: of every how many steps there is a row, the rows, and what all steps read."""
 
-
-def put_rows(
-    buffer: Array,
-    first: Int[Array, ""],
-    due: Callable[[Int[Array, ""]], Bool[Array, ""]],
-    row_of: Callable[[Int[Array, ""]], Array],
-    *,
-    reverse: bool,
-) -> tuple[Array, Int[Array, ""]]:
-    """``buffer`` with more rows, from ``first`` on for as long as they are ``due``, and the index of the next."""
-
-    def written(due: Callable, row_of: Callable, buffer: Array, first: Array) -> tuple[Array, Array]:
-        def write(at: tuple[Array, Array]) -> tuple[Array, Array]:
-            buffer, k = at
-            counts = due(k)
-            return put(buffer, k, row_of(k), counts), k + counts
-
-        return jax.lax.while_loop(lambda at: unvmap_any(due(at[1])), write, (buffer, first))
-
-    if not reverse:
-        return written(due, row_of, buffer, first)
-    condition, row = jax.make_jaxpr(due)(first), jax.make_jaxpr(row_of)(first)
-
-    def forward(constants, of_condition, buffer, first):
-        def due(k):
-            return evaluate(condition, of_condition, [k])[0]
-
-        return written(due, lambda k: evaluate(row, constants, [k])[0], buffer, first)
-
-    rows = jax.custom_vjp(forward)
-
-    def kept_forward(constants, *others):
-        varies = [_varies(x) for x in constants]
-        constants, others = jax.tree.map(lambda x: x.value, (constants, others), is_leaf=lambda x: hasattr(x, "value"))
-        buffer, stop = forward(constants, *others)
-        return (buffer, stop), (constants, _as_tree(varies), others[-1], stop)
-
-    def backward(kept, cotangents):
-        constants, varies, first, stop = kept
-        cotangent, _ = cotangents
-        if isinstance(cotangent, jax.custom_derivatives.SymbolicZero):
-            return [None] * len(constants), [None] * len(condition.consts), None, None
-        changing, joined = _parted(constants, _as_flags(varies))
-
-        def body(at):
-            k, summed = at
-            _, pull = jax.vjp(lambda changing: evaluate(row, joined(changing), [k])[0], changing)
-            (own,) = pull(jnp.where(k < stop, cotangent[k], 0.0))
-            return k + 1, [x + y for x, y in zip(summed, own, strict=True)]
-
-        _, summed = jax.lax.while_loop(
-            lambda at: unvmap_any(at[0] < stop), body, (first, [jnp.zeros_like(x) for x in changing])
-        )
-        return joined(summed, [None] * len(constants)), [None] * len(condition.consts), cotangent, None
-
-    rows.defvjp(kept_forward, backward, symbolic_zeros=True)
-    return rows(list(row.consts), list(condition.consts), buffer, first)
-
-
-def _parted(arrays, varies):
-    """Those arrays that vary, and what joins such arrays with the others, or with ``rest``."""
-
-    def joined(changing, rest=arrays):
-        remaining = iter(changing)
-        return [next(remaining) if does else x for x, does in zip(rest, varies, strict=True)]
-
-    return [x for x, does in zip(arrays, varies, strict=True) if does], joined
+    steps: Int[Array, ""]
+    every: Int[Array, ""]
+    rows: list[Array]
+    constants: list[Array]
+    arrays: list[Array]
 
 
 class _Loop:
-    """The programs of a loop, of flat lists of arrays."""
+    """A loop of programs of flat lists of arrays."""
 
-    def __init__(self, goes_on: Program, step: Program, is_buffer: list[bool], max_steps: int, rows: int | None):
-        self.goes_on, self.step, self.is_buffer, self.max_steps = goes_on, step, is_buffer, max_steps
-        if rows is None:
-            size = sum(
-                aval.size * aval.dtype.itemsize for aval, no in zip(step.in_avals, is_buffer, strict=True) if not no
-            )
-            rows = max(ROOM // max(size, 1), math.isqrt(max_steps - 1) + 1)
-        self.rows = min(rows, max_steps)
+    def __init__(
+        self,
+        goes_on: Program,
+        step: Program,
+        is_buffer: list[bool],
+        max_steps: int,
+        rows: int | None,
+        recorded: Recorded | None,
+        parts: Parts | None,
+    ):
+        self.goes_on, self.step, self.max_steps, self.recorded, self.parts = goes_on, step, max_steps, recorded, parts
+        self.is_carried = [not is_written for is_written in is_buffer]
+        self.place = None
+        if parts is not None:
+            self.place = next((k for k, constant in enumerate(step.consts) if constant is parts.whole), None)
+        self.equation = next((e for e in step.jaxpr.eqns if recorded is not None and _is_recorded(e)), None)
+        results = [] if self.equation is None else [variable.aval for variable in self.equation.outvars]
+        self.packing = _Packing([*chosen(step.in_avals, self.is_carried), *results])
+        least = math.isqrt(max(max_steps - 1, 0)) + 1
+        self.rows = min(max(ROOM // max(self.packing.size, 1), least) if rows is None else rows, max_steps)
 
     def __call__(self, leaves: list[Array]) -> list[Array]:
-        @jax.custom_vjp
-        def loop(constants, conditions, leaves):
-            return self.forward(constants, conditions, leaves)
+        constants = list(self.step.consts)
+        if self.place is not None:
+            constants[self.place] = ()
+        arrays = [] if self.parts is None else self.parts.arrays
+        operands = constants, arrays, list(self.goes_on.consts), leaves
+        return with_rule(lambda given: self.forward(*given), lambda given: self.kept(*given), self.back)(operands)
 
-        def forward(constants, conditions, leaves):
-            perturbed = [_varies(x) for x in constants], [_varies(x) for x in leaves]
-            constants, conditions, leaves = ([x.value for x in given] for given in (constants, conditions, leaves))
-            last, kept = self.recorded(constants, conditions, leaves)
-            return last, (kept, constants, _as_tree(perturbed))
+    def whole(self, constants: list[Any], arrays: list[Array]) -> list[Array]:
+        """The constants with the array that was put together."""
+        if self.place is None or self.parts is None:
+            return constants
+        return [*constants[: self.place], self.parts.join(arrays), *constants[self.place + 1 :]]
 
-        def backward(kept, cotangents):
-            kept, constants, perturbed = kept
-            return self.backward(kept, constants, _as_flags(perturbed), cotangents)
+    def forward(self, constants, arrays, conditions, leaves) -> list[Array]:
+        """The way forward alone."""
+        constants = self.whole(constants, arrays)
 
-        loop.defvjp(forward, backward, symbolic_zeros=True)
-        return loop(list(self.step.consts), list(self.goes_on.consts), leaves)
+        def step(k: Array, leaves: list[Array]) -> list[Array]:
+            return evaluate(self.step, constants, leaves)
 
-    def forward(self, constants, conditions, leaves):
-        def goes_on(at):
-            return evaluate(self.goes_on, conditions, at[1])[0] & (at[0] < self.max_steps)
+        return _repeated(lambda leaves: evaluate(self.goes_on, conditions, leaves)[0], step, leaves, self.max_steps)[1]
 
-        def step(at):
-            return at[0] + 1, evaluate(self.step, constants, at[1])
+    def kept(self, constants, arrays, conditions, leaves) -> tuple[list[Array], _Kept]:
+        """The way forward, with what is kept of it."""
+        whole = self.whole(constants, arrays)
 
-        return jax.lax.while_loop(goes_on, step, (0, leaves))[1]
+        def goes_on(at: Any) -> Array:
+            return evaluate(self.goes_on, conditions, at[0])[0]
 
-    def recorded(self, constants, conditions, leaves):
-        def goes_on(at):
-            return evaluate(self.goes_on, conditions, at[1])[0] & (at[0] < self.max_steps)
+        def step(k: Array, at: Any) -> Any:
+            leaves, every, rows = at
+            new, row = self.stepped(whole, leaves)
+            if self.rows == self.max_steps:
+                return new, every, _written(rows, k, row)
+            full = k == every * self.rows
+            rows = jax.lax.fori_loop(0, jnp.where(full, (self.rows + 1) // 2, 0), _thinned, rows)
+            every = jnp.where(full, 2 * every, every)
+            place = jnp.where(k % every == 0, k // every, self.rows)
+            return new, every, _written(rows, place, row)
 
-        def step(at):
-            k, leaves, (every, kept) = at
-            if self.rows < self.max_steps:
-                full = k == every * self.rows
-                kept = jax.lax.fori_loop(0, jnp.where(full, self.rows // 2, 0), _halve, kept)
-                every = jnp.where(full, 2 * every, every)
-                records = k % every == 0
-                kept = [put(rows, k // every, row, records) for rows, row in zip(kept, _packed(self.unwritten(leaves)))]
-            else:
-                kept = [
-                    rows.at[k].set(row) for rows, row in zip(kept, _packed(self.unwritten(leaves)), strict=True)
-                ]
-            return k + 1, evaluate(self.step, constants, leaves), (every, kept)
+        start = leaves, jnp.asarray(1), self.packing.room(self.rows)
+        steps, (last, every, rows) = _repeated(goes_on, step, start, self.max_steps)
+        return last, _Kept(steps, every, rows, constants, arrays)
 
-        rows = [jnp.zeros((self.rows, row.size), row.dtype) for row in _packed(self.unwritten(leaves))]
-        steps, last, (every, rows) = jax.lax.while_loop(goes_on, step, (0, leaves, (1, rows)))
-        return last, (steps, every, rows)
+    def stepped(self, constants: list[Array], leaves: list[Array]) -> tuple[list[Array], list[Array]]:
+        """The arrays after a step, and the row that is recorded of it."""
+        seen: list[Array] = []
 
-    def unwritten(self, leaves):
-        return [leaf for leaf, written in zip(leaves, self.is_buffer, strict=True) if not written]
+        def noted(equation: Any, operands: list[Any]) -> list[Array] | None:
+            if equation is not self.equation:
+                return None
+            seen.extend(evaluate(argument(equation, "jaxpr"), argument(equation, "jaxpr").consts, operands))
+            return seen
 
-    def with_buffers(self, leaves):
-        """All leaves, those of buffers zero, which no derivative depends on."""
-        rest = iter(leaves)
-        return [
-            jnp.zeros(aval.shape, aval.dtype) if written else next(rest)
-            for aval, written in zip(self.step.in_avals, self.is_buffer, strict=True)
-        ]
+        new = evaluated(self.step, constants, leaves, [True] * len(leaves), noted)
+        return new, self.packing.packed([*chosen(leaves, self.is_carried), *seen])
 
-    def backward(self, kept, constants, perturbed, cotangents):
-        steps, every, rows = kept
-        of_constants, of_leaves = perturbed
-        of_leaves = self.lasting(of_constants, of_leaves)
-        avals = self.unwritten(self.step.in_avals)
-        changing = [x for x, p in zip(constants, of_constants, strict=True) if p]
-        summed = [jnp.zeros_like(x) for x in changing]
-        cotangents = [
-            jnp.zeros(x.aval.shape, x.aval.dtype) if isinstance(x, jax.custom_derivatives.SymbolicZero) else x
-            for x, p in zip(cotangents, of_leaves, strict=True)
-            if p
-        ]
-
-        def pulled(leaves, cotangents, summed):
-            def following(changing, moving):
-                c, m = iter(changing), iter(moving)
-                own = [next(c) if p else x for x, p in zip(constants, of_constants, strict=True)]
-                begun = [next(m) if p else x for x, p in zip(leaves, of_leaves, strict=True)]
-                new = evaluate(self.step, own, begun)
-                return [x for x, p in zip(new, of_leaves, strict=True) if p]
-
-            moving = [x for x, p in zip(leaves, of_leaves, strict=True) if p]
-            _, pull = jax.vjp(following, changing, moving)
-            own, cotangents = pull(cotangents)
-            return cotangents, [x + y for x, y in zip(summed, own, strict=True)]
-
-        def at(rows, k):
-            return self.with_buffers(_unpacked([row[k] for row in rows], avals))
-
-        def back(rows):
-            def body(at_step):
-                k, cotangents, summed = at_step
-                cotangents, summed = pulled(at(rows, k - 1), cotangents, summed)
-                return k - 1, cotangents, summed
-
-            return body
-
+    def back(self, kept: _Kept, cotangents: list[Any], varies: Any) -> Any:
+        """The cotangents of the constants, of the arrays of parts, of the conditions and of the arrays at the start."""
+        back = _WayBack(self, kept, varies)
+        start = [or_zeros(cotangent, aval) for cotangent, aval in zip(cotangents, self.step.in_avals, strict=True)]
+        at = chosen(start, back.which), back.nothing()
         if self.rows == self.max_steps:
-            _, cotangents, summed = jax.lax.while_loop(lambda s: s[0] > 0, back(rows), (steps, cotangents, summed))
+            at = back.through(kept.rows, kept.steps, at)
         else:
-            between = -(-self.max_steps // (self.rows // 2))
-            fine = [jnp.zeros((between, row.shape[1]), row.dtype) for row in rows]
+            at = back.by_segments(at)
+        return back.results(*at)
 
-            def segment(at_segment):
-                end, cotangents, summed, fine = at_segment
-                first = (end - 1) // every * every
-                leaves = at(rows, first // every)
 
-                def again(at_step):
-                    k, leaves, fine = at_step
-                    fine = [f.at[k].set(row) for f, row in zip(fine, _packed(self.unwritten(leaves)), strict=True)]
-                    return k + 1, self.with_buffers(self.unwritten(evaluate(self.step, constants, leaves))), fine
+class _WayBack:
+    """The way back over the steps that a loop took."""
 
-                count = end - first
-                fine = [f.at[0].set(r[first // every]) for f, r in zip(fine, rows, strict=True)]
-                _, leaves, fine = jax.lax.while_loop(lambda s: s[0] < count - 1, again, (0, leaves, fine))
-                fine = [f.at[count - 1].set(row) for f, row in zip(fine, _packed(self.unwritten(leaves)), strict=True)]
-                _, cotangents, summed = jax.lax.while_loop(lambda s: s[0] > 0, back(fine), (count, cotangents, summed))
-                return first, cotangents, summed, fine
+    def __init__(self, loop: _Loop, kept: _Kept, varies: Any):
+        self.loop, self.kept = loop, kept
+        of_constants, self.of_arrays, self.of_conditions, of_leaves = varies
+        if loop.place is not None:
+            of_constants[loop.place] = any(self.of_arrays)
+        self.of_constants, self.which = of_constants, lasting(loop.step, of_constants, of_leaves)
+        self.constants = loop.whole(kept.constants, kept.arrays)
 
-            _, cotangents, summed, _ = jax.lax.while_loop(
-                lambda s: s[0] > 0, segment, (steps, cotangents, summed, fine)
-            )
-        summed, cotangents = iter(summed), iter(cotangents)
-        return (
-            [next(summed) if p else None for p in of_constants],
-            [None] * len(self.goes_on.consts),
-            [next(cotangents) if p else None for p in of_leaves],
+    def nothing(self) -> list[list[Array]]:
+        """The cotangents of what all steps read, before any step."""
+        constants, arrays = chosen(self.constants, self.of_constants), chosen(self.kept.arrays, self.of_arrays)
+        return [[jnp.zeros_like(x) for x in group] for group in (constants, arrays)]
+
+    def by_segments(self, at: Any) -> Any:
+        """Back over all steps, taking those without a row again."""
+        loop, every = self.loop, self.kept.every
+        # Of so many steps at most there is one row: rows are at least half full, or all steps have one.
+        longest = 2 * -(-loop.max_steps // loop.rows)
+
+        def segment(at: Any) -> Any:
+            end, cotangents, rows = at
+            first = (end - 1) // every * every
+
+            def again(k: Array, at: Any) -> Any:
+                leaves, rows = at
+                new, row = loop.stepped(self.constants, self.with_buffers(leaves))
+                return chosen(new, loop.is_carried), _written(rows, k, row)
+
+            kept = [row[first // every] for row in self.kept.rows]
+            begun, count = loop.packing.unpacked(kept)[: sum(loop.is_carried)], end - first
+            rows = _written(rows, jnp.asarray(0), kept)
+            _, (_, rows) = _repeated(lambda _: True, again, (begun, rows), jnp.where(count == 1, 0, count))
+            return first, self.through(rows, end - first, cotangents), rows
+
+        start = self.kept.steps, at, loop.packing.room(min(longest, loop.max_steps))
+        return jax.lax.while_loop(lambda at: at[0] > 0, segment, start)[1]
+
+    def through(self, rows: list[Array], count: Array, at: Any) -> Any:
+        """Back over so many steps, each of which has a row."""
+
+        def step(at: Any) -> Any:
+            k, (cotangents, summed) = at
+            arrays = self.loop.packing.unpacked([row[k - 1] for row in rows])
+            carried = sum(self.loop.is_carried)
+            cotangents, new = self.pulled(self.with_buffers(arrays[:carried]), arrays[carried:], cotangents)
+            return k - 1, (cotangents, [added(*both) for both in zip(summed, new, strict=True)])
+
+        return jax.lax.while_loop(lambda at: at[0] > 0, step, (count, at))[1]
+
+    def with_buffers(self, carried: list[Array]) -> list[Array]:
+        """All that a step begins with: buffers are empty, because no step reads them."""
+        avals = self.loop.step.in_avals
+        return replaced([jnp.zeros(aval.shape, aval.dtype) for aval in avals], self.loop.is_carried, carried)
+
+    def pulled(self, leaves: list[Array], known: list[Array], cotangents: list[Array]) -> tuple[Any, Any]:
+        """The cotangents of what a step begins with and of what all steps read, from those of what it led to."""
+        loop = self.loop
+
+        def following(moving: list[Array], constants: list[Array], arrays: list[Array]) -> list[Array]:
+            arrays = replaced(self.kept.arrays, self.of_arrays, arrays)
+
+            def recalled(equation: Any, operands: list[Any]) -> list[Array] | None:
+                if equation is not loop.equation or loop.recorded is None:
+                    return None
+                if loop.place is not None:
+                    whole = loop.step.jaxpr.constvars[loop.place]
+                    operands = [
+                        arrays if variable is whole else operand
+                        for variable, operand in zip(equation.invars, operands, strict=True)
+                    ]
+                return loop.recorded.known(operands, known)
+
+            constants = replaced(self.constants, self.of_constants, constants)
+            return evaluated(loop.step, constants, replaced(leaves, self.which, moving), self.which, recalled)
+
+        given = (
+            chosen(leaves, self.which),
+            chosen(self.constants, self.of_constants),
+            chosen(self.kept.arrays, self.of_arrays),
         )
+        _, pull = jax.vjp(following, *given)
+        cotangents, *summed = pull(cotangents)
+        return cotangents, summed
 
-    def lasting(self, of_constants, of_leaves):
-        """Which leaves depend on what is differentiated, at the start or after any number of steps."""
-        while True:
-            new = [x or y for x, y in zip(of_leaves, varying(self.step, of_constants, of_leaves), strict=True)]
-            if new == of_leaves:
-                return new
-            of_leaves = new
-
-
-def _halve(j, rows):
-    return [x.at[j].set(x[2 * j]) for x in rows]
-
-
-def _varies(x):
-    return x.perturbed and jnp.issubdtype(x.value.dtype, jnp.inexact)
-
-
-def _as_tree(perturbed):
-    return jax.tree.map(lambda p: () if p else None, perturbed)
+    def results(self, cotangents: list[Array], summed: list[list[Array]]) -> Any:
+        """Those of all arrays that the loop was given; None where there are none."""
+        loop, (constants, arrays) = self.loop, summed
+        all_constants: list[Any] = replaced([None] * len(self.of_constants), self.of_constants, constants)
+        if loop.place is not None and loop.parts is not None:
+            whole, all_constants[loop.place] = all_constants[loop.place], ()
+            if whole is not None:
+                _, pull = jax.vjp(loop.parts.join, self.kept.arrays)
+                arrays = added(arrays, chosen(pull(whole)[0], self.of_arrays))
+        of_arrays = replaced([None] * len(self.of_arrays), self.of_arrays, arrays)
+        of_leaves = replaced([None] * len(self.which), self.which, cotangents)
+        return all_constants, of_arrays, [None] * len(self.of_conditions), of_leaves
 
 
-def _as_flags(tree):
-    return jax.tree.map(lambda x: x is not None, tree, is_leaf=lambda x: x is None or x == ())
+class _Packing:
+    """Puts arrays together in one for each type of number."""
+
+    def __init__(self, avals: Sequence[Any]):
+        self.avals = list(avals)
+        self.dtypes = sorted({np.dtype(aval.dtype) for aval in avals}, key=str)
+        self.counts = [sum(aval.size for aval in avals if aval.dtype == dtype) for dtype in self.dtypes]
+        self.size = sum(aval.size * aval.dtype.itemsize for aval in avals)
+
+    def room(self, rows: int) -> list[Array]:
+        """Room for so many rows."""
+        return [_uninitialised((rows, count), dtype) for count, dtype in zip(self.counts, self.dtypes, strict=True)]
+
+    def packed(self, arrays: Sequence[Array]) -> list[Array]:
+        """A row of arrays."""
+        return [
+            jnp.concatenate([jnp.ravel(array) for array in arrays if array.dtype == dtype]) for dtype in self.dtypes
+        ]
+
+    def unpacked(self, row: Sequence[Array]) -> list[Array]:
+        """The arrays of a row."""
+        places, arrays = [0] * len(self.dtypes), []
+        for aval in self.avals:
+            kind = self.dtypes.index(aval.dtype)
+            start = places[kind]
+            places[kind] = start + aval.size
+            arrays.append(row[kind][start : start + aval.size].reshape(aval.shape))
+        return arrays
 
 
-def _packed(leaves: list[Array]) -> list[Array]:
-    """One array for each type of number."""
-    kinds = sorted({leaf.dtype for leaf in leaves}, key=str)
-    return [jnp.concatenate([jnp.ravel(leaf) for leaf in leaves if leaf.dtype == kind]) for kind in kinds]
+def _uninitialised(shape: tuple[int, ...], dtype: Any) -> Array:
+    """An array with nothing in it yet: if compiled natively, whatever is in memory, and zeros otherwise."""
+
+    def uninitialised() -> Array:
+        return jnp.zeros(shape, dtype)
+
+    uninitialised.__name__ = UNINITIALISED
+    return jax.jit(uninitialised)()
 
 
-def _unpacked(packed: list[Array], avals: list[Any]) -> list[Array]:
-    kinds = sorted({aval.dtype for aval in avals}, key=str)
-    places, rows = dict.fromkeys(kinds, 0), dict(zip(kinds, packed, strict=True))
-    leaves = []
-    for aval in avals:
-        start = places[aval.dtype]
-        places[aval.dtype] = start + aval.size
-        leaves.append(jax.lax.slice(rows[aval.dtype], (start,), (start + aval.size,)).reshape(aval.shape))
-    return leaves
+def _written(rows: list[Array], place: Array, row: list[Array]) -> list[Array]:
+    """The rows with one more; unchanged where there is no such place."""
+    return [array.at[place].set(new, mode="drop") for array, new in zip(rows, row, strict=True)]
+
+
+def _thinned(k: Array, rows: list[Array]) -> list[Array]:
+    """Every second row in the place of every one, done one by one."""
+    return [array.at[k].set(array[2 * k]) for array in rows]
+
+
+def _is_recorded(equation: Any) -> bool:
+    return equation.params.get("name") == Recorded.NAME

@@ -18,10 +18,11 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
 from ..solvers.dense.continuous import DenseOutput, has_one_tableau
-from ..solvers.explicit import pulled_back_by_stages
+from ..solvers.explicit import depends_on_arguments_alone, with_stages_pulled_back
 from ..solvers.multistep_controller import AbstractMultistepController
-from .adjoint import put, put_rows, while_loop
+from .adjoint import Parts, Recorded, while_loop
 from .observers import Observers, Step
+from .rows import put, put_while
 from .switching import NONE, Course, Switching
 
 # A step that would end this close to the end of the run, relative to it, ends there.
@@ -51,6 +52,8 @@ class SolveLoop(diffrax.AbstractAdjoint):
     switching: Switching | None
     observers: Callable[[Any], Observers] | None = eqx.field(static=True)  # of what the terms are given
     kind: Literal["checkpointed", "lax"] = eqx.field(static=True)
+    parameters: list[Array]
+    join: Callable[[list[Array]], Array] = eqx.field(static=True)
     checkpoints: int | None = eqx.field(static=True, default=None)
 
     @classmethod
@@ -60,11 +63,14 @@ class SolveLoop(diffrax.AbstractAdjoint):
         times: Float[Array, " T"],
         switching: Switching | None = None,
         observers: Callable[[Any], Observers] | None = None,
+        *,
+        parameters: list[Array],
+        join: Callable[[list[Array]], Array],
     ) -> "SolveLoop":
         """The loop for the mode of differentiation that ``adjoint`` stands for."""
         if isinstance(adjoint, diffrax.ForwardMode):
-            return cls(times, switching, observers, "lax")
-        return cls(times, switching, observers, "checkpointed", adjoint.checkpoints)
+            return cls(times, switching, observers, "lax", parameters, join)
+        return cls(times, switching, observers, "checkpointed", parameters, join, adjoint.checkpoints)
 
     def loop(
         self,
@@ -88,7 +94,9 @@ class SolveLoop(diffrax.AbstractAdjoint):
         if dense:
             infos = output.room(init_state.dense_infos, max_steps)
             init_state = dataclasses.replace(init_state, dense_ts=init_state.dense_ts.at[0].set(t0), dense_infos=infos)
-        stepper = solver if self.kind == "lax" else pulled_back_by_stages(solver)
+        reverse, recorded, stepper = self.kind == "checkpointed", Recorded(), solver
+        if reverse and depends_on_arguments_alone(terms, t0, init_state.y, args):
+            stepper = with_stages_pulled_back(solver, recorded)
         solve = _Solve(terms, solver, stepper, stepsize_controller, args, t0, t1, event, progress_meter, self.switching)
         y0, course = init_state.y, None
         observers = None if self.observers is None else self.observers(args)
@@ -131,8 +139,10 @@ class SolveLoop(diffrax.AbstractAdjoint):
             (init_state, inner, course, seen),
             max_steps=max_steps,
             buffers=_buffers_with_switches if self.switching is not None else _buffers,
-            reverse=self.kind == "checkpointed",
+            reverse=reverse,
             rows=self._checkpoints(max_steps),
+            recorded=recorded,
+            parts=Parts(args, self.parameters, self.join),
         )
         done = state.tprev >= t1
         last = jnp.where(done, state.y, jnp.inf)
@@ -172,12 +182,8 @@ class SolveLoop(diffrax.AbstractAdjoint):
             # Not at `_due`, which is infinite where nothing is: in a batch, that would be differentiated.
             return interpolation.evaluate(inner[k])
 
-        vectors, filled = put_rows(
-            saved.vectors,
-            saved.filled,
-            lambda k: self._due(k) <= until,
-            row_of,
-            reverse=self.kind == "checkpointed",
+        vectors, filled = put_while(
+            lambda k: self._due(k) <= until, row_of, saved.vectors, saved.filled, reverse=self.kind == "checkpointed"
         )
         return SavedStates(filled, vectors)
 

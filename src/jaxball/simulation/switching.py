@@ -21,7 +21,7 @@ from ..physics.modes import CAUSES, Cause, Mode
 from ..physics.packing import Packing
 from ..solvers.base import APPROACH
 from ..solvers.dense.sampling import sampling
-from .adjoint import put
+from .rows import put
 
 NONE = -1  # no cause
 WINDOW = -2  # no cause either: the end of the time for which the direction of a slip was known beforehand

@@ -1,5 +1,6 @@
-"""The derivatives of a step of an explicit Runge–Kutta method in reverse mode, from the last stage to the first."""
+"""The derivatives of a step of an explicit Runge–Kutta method in reverse mode, from its last stage to its first."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import diffrax
@@ -9,127 +10,144 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..compat import is_traced
+from ..numerics.reverse_rules import added, chosen, or_zeros, replaced
 from .wrapping import AbstractWrappingSolver
 
+# Of a function, of what pulls cotangents of its results back to its operands, and of operands: the results.
+Carry = Callable[[Callable[[Any], Any], Callable[[Any, Any, Any], Any], Any], Any]
 
-def pulled_back_by_stages(solver: Any) -> Any:
-    """The solver, if it is an explicit Runge–Kutta method or wraps one, with that as a :class:`PulledBackByStages`."""
+
+def with_stages_pulled_back(solver: Any, carry_out: Carry) -> Any:
+    """The solver, if it is an explicit Runge–Kutta method, or wraps one, as a :class:`StagesPulledBack`."""
     if isinstance(solver, AbstractWrappingSolver):
-        return eqx.tree_at(lambda s: s.solver, solver, pulled_back_by_stages(solver.solver))
-    if isinstance(solver, diffrax.AbstractERK) and solver.scan_kind is None:
-        return PulledBackByStages(eqx.tree_at(lambda s: s.scan_kind, solver, "lax", is_leaf=lambda x: x is None))
-    return solver
+        return eqx.tree_at(lambda s: s.solver, solver, with_stages_pulled_back(solver.solver, carry_out))
+    if not isinstance(solver, diffrax.AbstractERK) or not isinstance(solver.tableau, diffrax.ButcherTableau):
+        return solver
+    return StagesPulledBack(eqx.tree_at(lambda s: s.scan_kind, solver, "lax", is_leaf=lambda x: x is None), carry_out)
 
 
-class PulledBackByStages(AbstractWrappingSolver):
-    """An explicit method ``solver`` for an ``ODETerm``, whose steps are differentiated in reverse mode only.
+def depends_on_arguments_alone(terms: Any, t: Array, y: Array, args: Any) -> bool:
+    """Whether the field is a function of its arguments, and not also of traced numbers of a function around it."""
+    arrays, others = eqx.partition(terms, eqx.is_array)
 
-    Its slopes are kept, and the field is evaluated once more at each stage, together with its derivatives.
+    def field(arrays: Any, t: Array, y: Array, args: Any) -> Any:
+        return eqx.combine(arrays, others).vf(t, y, args)
+
+    return not any(map(is_traced, jax.make_jaxpr(field)(arrays, t, y, args).consts))
+
+
+class StagesPulledBack(AbstractWrappingSolver):
+    """The explicit method ``solver``, for reverse mode only.
+
+    - ``carry_out``: carries out a step, and pulls it back. There, arguments of the field may be given in another form.
     """
 
     solver: Any
+    carry_out: Carry = eqx.field(static=True)
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         slope = None if solver_state is None else solver_state[1]
-        terms, fixed = eqx.partition(terms, eqx.is_array)
-        leaves, structure = jax.tree.flatten((terms, t0, t1, y0, args, slope))
+        arrays, others = eqx.partition(terms, eqx.is_array)
 
-        def forward(leaves):
-            terms, t0, t1, y0, args, slope = structure.unflatten(leaves)
+        def step(operands: Any) -> list[Array]:
+            arrays, t0, t1, y0, args, slope = operands
             state = None if slope is None else (False, slope)
-            y1, error, info, state, _ = self.solver.step(eqx.combine(terms, fixed), t0, t1, y0, args, state, False)
-            return y1, error, info["k"], None if state is None else state[1]
+            terms = eqx.combine(arrays, others)
+            y1, error, info, state, _ = self.solver.step(terms, t0, t1, y0, args, state, False)
+            return [y1, error, info["k"]] + ([] if state is None else [state[1]])
 
-        def kept(leaves):
-            marks = [() if x.perturbed else None for x in leaves]
-            leaves = [x.value for x in leaves]
-            results = forward(leaves)
-            return results, (leaves, results[2], marks)
+        def pull(known: Any, cotangents: list[Array | None], varies: Any) -> Any:
+            (arrays, *operands), (_, _, k, *_) = known
+            back = _Stages(self.solver.tableau, eqx.combine(arrays, others), *operands, k, *varies[1:])
+            return jax.tree.map(lambda _: None, arrays), *back.pulled(*cotangents)
 
-        def backward(kept, cotangents):
-            leaves, k, marks = kept
-            terms, *given = structure.unflatten(leaves)
-            _, *varies = structure.unflatten([mark is not None for mark in marks])
-            results = _pulled_back(self.solver.tableau, eqx.combine(terms, fixed), given, k, cotangents, varies)
-            unchanged = [None] * len(jax.tree.leaves(terms))
-            return (unchanged + jax.tree.leaves(results, is_leaf=lambda x: x is None),)
-
-        step = jax.custom_vjp(forward)
-        step.defvjp(kept, backward, symbolic_zeros=True)
-        y1, error, k, last = step(leaves)
-        state = None if slope is None else (False, last)
+        y1, error, k, *last = self.carry_out(step, pull, (arrays, t0, t1, y0, args, slope))
+        state = (False, last[0]) if last else None
         return y1, error, {"y0": y0, "y1": y1, "k": k}, state, diffrax.RESULTS.successful
 
 
-def _dense(x: Any) -> Array:
-    if isinstance(x, jax.custom_derivatives.SymbolicZero):
-        return jnp.zeros(x.aval.shape, x.aval.dtype)
-    return x
+class _Stages(NamedTuple):
+    """The stages of a step, by their increments ``k``; what varies of that on which they depend."""
 
+    tableau: diffrax.ButcherTableau
+    terms: Any
+    t0: Float[Array, ""]
+    t1: Float[Array, ""]
+    y0: Float[Array, " n"]
+    args: Any
+    slope: Float[Array, " n"] | None
+    k: Float[Array, "stages n"]
+    of_t0: bool
+    of_t1: bool
+    of_y0: bool
+    of_args: Any
+    of_slope: bool | None
 
-def _pulled_back(tableau, terms, given, k, cotangents, varies):
-    t0, t1, y0, args, slope = given
-    of_t0, of_t1, _, of_args, _ = varies
-    timed = of_t0 or of_t1
-    y1, error, slopes, last = cotangents
-    s, begins = k.shape[0], slope is not None
-    c = np.append(0.0 if tableau.c1 is None else tableau.c1, tableau.c)
-    a = _square(tableau)
-    of_k, of_y = _dense(slopes), _dense(y1)
-    for weights, cotangent in ((tableau.b_sol, y1), (tableau.b_error, error)):
-        if not isinstance(cotangent, jax.custom_derivatives.SymbolicZero):
-            of_k = of_k + jnp.asarray(weights, k.dtype)[:, None] * cotangent
-    of_last = jnp.zeros_like(y0) if last is None else _dense(last)
-    of_args = jax.tree.leaves(of_args)
-    flat, structure = jax.tree.flatten(args)
-    changing = [x for x, p in zip(flat, of_args, strict=True) if p]
-    control = terms.contr(t0, t1)
+    def pulled(self, y1: Any, error: Any, k: Any, last: Any = None) -> tuple[Any, ...]:
+        """The cotangents of t0, t1, y0, args and slope, from those of the results of a step."""
+        of_k, of_y, of_last = or_zeros(k, self.k), or_zeros(y1, self.y0), or_zeros(last, self.y0)
+        for weights, cotangent in ((self.tableau.b_sol, y1), (self.tableau.b_error, error)):
+            if cotangent is not None:
+                of_k = of_k + jnp.asarray(weights, self.k.dtype)[:, None] * cotangent[None]
+        control = self.terms.contr(self.t0, self.t1)
+        times = [self.t0, self.t0, control] if self.timed else []
 
-    def stage(carry, at):
-        of_k, of_y, summed = carry
-        i, row, node = at
+        def back(carry: Any, at: tuple[Array, Array, Array]) -> tuple[Any, None]:
+            (of_k, of_y, summed), (i, row, node) = carry, at
+            cotangents = jnp.where(i == self.k.shape[0] - 1, of_last, 0.0), of_k[i]
+            of_stage, new = self.pulled_from(row, node, control, cotangents)
+            return (of_k + row[:, None] * of_stage[None], of_y + of_stage, added(summed, new)), None
 
-        def slope_and_increment(y, moving):
-            t, control, changing = moving
-            rest = iter(changing)
-            own = structure.unflatten([next(rest) if p else x for x, p in zip(flat, of_args, strict=True)])
-            slope = terms.vf(t, y, own)
-            return slope, terms.prod(slope, control)
+        start = of_k, of_y, [jnp.zeros_like(x) for x in [*times, *chosen(jax.tree.leaves(self.args), self.which)]]
+        (of_k, of_y, summed), _ = jax.lax.scan(back, start, self.places())
+        times, own = summed[: len(times)], summed[len(times) :]
+        of_slope = None
+        if self.slope is not None:
+            _, pull = jax.vjp(self.terms.prod, self.slope, control)
+            of_slope, of_control = pull(of_k[0])
+            times = added(times, [jnp.zeros_like(self.t0)] * 2 + [of_control]) if times else times
+        leaves = replaced([None] * len(self.which), self.which, own)
+        return *self.of_times(times), of_y, jax.tree.structure(self.args).unflatten(leaves), of_slope
 
-        y = y0 + jnp.sum(row[:, None] * k, axis=0)
-        times = jnp.where(node == 1, t1, t0 + node * (t1 - t0)), control
-        cotangents = jnp.where(i == s - 1, of_last, 0.0), of_k[i]
-        if timed:
-            _, pull = jax.vjp(slope_and_increment, y, (*times, changing))
-            at_y, (moved, of_control, own) = pull(cotangents)
-            own = node * moved, moved, of_control, own
-        else:
-            _, pull = jax.vjp(lambda y, changing: slope_and_increment(y, (*times, changing)), y, changing)
-            at_y, own = pull(cotangents)
-            own = (), (), (), own
-        summed = jax.tree.map(jnp.add, summed, own)
-        return (of_k + row[:, None] * at_y, of_y + at_y, summed), None
+    @property
+    def timed(self) -> bool:
+        """Whether an end of the step varies."""
+        return self.of_t0 or self.of_t1
 
-    stages = np.arange(s)[::-1][: s - begins]
-    summed = jax.tree.map(jnp.zeros_like, ((t0, t0, control) if timed else ((), (), ())) + (changing,))
-    rows = jnp.asarray(stages), jnp.asarray(a[stages], k.dtype), jnp.asarray(c[stages], t0.dtype)
-    (of_k, of_y, (later, moved, of_control, own)), _ = jax.lax.scan(stage, (of_k, of_y, summed), rows)
-    of_slope, of_t0, of_t1 = None, None, None
-    if begins:
-        _, pull = jax.vjp(terms.prod, slope, control)
-        of_slope, first = pull(of_k[0])
-        of_control = of_control + first if timed else of_control
-    if timed:
-        _, pull = jax.vjp(terms.contr, t0, t1)
-        by_t0, by_t1 = pull(of_control)
-        of_t0, of_t1 = by_t0 + moved - later, by_t1 + later
-    own = iter(own)
-    return of_t0, of_t1, of_y, [next(own) if p else None for p in of_args], of_slope
+    @property
+    def which(self) -> list[bool]:
+        """Which arrays among the arguments of the field vary."""
+        return jax.tree.leaves(self.of_args)
 
+    def places(self) -> tuple[Array, ...]:
+        """The stages to go back over, with their rows of the matrix of the method and their nodes."""
+        tableau, count = self.tableau, self.tableau.num_stages
+        stages = np.arange(0 if self.slope is None else 1, count)[::-1]
+        matrix = np.zeros((count, count))
+        for i, row in enumerate(tableau.a_lower):
+            matrix[i + 1, : i + 1] = row
+        nodes = np.append(0.0 if tableau.c1 is None else tableau.c1, tableau.c)
+        return jnp.asarray(stages), jnp.asarray(matrix[stages], self.k.dtype), jnp.asarray(nodes[stages], self.t0.dtype)
 
-def _square(tableau):
-    s = tableau.num_stages
-    a = np.zeros((s, s))
-    for i, row in enumerate(tableau.a_lower):
-        a[i + 1, : i + 1] = row
-    return a
+    def pulled_from(self, row: Array, node: Array, control: Any, cotangents: Any) -> tuple[Array, list[Array]]:
+        """The cotangents of the state at a stage; those of its time, times its node and not, of the control, of args."""
+        leaves, structure = jax.tree.flatten(self.args)
+        y = self.y0 + jnp.sum(row[:, None] * self.k, axis=0)
+        t = jnp.where(node == 1, self.t1, self.t0 + node * (self.t1 - self.t0))
+
+        def slope_and_increment(y: Array, own: list[Array], t: Array = t, control: Any = control) -> tuple[Array, Array]:
+            slope = self.terms.vf(t, y, structure.unflatten(replaced(leaves, self.which, own)))
+            return slope, self.terms.prod(slope, control)
+
+        given = (y, chosen(leaves, self.which), *((t, control) if self.timed else ()))
+        of_y, own, *times = jax.vjp(slope_and_increment, *given)[1](cotangents)
+        return of_y, [*((node * times[0], *times) if times else ()), *own]
+
+    def of_times(self, times: list[Array]) -> tuple[Any, Any]:
+        """The cotangents of the ends of the step."""
+        if not times:
+            return None, None
+        later, all_times, of_control = times
+        of_t0, of_t1 = jax.vjp(self.terms.contr, self.t0, self.t1)[1](of_control)
+        return of_t0 + all_times - later, of_t1 + later
