@@ -54,7 +54,7 @@ def replaced(arrays: Sequence[Any], which: Sequence[bool], by: Sequence[Any]) ->
     return [next(remaining) if is_chosen else array for array, is_chosen in zip(arrays, which, strict=True)]
 
 
-def or_zeros(cotangent: Array | None, like: Array) -> Array:
+def or_zeros(cotangent: Array | None, like: Any) -> Array:
     """A cotangent; zeros in the place of None."""
     return jnp.zeros(like.shape, like.dtype) if cotangent is None else cotangent
 

@@ -128,7 +128,7 @@ class _Kept(NamedTuple):
     steps: Int[Array, ""]
     every: Int[Array, ""]
     rows: list[Array]
-    constants: list[Array]
+    constants: list[Any]
     arrays: list[Array]
 
 
@@ -164,7 +164,7 @@ class _Loop:
         operands = constants, arrays, list(self.goes_on.consts), leaves
         return with_rule(lambda given: self.forward(*given), lambda given: self.kept(*given), self.back)(operands)
 
-    def whole(self, constants: list[Any], arrays: list[Array]) -> list[Array]:
+    def whole(self, constants: list[Any], arrays: list[Array]) -> list[Any]:
         """The constants with the array that was put together."""
         if self.place is None or self.parts is None:
             return constants
@@ -201,7 +201,7 @@ class _Loop:
         steps, (last, every, rows) = _repeated(goes_on, step, start, self.max_steps)
         return last, _Kept(steps, every, rows, constants, arrays)
 
-    def stepped(self, constants: list[Array], leaves: list[Array]) -> tuple[list[Array], list[Array]]:
+    def stepped(self, constants: list[Any], leaves: list[Array]) -> tuple[list[Array], list[Array]]:
         """The arrays after a step, and the row that is recorded of it."""
         seen: list[Array] = []
 

@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
 from ..solvers.dense.continuous import DenseOutput, has_one_tableau
-from ..solvers.explicit import depends_on_arguments_alone, with_stages_pulled_back
+from ..solvers.explicit import depends_on_arguments_alone, with_first_slope, with_stages_pulled_back
 from ..solvers.multistep_controller import AbstractMultistepController
 from .adjoint import Parts, Recorded, while_loop
 from .observers import Observers, Step
@@ -222,8 +222,10 @@ class _Solve(NamedTuple):
         smooth = isinstance(self.controller, diffrax.PIDController | AbstractMultistepController)
         jumps = self.switching is not None or not smooth
         solver_state, jumped = state.solver_state, state.made_jump if jumps else False
-        if has_one_tableau(self.solver):
-            solver_state, jumped = self._with_first_slope(state, jumped), False
+        if self.stepper is self.solver and has_one_tableau(self.solver):
+            first, slope = solver_state
+            given = self.terms, state.tprev, state.y, self.args, (first | jumped, slope)
+            solver_state, jumped = with_first_slope(self.solver, *given), False
         y, error, info, solver_state, step_result = self.stepper.step(
             self.terms, state.tprev, state.tnext, state.y, self.args, solver_state, jumped
         )
@@ -279,19 +281,6 @@ class _Solve(NamedTuple):
         info = output.info(info, self.terms, t0, t1, args=self.args, asked=jnp.asarray(True))
         within = output.interpolation(t0=t0, t1=t1, **info)
         return Step(t0, t1, y, within.evaluate, within.evaluate)
-
-    def _with_first_slope(self, state: Any, jumped: Any) -> Any:
-        """The state of a method that begins with the last slope of the step before, with that slope at the first step
-        and where the field has jumped.
-
-        The method can evaluate it as well, but then steps differ in how many stages they have.
-        """
-        first, slope = state.solver_state
-        return jnp.asarray(False), jax.lax.cond(
-            first | jumped,
-            lambda: self.solver.func(self.terms, state.tprev, state.y, self.args),
-            lambda: slope,
-        )
 
 
 def _buffers(carry: tuple[Any, ...]) -> tuple[Any, ...]:

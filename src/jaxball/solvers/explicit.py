@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..compat import is_traced
 from ..numerics.reverse_rules import added, chosen, or_zeros, replaced
@@ -47,28 +47,42 @@ class StagesPulledBack(AbstractWrappingSolver):
     carry_out: Carry = eqx.field(static=True)
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
-        slope = None if solver_state is None else solver_state[1]
         arrays, others = eqx.partition(terms, eqx.is_array)
+        slope, fresh = None, None
+        if solver_state is not None:
+            first, slope = solver_state
+            fresh = jnp.asarray(first | made_jump)
 
         def step(operands: Any) -> list[Array]:
-            arrays, t0, t1, y0, args, slope = operands
-            state = None if slope is None else (False, slope)
-            terms = eqx.combine(arrays, others)
+            arrays, t0, t1, y0, args, slope, fresh = operands
+            state, terms = None, eqx.combine(arrays, others)
+            if slope is not None:
+                state = with_first_slope(self.solver, terms, t0, y0, args, (fresh, slope))
             y1, error, info, state, _ = self.solver.step(terms, t0, t1, y0, args, state, False)
             return [y1, error, info["k"]] + ([] if state is None else [state[1]])
 
         def pull(known: Any, cotangents: list[Array | None], varies: Any) -> Any:
             (arrays, *operands), (_, _, k, *_) = known
-            back = _Stages(self.solver.tableau, eqx.combine(arrays, others), *operands, k, *varies[1:])
-            return jax.tree.map(lambda _: None, arrays), *back.pulled(*cotangents)
+            of_t0, of_t1, _, of_args, _, _ = varies[1:]
+            stages = _Stages(self.solver.tableau, eqx.combine(arrays, others), *operands, k, of_t0 or of_t1, of_args)
+            return jax.tree.map(lambda _: None, arrays), *stages.pulled(*cotangents), None
 
-        y1, error, k, *last = self.carry_out(step, pull, (arrays, t0, t1, y0, args, slope))
+        y1, error, k, *last = self.carry_out(step, pull, (arrays, t0, t1, y0, args, slope, fresh))
         state = (False, last[0]) if last else None
         return y1, error, {"y0": y0, "y1": y1, "k": k}, state, diffrax.RESULTS.successful
 
 
+def with_first_slope(solver: Any, terms: Any, t: Array, y: Array, args: Any, state: tuple[Any, Array]) -> Any:
+    """The state of a method that begins with the last slope of the step before, with that slope where it is ``fresh``.
+
+    The method can evaluate it as well, but then steps differ in how many stages they have.
+    """
+    fresh, slope = state
+    return jnp.asarray(False), jax.lax.cond(fresh, lambda: solver.func(terms, t, y, args), lambda: slope)
+
+
 class _Stages(NamedTuple):
-    """The stages of a step, by their increments ``k``; what varies of that on which they depend."""
+    """The stages of a step, by their increments ``k``; whether its ends vary, and which arguments of the field."""
 
     tableau: diffrax.ButcherTableau
     terms: Any
@@ -77,12 +91,10 @@ class _Stages(NamedTuple):
     y0: Float[Array, " n"]
     args: Any
     slope: Float[Array, " n"] | None
+    fresh: Bool[Array, ""] | None
     k: Float[Array, "stages n"]
-    of_t0: bool
-    of_t1: bool
-    of_y0: bool
+    timed: bool
     of_args: Any
-    of_slope: bool | None
 
     def pulled(self, y1: Any, error: Any, k: Any, last: Any = None) -> tuple[Any, ...]:
         """The cotangents of t0, t1, y0, args and slope, from those of the results of a step."""
@@ -90,45 +102,40 @@ class _Stages(NamedTuple):
         for weights, cotangent in ((self.tableau.b_sol, y1), (self.tableau.b_error, error)):
             if cotangent is not None:
                 of_k = of_k + jnp.asarray(weights, self.k.dtype)[:, None] * cotangent[None]
-        control = self.terms.contr(self.t0, self.t1)
+        control, (matrix, nodes) = self.terms.contr(self.t0, self.t1), self.coefficients()
         times = [self.t0, self.t0, control] if self.timed else []
+        count = self.k.shape[0]
 
-        def back(carry: Any, at: tuple[Array, Array, Array]) -> tuple[Any, None]:
-            (of_k, of_y, summed), (i, row, node) = carry, at
-            cotangents = jnp.where(i == self.k.shape[0] - 1, of_last, 0.0), of_k[i]
-            of_stage, new = self.pulled_from(row, node, control, cotangents)
-            return (of_k + row[:, None] * of_stage[None], of_y + of_stage, added(summed, new)), None
+        def back(turn: Array, at: tuple[Array, Array, list[Array]]) -> tuple[Array, Array, list[Array]]:
+            i, (of_k, of_y, summed) = count - 1 - turn, at
+            cotangents = jnp.where(i == count - 1, of_last, 0.0), of_k[i]
+            of_stage, new = self.pulled_from(matrix[i], nodes[i], control, cotangents)
+            return of_k + matrix[i][:, None] * of_stage[None], of_y + of_stage, added(summed, new)
 
         start = of_k, of_y, [jnp.zeros_like(x) for x in [*times, *chosen(jax.tree.leaves(self.args), self.which)]]
-        (of_k, of_y, summed), _ = jax.lax.scan(back, start, self.places())
+        given = jnp.asarray(0) if self.fresh is None else jnp.where(self.fresh, 0, 1)  # stages that are not evaluated
+        of_k, of_y, summed = jax.lax.fori_loop(0, count - given, back, start)
         times, own = summed[: len(times)], summed[len(times) :]
         of_slope = None
         if self.slope is not None:
-            _, pull = jax.vjp(self.terms.prod, self.slope, control)
-            of_slope, of_control = pull(of_k[0])
-            times = added(times, [jnp.zeros_like(self.t0)] * 2 + [of_control]) if times else times
+            of_slope, of_control = jax.vjp(self.terms.prod, self.slope, control)[1](of_k[0])
+            of_slope = jnp.where(self.fresh, 0.0, of_slope)
+            times = [*times[:2], times[2] + jnp.where(self.fresh, 0.0, of_control)] if times else times
         leaves = replaced([None] * len(self.which), self.which, own)
         return *self.of_times(times), of_y, jax.tree.structure(self.args).unflatten(leaves), of_slope
-
-    @property
-    def timed(self) -> bool:
-        """Whether an end of the step varies."""
-        return self.of_t0 or self.of_t1
 
     @property
     def which(self) -> list[bool]:
         """Which arrays among the arguments of the field vary."""
         return jax.tree.leaves(self.of_args)
 
-    def places(self) -> tuple[Array, ...]:
-        """The stages to go back over, with their rows of the matrix of the method and their nodes."""
-        tableau, count = self.tableau, self.tableau.num_stages
-        stages = np.arange(0 if self.slope is None else 1, count)[::-1]
-        matrix = np.zeros((count, count))
-        for i, row in enumerate(tableau.a_lower):
+    def coefficients(self) -> tuple[Array, Array]:
+        """The matrix of the method, and its nodes."""
+        matrix = np.zeros((self.tableau.num_stages,) * 2)
+        for i, row in enumerate(self.tableau.a_lower):
             matrix[i + 1, : i + 1] = row
-        nodes = np.append(0.0 if tableau.c1 is None else tableau.c1, tableau.c)
-        return jnp.asarray(stages), jnp.asarray(matrix[stages], self.k.dtype), jnp.asarray(nodes[stages], self.t0.dtype)
+        nodes = np.append(0.0 if self.tableau.c1 is None else self.tableau.c1, self.tableau.c)
+        return jnp.asarray(matrix, self.k.dtype), jnp.asarray(nodes, self.t0.dtype)
 
     def pulled_from(self, row: Array, node: Array, control: Any, cotangents: Any) -> tuple[Array, list[Array]]:
         """The cotangents of the state at a stage; those of its time, times its node and not, of the control, of args."""
