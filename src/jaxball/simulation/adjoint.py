@@ -155,6 +155,8 @@ class _Loop:
         self.packing = _Packing([*chosen(step.in_avals, self.is_carried), *results])
         least = math.isqrt(max(max_steps - 1, 0)) + 1
         self.rows = min(max(ROOM // max(self.packing.size, 1), least) if rows is None else rows, max_steps)
+        # Steps that are taken twice are taken by the same program, so that they are the same to the last bit.
+        self.stepped = self._stepped if self.rows == self.max_steps else jax.jit(self._stepped)
 
     def __call__(self, leaves: list[Array]) -> list[Array]:
         constants = list(self.step.consts)
@@ -201,7 +203,7 @@ class _Loop:
         steps, (last, every, rows) = _repeated(goes_on, step, start, self.max_steps)
         return last, _Kept(steps, every, rows, constants, arrays)
 
-    def stepped(self, constants: list[Any], leaves: list[Array]) -> tuple[list[Array], list[Array]]:
+    def _stepped(self, constants: list[Any], leaves: list[Array]) -> tuple[list[Array], list[Array]]:
         """The arrays after a step, and the row that is recorded of it."""
         seen: list[Array] = []
 
