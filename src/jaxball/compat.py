@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from equinox.internal import unvmap_any, while_loop
+from equinox.internal import unvmap_any
 from jax.core import ShapedArray, Tracer
 from jax.interpreters import ad, batching, mlir
 
@@ -59,7 +59,6 @@ __all__ = [
     "stablehlo_passes",
     "trace_context",
     "unvmap_any",
-    "while_loop",
 ]
 
 

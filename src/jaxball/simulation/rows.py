@@ -69,6 +69,6 @@ def _written(due: Callable, row_of: Callable, buffer: Array, first: Index) -> tu
     def write(at: tuple[Array, Index]) -> tuple[Array, Index]:
         buffer, k = at
         counts = due(k)
-        return put(buffer, k, row_of(k), counts), k + counts
+        return put(buffer, k, row_of(k), counts), k + jnp.where(counts, 1, 0)
 
     return jax.lax.while_loop(lambda at: unvmap_any(due(at[1])), write, (buffer, first))
