@@ -255,6 +255,9 @@ def test_a_program_is_evaluated_with_other_constants():
 
 
 def test_what_a_loop_reads_and_carries_is_counted():
-    equation = the_equation(lambda x, y: lax.while_loop(lambda at: at[0] < x, lambda at: (at[0] + y, at[1]), (x, T)), 1.0, 2.0)
+    def grow(x, y):
+        return lax.while_loop(lambda at: at[0] < x, lambda at: (at[0] + y, at[1]), (x, T))
+
+    equation = the_equation(grow, 1.0, 2.0)
     assert [compat.argument(equation, name) for name in ("cond_nconsts", "body_nconsts")] == [1, 1]
     assert len(compat.argument(equation, "body_jaxpr").jaxpr.outvars) == 2

@@ -1,4 +1,4 @@
-"""Loops that are differentiated in reverse mode by going back over their steps, against a closed form and forward mode."""
+"""Loops that are differentiated in reverse mode by going back over their steps, against closed forms."""
 
 import jax
 import jax.numpy as jnp
@@ -74,7 +74,8 @@ def test_rows_of_a_series(reverse):
     """sin(k x) for all k below n, of a batch of n."""
 
     def rows(x, n):
-        return put_while(lambda k: k < n, lambda k: jnp.sin(k.astype(float) * x), jnp.zeros(8), jnp.asarray(2), reverse=reverse)[0]
+        empty, first = jnp.zeros(8), jnp.asarray(2)
+        return put_while(lambda k: k < n, lambda k: jnp.sin(k.astype(float) * x), empty, first, reverse=reverse)[0]
 
     x, n, k = 0.3, np.array([2, 5, 8]), np.arange(8)
     counts = (k >= 2) & (k < n[:, None])

@@ -88,9 +88,7 @@ def _of_equation(equation: Any, given: list[bool]) -> list[bool]:
     if name == "scan":
         scan = loop(equation)
         carried = scan.constants + scan.carried
-        return _after_a_loop(
-            scan.body, given[: scan.constants], given[scan.constants : carried], given[carried:]
-        )
+        return _after_a_loop(scan.body, given[: scan.constants], given[scan.constants : carried], given[carried:])
     return [any(given)] * len(equation.outvars)
 
 

@@ -15,11 +15,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from ..compat import Program, argument, evaluate, unvmap_any
+from ..native.uninitialised import uninitialised
 from ..numerics.dependence import evaluated, lasting
 from ..numerics.reverse_rules import added, chosen, or_zeros, replaced, with_rule
 
 Carry = TypeVar("Carry")
-UNINITIALISED = "jaxball_uninitialised"
 ROOM = 2**18  # bytes in which all steps are recorded, if they fit
 
 
@@ -40,8 +40,12 @@ class Recorded:
         leaves, structure = jax.tree.flatten(operands)
         self._pull, self._structure = pull, structure
 
+        def forward(operands: Any) -> tuple[list[Array], Any]:
+            results = function(operands)
+            return results, (operands, results)
+
         def recorded(*leaves: Array) -> list[Array]:
-            return function(structure.unflatten(leaves))
+            return with_rule(function, forward, pull)(structure.unflatten(leaves))
 
         recorded.__name__ = self.NAME
         return jax.jit(recorded)(*leaves)
@@ -102,8 +106,9 @@ def while_loop(
         carry = structure.unflatten(leaves)
         counts = unfinished(carry)
         new = jax.tree.leaves(advance(carry, counts))
+        # In a weak type, as of Python's numbers, an array stays in that.
         return [
-            jax.lax.convert_element_type(x if is_written else jnp.where(counts, x, old), old.dtype)
+            x if is_written else jnp.where(counts, x, old)
             for x, old, is_written in zip(new, leaves, is_buffer, strict=True)
         ]
 
@@ -220,12 +225,8 @@ class _Loop:
         """The cotangents of the constants, of the arrays of parts, of the conditions and of the arrays at the start."""
         back = _WayBack(self, kept, varies)
         start = [or_zeros(cotangent, aval) for cotangent, aval in zip(cotangents, self.step.in_avals, strict=True)]
-        at = chosen(start, back.which), back.nothing()
-        if self.rows == self.max_steps:
-            at = back.through(kept.rows, kept.steps, at)
-        else:
-            at = back.by_segments(at)
-        return back.results(*at)
+        at, all_have_rows = (chosen(start, back.which), back.nothing()), self.rows == self.max_steps
+        return back.results(*(back.through(kept.rows, kept.steps, at) if all_have_rows else back.by_segments(at)))
 
 
 class _WayBack:
@@ -340,7 +341,7 @@ class _Packing:
 
     def room(self, rows: int) -> list[Array]:
         """Room for so many rows."""
-        return [_uninitialised((rows, count), dtype) for count, dtype in zip(self.counts, self.dtypes, strict=True)]
+        return [uninitialised((rows, count), dtype) for count, dtype in zip(self.counts, self.dtypes, strict=True)]
 
     def packed(self, arrays: Sequence[Array]) -> list[Array]:
         """A row of arrays."""
@@ -357,16 +358,6 @@ class _Packing:
             places[kind] = start + aval.size
             arrays.append(row[kind][start : start + aval.size].reshape(aval.shape))
         return arrays
-
-
-def _uninitialised(shape: tuple[int, ...], dtype: Any) -> Array:
-    """An array with nothing in it yet: if compiled natively, whatever is in memory, and zeros otherwise."""
-
-    def uninitialised() -> Array:
-        return jnp.zeros(shape, dtype)
-
-    uninitialised.__name__ = UNINITIALISED
-    return jax.jit(uninitialised)()
 
 
 def _written(rows: list[Array], place: Array, row: list[Array]) -> list[Array]:

@@ -94,10 +94,14 @@ class SolveLoop(diffrax.AbstractAdjoint):
         if dense:
             infos = output.room(init_state.dense_infos, max_steps)
             init_state = dataclasses.replace(init_state, dense_ts=init_state.dense_ts.at[0].set(t0), dense_infos=infos)
-        reverse, recorded, stepper = self.kind == "checkpointed", Recorded(), solver
-        if reverse and depends_on_arguments_alone(terms, t0, init_state.y, args):
-            stepper = with_stages_pulled_back(solver, recorded)
-        solve = _Solve(terms, solver, stepper, stepsize_controller, args, t0, t1, event, progress_meter, self.switching)
+        reverse, recorded = self.kind == "checkpointed", Recorded()
+        by_stages = reverse and depends_on_arguments_alone(terms, t0, init_state.y, args)
+
+        def stepper_of(recorded: Recorded) -> Any:
+            return with_stages_pulled_back(solver, recorded) if by_stages else solver
+
+        fixed = stepsize_controller, args, t0, t1, event, progress_meter, self.switching
+        solve = _Solve(terms, solver, stepper_of(recorded), *fixed)
         y0, course = init_state.y, None
         observers = None if self.observers is None else self.observers(args)
         if self.switching is not None:
@@ -156,6 +160,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
         )
         statistics = {} if course is None else {"course": course}
         if observers is not None:
+            solve = solve._replace(stepper=stepper_of(Recorded()))
             statistics["found"] = observers.found(seen, t0, first, functools.partial(solve.again, output))
         return state, statistics
 

@@ -62,9 +62,10 @@ class StagesPulledBack(AbstractWrappingSolver):
             return [y1, error, info["k"]] + ([] if state is None else [state[1]])
 
         def pull(known: Any, cotangents: list[Array | None], varies: Any) -> Any:
-            (arrays, *operands), (_, _, k, *_) = known
-            of_t0, of_t1, _, of_args, _, _ = varies[1:]
-            stages = _Stages(self.solver.tableau, eqx.combine(arrays, others), *operands, k, of_t0 or of_t1, of_args)
+            (arrays, t0, t1, y0, args, slope, fresh), (_, _, k, *_) = known
+            _, of_t0, of_t1, _, of_args, _, _ = varies
+            begun = eqx.combine(arrays, others), t0, t1, y0, args, slope, fresh
+            stages = _Stages(self.solver.tableau, *begun, k, of_t0 or of_t1, of_args)
             return jax.tree.map(lambda _: None, arrays), *stages.pulled(*cotangents), None
 
         y1, error, k, *last = self.carry_out(step, pull, (arrays, t0, t1, y0, args, slope, fresh))
@@ -117,7 +118,7 @@ class _Stages(NamedTuple):
         of_k, of_y, summed = jax.lax.fori_loop(0, count - given, back, start)
         times, own = summed[: len(times)], summed[len(times) :]
         of_slope = None
-        if self.slope is not None:
+        if self.slope is not None and self.fresh is not None:
             of_slope, of_control = jax.vjp(self.terms.prod, self.slope, control)[1](of_k[0])
             of_slope = jnp.where(self.fresh, 0.0, of_slope)
             times = [*times[:2], times[2] + jnp.where(self.fresh, 0.0, of_control)] if times else times
@@ -138,12 +139,12 @@ class _Stages(NamedTuple):
         return jnp.asarray(matrix, self.k.dtype), jnp.asarray(nodes, self.t0.dtype)
 
     def pulled_from(self, row: Array, node: Array, control: Any, cotangents: Any) -> tuple[Array, list[Array]]:
-        """The cotangents of the state at a stage; those of its time, times its node and not, of the control, of args."""
+        """The cotangents of the state at a stage; those of its time, times its node, of the control, of args."""
         leaves, structure = jax.tree.flatten(self.args)
         y = self.y0 + jnp.sum(row[:, None] * self.k, axis=0)
         t = jnp.where(node == 1, self.t1, self.t0 + node * (self.t1 - self.t0))
 
-        def slope_and_increment(y: Array, own: list[Array], t: Array = t, control: Any = control) -> tuple[Array, Array]:
+        def slope_and_increment(y: Array, own: list[Array], t: Array = t, control: Any = control) -> Any:
             slope = self.terms.vf(t, y, structure.unflatten(replaced(leaves, self.which, own)))
             return slope, self.terms.prod(slope, control)
 

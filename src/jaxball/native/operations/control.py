@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from .. import uninitialised
 from ..builder import BOOL, INDEX
 from ..elements import LANES, Element, Lanes, vector_type
 from ..functions import call_function
@@ -17,7 +18,6 @@ from ..storage import joined, parts, parts_of
 from ..values import Array, Memory, Registers, is_small, registers, size_of
 from ..vectors import are_handed_on, in_vectors, one_by_one
 
-UNINITIALISED = "jaxball_uninitialised"
 MOST_TURNS, MOST_NUMBERS = 20, 6000  # of a loop that is written out, and what it computes in them
 _OF_CONDITIONS = {
     f"stablehlo.{name}" for name in ("and", "broadcast_in_dim", "compare", "constant", "convert", "reduce")
@@ -30,7 +30,7 @@ def call(function: Function, operation: Operation, operands: list[Array]) -> lis
     """A function's operations in the place of the call, or a call, where they are many and called again."""
     name = operation.attribute("callee")
     block = function.compiler.functions[name]
-    if name.startswith(UNINITIALISED) and not operands:
+    if name.startswith(uninitialised.NAME):
         return [function.storage.allocate(value.shape, value.dtype) for value in operation.results]
     if function.compiler.stays_function(name):
         return call_function(function, name, block, operands)
