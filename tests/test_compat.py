@@ -256,7 +256,7 @@ def test_a_program_is_evaluated_with_other_constants():
 
 def test_what_a_loop_reads_and_carries_is_counted():
     def grow(x, y):
-        return lax.while_loop(lambda at: at[0] < x, lambda at: (at[0] + y, at[1]), (x, T))
+        return lax.while_loop(lambda at: at[0] < x, lambda at: (at[0] + y, 2.0 * at[1]), (x, T))
 
     equation = the_equation(grow, 1.0, 2.0)
     assert [compat.argument(equation, name) for name in ("cond_nconsts", "body_nconsts")] == [1, 1]
