@@ -151,18 +151,18 @@ def test_a_setting_of_traces_is_that_of_its_place():
     assert seen == ["outside", "inside"] if hasattr(jax, "make_user_context") else ["outside"]
 
 
-@pytest.mark.parametrize(("kind", "derivative"), [("checkpointed", jax.jacrev), ("lax", jax.jacfwd)])
-def test_loops_that_end_by_themselves_are_differentiated(kind, derivative):
-    def power(x, n):
-        def step(carry):
-            k, y, seen = carry
-            return k + 1, y * x, seen.at[k].set(y)
+def test_a_program_is_evaluated_with_other_constants():
+    program = jax.make_jaxpr(lambda x: [x * T, x])(2.0)
+    (constant,) = program.consts
+    twice, same = compat.evaluate(program, [2 * constant], [3.0])
+    np.testing.assert_array_equal(twice, 6 * T)
+    assert same == 3.0
 
-        seen = jnp.zeros(8)
-        return compat.while_loop(
-            lambda carry: carry[0] < n, step, (0, 1.0, seen), max_steps=8, buffers=lambda carry: carry[2], kind=kind
-        )[1:]
 
-    y, seen = derivative(power)(1.5, 4)
-    np.testing.assert_allclose(y, 4 * 1.5**3, rtol=1e-15)
-    np.testing.assert_allclose(seen, [0, 1, 3, 6.75, 0, 0, 0, 0], rtol=1e-15)
+def test_what_a_loop_reads_and_carries_is_counted():
+    def grow(x, y):
+        return lax.while_loop(lambda at: at[0] < x, lambda at: (at[0] + y, 2.0 * at[1]), (x, T))
+
+    equation = the_equation(grow, 1.0, 2.0)
+    assert [compat.argument(equation, name) for name in ("cond_nconsts", "body_nconsts")] == [1, 1]
+    assert len(compat.argument(equation, "body_jaxpr").jaxpr.outvars) == 2

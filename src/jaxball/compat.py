@@ -7,12 +7,12 @@ import contextlib
 import functools
 import importlib
 import threading
-from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from equinox.internal import unvmap_any, while_loop
+from equinox.internal import unvmap_any
 from jax.core import ShapedArray, Tracer
 from jax.interpreters import ad, batching, mlir
 
@@ -31,15 +31,26 @@ except ImportError:  # in a version that has it elsewhere
 
 
 # Releases of JAX have these in other places, or under types that type checkers see only in some of them.
-Primitive: Any = importlib.import_module("jax.extend.core").Primitive
+_core: Any = importlib.import_module("jax.extend.core")
+ClosedJaxpr, Literal, Primitive = _core.ClosedJaxpr, _core.Literal, _core.Primitive
+Program = Any  # a jaxpr with its constants
 
 __all__ = [
+    "Literal",
+    "Loop",
+    "Program",
+    "argument",
     "array_type",
     "batch_by",
+    "branches",
+    "called",
     "declare_linear",
     "differentiate_by",
+    "evaluate",
+    "function_of",
     "is_traced",
     "is_tracer_type",
+    "loop",
     "node_of",
     "primitive",
     "put",
@@ -49,7 +60,6 @@ __all__ = [
     "stablehlo_passes",
     "trace_context",
     "unvmap_any",
-    "while_loop",
 ]
 
 
@@ -161,3 +171,71 @@ def batch_by(own: Any, rule: Callable[..., Any]) -> None:
 def declare_linear(own: Any, transposed: Callable[..., Any]) -> None:
     """Makes ``own`` its own derivative, with ``transposed(cotangent, x)`` for the cotangents of its operands."""
     ad.deflinear2(own, transposed)
+
+
+class Loop(NamedTuple):
+    """What the equation of a ``jax.lax.scan`` says.
+
+    - ``body``: the program of a step, from constants, what is carried and elements of sequences to the last two.
+    - ``constants``, ``carried``: how many operands are constants and how many are carried, in this order; the rest are
+      sequences.
+    - ``length``: how many steps there are.
+    - ``backwards``: whether the steps are done from last to first.
+    """
+
+    body: Program
+    constants: int
+    carried: int
+    length: int
+    backwards: bool
+
+
+def loop(equation: Any) -> Loop:
+    """The loop that an equation is. Releases of JAX count its operands in several ways; sequences have an axis more."""
+    body = argument(equation, "jaxpr")
+
+    def of_one_rank(outer: Any, inner: Any) -> int:
+        return sum(x.aval.ndim == y.aval.ndim for x, y in zip(outer, inner, strict=True))
+
+    carried = of_one_rank(equation.outvars, body.jaxpr.outvars)
+    constants = of_one_rank(equation.invars, body.jaxpr.invars) - carried
+    return Loop(body, constants, carried, argument(equation, "length"), argument(equation, "reverse"))
+
+
+def branches(equation: Any) -> tuple[Program, ...]:
+    """The branches of the equation of a ``jax.lax.cond`` or ``jax.lax.switch``."""
+    return argument(equation, "branches")
+
+
+def called(equation: Any) -> Program | None:
+    """The program that an equation calls, if its operations say all: not where it has a rule for derivatives."""
+    if equation.primitive.name == "scan" or equation.primitive.name.startswith(("custom_jvp_call", "custom_vjp_call")):
+        return None
+    inner = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
+    return inner if isinstance(inner, ClosedJaxpr) else None
+
+
+def evaluate(program: Program, constants: Sequence[Any], operands: Sequence[Any]) -> list[Any]:
+    """The results of a program for these constants, instead of its own, and operands."""
+    return _core.jaxpr_as_fun(ClosedJaxpr(program.jaxpr, list(constants)))(*operands)
+
+
+def argument(equation: Any, name: str) -> Any:
+    """The argument with this name of the function of ``jax.lax`` that an equation stands for.
+
+    **Raises:** ``RuntimeError`` where this version of JAX stores it differently.
+    """
+    try:
+        return equation.params[name]
+    except KeyError:
+        raise RuntimeError(
+            f"JAX {jax.__version__} records the operation `{equation.primitive.name}` without `{name}`, which jaxball "
+            "needs; install a version of JAX that jaxball is tested with, as `pip install jaxball` does."
+        ) from None
+
+
+def function_of(equation: Any) -> Callable[..., Any]:
+    """What an equation computes, with its own rules of derivatives; releases of JAX keep these in two ways."""
+    bound = equation.primitive.get_bind_params(equation.params)
+    functions, params = ((), bound) if isinstance(bound, Mapping) else bound
+    return lambda *operands: equation.primitive.bind(*functions, *operands, **params)

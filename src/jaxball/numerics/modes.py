@@ -1,7 +1,7 @@
 """A clear error when a solve is differentiated in a mode that its loop does not support.
 
-A loop with checkpoints only has reverse mode, and only once; a plain loop only has forward mode. JAX finds out after
-the solve is traced, and reports it in terms of its internals. Numbers that go into a loop with checkpoints are marked:
+A loop that goes back over its steps only has reverse mode, and only once; a plain loop only has forward mode. JAX finds
+out after the solve is traced, and reports it in terms of its internals. Numbers that go into the former are marked:
 their tangents cannot be evaluated, only transposed, and the result of that cannot be transposed again. Numbers that
 come out of a plain loop are marked: their tangents cannot be transposed. Times and states of events are marked: their
 tangents cannot be differentiated again.

@@ -16,10 +16,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..compat import while_loop
 from ..solvers.dense.continuous import DenseOutput, has_one_tableau
+from ..solvers.explicit import depends_on_arguments_alone, with_first_slope, with_stages_pulled_back
 from ..solvers.multistep import AbstractMultistepController
+from .adjoint import Parts, Recorded, while_loop
 from .observers import Observers, Step
+from .rows import put, put_while
 from .switching import AbstractSwitching, NextStep, NoSwitching, Taken
 
 # A step that would end this close to the end of the run, relative to it, ends there.
@@ -49,6 +51,8 @@ class SolveLoop(diffrax.AbstractAdjoint):
     switching: AbstractSwitching
     observers: Callable[[Any], Observers] | None = eqx.field(static=True)  # of what the terms are given
     kind: Literal["checkpointed", "lax"] = eqx.field(static=True)
+    parameters: list[Array]
+    join: Callable[[list[Array]], Array] = eqx.field(static=True)
     checkpoints: int | None = eqx.field(static=True, default=None)
 
     @classmethod
@@ -58,12 +62,15 @@ class SolveLoop(diffrax.AbstractAdjoint):
         times: Float[Array, " T"],
         switching: AbstractSwitching | None = None,
         observers: Callable[[Any], Observers] | None = None,
+        *,
+        parameters: list[Array],
+        join: Callable[[list[Array]], Array],
     ) -> "SolveLoop":
         """The loop for the differentiation that ``adjoint`` stands for; by default of a system without modes."""
         switching = NoSwitching() if switching is None else switching
         if isinstance(adjoint, diffrax.ForwardMode):
-            return cls(times, switching, observers, "lax")
-        return cls(times, switching, observers, "checkpointed", adjoint.checkpoints)
+            return cls(times, switching, observers, "lax", parameters, join)
+        return cls(times, switching, observers, "checkpointed", parameters, join, adjoint.checkpoints)
 
     def loop(
         self,
@@ -87,7 +94,14 @@ class SolveLoop(diffrax.AbstractAdjoint):
         if dense:
             infos = output.room(init_state.dense_infos, max_steps)
             init_state = dataclasses.replace(init_state, dense_ts=init_state.dense_ts.at[0].set(t0), dense_infos=infos)
-        solve = _Solve(terms, solver, stepsize_controller, args, t0, t1, event, progress_meter, self.switching)
+        reverse, recorded = self.kind == "checkpointed", Recorded()
+        by_stages = reverse and depends_on_arguments_alone(terms, t0, init_state.y, args)
+
+        def stepper_of(recorded: Recorded) -> Any:
+            return with_stages_pulled_back(solver, recorded) if by_stages else solver
+
+        fixed = stepsize_controller, args, t0, t1, event, progress_meter, self.switching
+        solve = _Solve(terms, solver, stepper_of(recorded), *fixed)
         y0, switching = init_state.y, self.switching
         observers = None if self.observers is None else self.observers(args)
 
@@ -95,16 +109,17 @@ class SolveLoop(diffrax.AbstractAdjoint):
             state, _, hybrid, _ = carry
             return (state.tprev < t1) & (state.result == RESULTS.successful) & switching.goes_on(hybrid)
 
-        def advance(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        def advance(carry: tuple[Any, ...], counts: Bool[Array, ""]) -> tuple[Any, ...]:
             state, saved, hybrid, seen = carry
-            state, hybrid = solve.after_reset(state, hybrid)
+            state, hybrid = solve.after_reset(state, switching.with_event_if(counts, hybrid))
             new, info, keep, hybrid = solve.advanced(state, hybrid)
+            keep &= counts
             step = {"t0": state.tprev, "t1": state.tnext}
             exactly = dense or (observers is not None and observers.needs_exact)
             coarse = solver.interpolation_cls(**step, **info)
             interpolation = coarse
             if exactly or self.times.size > 2:
-                asked = keep & (exactly | (self._due(saved) < state.tnext))
+                asked = keep & (exactly | (self._due(saved.filled) < state.tnext))
                 info = output.info(info, terms, **step, args=args, asked=asked)
                 interpolation = output.interpolation(**step, **info)
                 saved = self._save(saved, interpolation, jnp.where(keep, state.tnext, -jnp.inf))
@@ -124,8 +139,10 @@ class SolveLoop(diffrax.AbstractAdjoint):
             (init_state, inner, hybrid, seen),
             max_steps=max_steps,
             buffers=lambda carry: (*_buffers(carry), switching.record(carry[2])),
-            kind=self.kind,
-            checkpoints=self._checkpoints(max_steps),
+            reverse=reverse,
+            rows=self._checkpoints(max_steps),
+            recorded=recorded,
+            parts=Parts(args, self.parameters, self.join),
         )
         done = state.tprev >= t1
         last = jnp.where(done, state.y, jnp.inf)
@@ -139,6 +156,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
         )
         statistics = {"switching": hybrid}
         if observers is not None:
+            solve = solve._replace(stepper=stepper_of(Recorded()))
             statistics["found"] = observers.found(seen, t0, first, functools.partial(solve.again, output))
         return state, statistics
 
@@ -159,30 +177,21 @@ class SolveLoop(diffrax.AbstractAdjoint):
         if self.times.size == 2:
             return saved
 
-        def due(saved: SavedStates) -> Bool[Array, ""]:
-            return self._due(saved) <= until
-
-        def save(saved: SavedStates) -> SavedStates:
-            # Not at `_due`, which is infinite where nothing is: in a batch, that would be differentiated.
-            vector = interpolation.evaluate(self.times[1:-1][saved.filled])
-            return SavedStates(saved.filled + 1, saved.vectors.at[saved.filled].set(vector))
-
-        return while_loop(
-            due,
-            save,
-            saved,
-            max_steps=self.times.size - 2,
-            buffers=lambda saved: saved.vectors,
-            kind=self.kind,
-            checkpoints=self.times.size - 2,
-        )
-
-    def _due(self, saved: SavedStates) -> Float[Array, ""]:
-        """The next of the times between; infinite where there is none."""
         inner = self.times[1:-1]
-        return (
-            jnp.where(saved.filled < inner.size, inner[saved.filled], jnp.inf) if inner.size else jnp.asarray(jnp.inf)
+
+        def row_of(k: Int[Array, ""]) -> Float[Array, " size"]:
+            # Not at `_due`, which is infinite where nothing is: in a batch, that would be differentiated.
+            return interpolation.evaluate(inner[k])
+
+        vectors, filled = put_while(
+            lambda k: self._due(k) <= until, row_of, saved.vectors, saved.filled, reverse=self.kind == "checkpointed"
         )
+        return SavedStates(filled, vectors)
+
+    def _due(self, filled: Int[Array, ""]) -> Float[Array, ""]:
+        """The next of the times between, of which so many are past; infinite where there is none."""
+        inner = self.times[1:-1]
+        return jnp.where(filled < inner.size, inner[filled], jnp.inf) if inner.size else jnp.asarray(jnp.inf)
 
 
 class _Solve(NamedTuple):
@@ -190,6 +199,7 @@ class _Solve(NamedTuple):
 
     terms: Any
     solver: Any
+    stepper: Any  # the same, with steps that can be differentiated
     controller: Any
     args: Any
     t0: Float[Array, ""]
@@ -210,9 +220,11 @@ class _Solve(NamedTuple):
         smooth = isinstance(self.controller, diffrax.PIDController | AbstractMultistepController)
         jumps = self.switching.jumps or not smooth
         solver_state, jumped = state.solver_state, state.made_jump if jumps else False
-        if has_one_tableau(self.solver):
-            solver_state, jumped = self._with_first_slope(state, jumped), False
-        y, error, info, solver_state, step_result = self.solver.step(
+        if self.stepper is self.solver and has_one_tableau(self.solver):
+            first, slope = solver_state
+            given = self.terms, state.tprev, state.y, self.args, (first | jumped, slope)
+            solver_state, jumped = with_first_slope(self.solver, *given), False
+        y, error, info, solver_state, step_result = self.stepper.step(
             self.terms, state.tprev, state.tnext, state.y, self.args, solver_state, jumped
         )
         keep, tprev, tnext, made_jump, controller_state, control_result = self.controller.adapt_step_size(
@@ -258,23 +270,10 @@ class _Solve(NamedTuple):
     def again(self, output: DenseOutput, t0: Array, t1: Array, y: Array) -> Step:
         """A step that was taken, computed once more, which is cheaper than keeping its intermediate values."""
         fresh = self.solver.init(self.terms, t0, t1, y, self.args)
-        _, _, info, _, _ = self.solver.step(self.terms, t0, t1, y, self.args, fresh, True)
+        _, _, info, _, _ = self.stepper.step(self.terms, t0, t1, y, self.args, fresh, True)
         info = output.info(info, self.terms, t0, t1, args=self.args, asked=jnp.asarray(True))
         within = output.interpolation(t0=t0, t1=t1, **info)
         return Step(t0, t1, y, within.evaluate, within.evaluate)
-
-    def _with_first_slope(self, state: Any, jumped: Any) -> Any:
-        """The state of a method that begins with the last slope of the step before, with that slope at the first step
-        and where the field has jumped.
-
-        The method can evaluate it as well, but then steps differ in how many stages they have.
-        """
-        first, slope = state.solver_state
-        return jnp.asarray(False), jax.lax.cond(
-            first | jumped,
-            lambda: self.solver.func(self.terms, state.tprev, state.y, self.args),
-            lambda: slope,
-        )
 
 
 def _buffers(carry: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -287,12 +286,11 @@ def _kept_for_dense_output(state: Any, info: Any, keep: Bool[Array, ""]) -> Any:
     index = state.dense_save_index
     return dataclasses.replace(
         state,
-        dense_ts=state.dense_ts.at[index + 1].set(state.tprev, pred=keep),
+        dense_ts=put(state.dense_ts, index + 1, state.tprev, keep),
         dense_infos=jax.tree.map(
-            lambda kept, new: kept.at[index].set(new, pred=keep),
+            lambda kept, new: put(kept, index, new, keep),
             state.dense_infos,
             info,
-            is_leaf=lambda x: hasattr(x, "at"),
         ),
         dense_save_index=index + jnp.where(keep, 1, 0),
     )

@@ -243,7 +243,11 @@ def solve(
     system, times, state, events = differentiated_where(startable, (system, times, state, events))
     packing, initial = _packed(system, times[0], state)
     # One array for all parameters: XLA copies each operand of a nested loop once an iteration.
-    parameters, unpack_parameters = ravel_pytree((packing, events))
+    parameters, unravel = ravel_pytree((packing, events))
+    leaves, structure = jax.tree.flatten((packing, events))
+
+    def unpack_parameters(parameters: Array | list[Array]) -> tuple[Packing[Any, Any], dict[str, AbstractEvent]]:
+        return structure.unflatten(parameters) if isinstance(parameters, list) else unravel(parameters)
 
     # Compiled on their own, they are traced once; diffrax traces a step several times.
     @jax.jit
@@ -280,7 +284,14 @@ def solve(
         args=parameters,
         saveat=diffrax.SaveAt(t1=True, dense=method.dense),
         stepsize_controller=_controller(method, system, times, rtol, atol),
-        adjoint=SolveLoop.of(method.adjoint, times, switching, observers if method.observation else None),
+        adjoint=SolveLoop.of(
+            method.adjoint,
+            times,
+            switching,
+            observers if method.observation else None,
+            parameters=leaves,
+            join=lambda leaves: ravel_pytree(leaves)[0],
+        ),
         event=stop(events, unpack_parameters),
         max_steps=method.max_steps,
         progress_meter=method.progress,

@@ -21,6 +21,7 @@ from ..numerics.kinks import before_kink
 from ..physics.hybrid import NONE, START, Accuracy, GuardedStep, Record, entry
 from ..physics.packing import Packing
 from ..solvers.dense.sampling import sampling
+from .rows import put
 
 NEAR = 1e-10  # of the length of a step: where it ends so close to a zero of a guard, one step of Newton's is exact
 TOGETHER = 1e-6  # of the length of a step: zeros of guards this close to each other are one event
@@ -87,9 +88,7 @@ class Rows(NamedTuple):
     def with_row(self, k: Int[Array, ""], switch: "Rows") -> "Rows":
         """The rows with a switch in row ``k``, if there is one."""
         there = k < self.times.shape[0]
-        index = jnp.where(there, k, 0)
-        rows: Any = self  # within the loop, buffers of equinox
-        return Rows(*(kept.at[index].set(new, pred=there) for kept, new in zip(rows, switch, strict=True)))
+        return Rows(*(put(kept, k, new, there) for kept, new in zip(self, switch, strict=True)))
 
 
 class HybridCarry(NamedTuple):
@@ -156,6 +155,10 @@ class AbstractSwitching(eqx.Module):
         """Whether a mode can follow."""
 
     @abc.abstractmethod
+    def with_event_if(self, counts: Bool[Array, ""], carry: Any) -> Any:
+        """What is carried, without an event unless it ``counts``."""
+
+    @abc.abstractmethod
     def apply_reset(
         self, carry: Any, step: NextStep, y: Float[Array, " size"], run: tuple[Array, Array], args: Any
     ) -> tuple[Any, NextStep, Float[Array, " size"], Bool[Array, ""] | bool]:
@@ -188,6 +191,9 @@ class NoSwitching(AbstractSwitching):
 
     def goes_on(self, carry):
         return True
+
+    def with_event_if(self, counts, carry):
+        return carry
 
     def apply_reset(self, carry, step, y, run, args):
         return carry, step, y, False
@@ -243,6 +249,9 @@ class Switching(AbstractSwitching):
         return jnp.where(carry.status == int(Status.SUCCESS), status, carry.status), record
 
     # Events.
+
+    def with_event_if(self, counts, carry):
+        return carry._replace(event=jnp.where(counts, carry.event, NONE))
 
     def apply_reset(self, carry, step, y, run, args):
         happened = carry.event != NONE

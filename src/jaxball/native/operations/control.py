@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from .. import uninitialised
 from ..builder import BOOL, INDEX
 from ..elements import LANES, Element, Lanes, vector_type
 from ..functions import call_function
@@ -29,6 +30,8 @@ def call(function: Function, operation: Operation, operands: list[Array]) -> lis
     """A function's operations in the place of the call, or a call, where they are many and called again."""
     name = operation.attribute("callee")
     block = function.compiler.functions[name]
+    if name.startswith(uninitialised.NAME):
+        return [function.storage.allocate(value.shape, value.dtype) for value in operation.results]
     if function.compiler.stays_function(name):
         return call_function(function, name, block, operands)
     for value in set(operation.operands):

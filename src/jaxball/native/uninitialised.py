@@ -1,0 +1,18 @@
+"""Arrays with nothing in them yet, which a program fills before it reads them."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+NAME = "jaxball_uninitialised"  # of a function of StableHLO whose results are not computed
+
+
+def uninitialised(shape: tuple[int, ...], dtype: np.dtype) -> Array:
+    """An array of any numbers; zeros where XLA compiles the program. Natively it costs no time, however large it is."""
+
+    def zeros() -> Array:
+        return jnp.zeros(shape, dtype)
+
+    zeros.__name__ = NAME
+    return jax.jit(zeros)()

@@ -1,0 +1,64 @@
+"""Functions with rules of their own for reverse mode, which are told what varies and need not compute anything else."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+Forward = Callable[[Any], tuple[Any, Any]]
+Pull = Callable[[Any, Any, Any], Any]
+
+
+def with_rule(function: Callable[[Any], Any], forward: Forward, pull: Pull) -> Callable[[Any], Any]:
+    """``function`` of a PyTree of arrays, with a rule for derivatives in reverse mode.
+
+    - ``forward``: of the same PyTree, the results and what is kept for the way back.
+    - ``pull``: of what was kept, the cotangents of the results, in which None is zero, and a PyTree that says of each
+      array whether it varies, the cotangents of the arrays; those of arrays that do not vary are None.
+    """
+
+    def kept(operands: Any) -> tuple[Any, Any]:
+        varies = jax.tree.map(_varies, operands)
+        results, residuals = forward(jax.tree.map(lambda x: x.value, operands))
+        # Only arrays can be kept, but the structure of what is kept may differ.
+        return results, (residuals, jax.tree.map(lambda does: () if does else None, varies))
+
+    def backward(kept: tuple[Any, Any], cotangents: Any) -> tuple[Any]:
+        residuals, marks = kept
+        varies = jax.tree.map(lambda mark: mark is not None, marks, is_leaf=lambda x: x is None or x == ())
+        return (pull(residuals, jax.tree.map(_unless_zero, cotangents), varies),)
+
+    ruled = jax.custom_vjp(function)
+    ruled.defvjp(kept, backward, symbolic_zeros=True)
+    return ruled
+
+
+def _varies(operand: Any) -> bool:
+    return operand.perturbed and jnp.issubdtype(operand.value.dtype, jnp.inexact)
+
+
+def _unless_zero(cotangent: Any) -> Array | None:
+    return None if isinstance(cotangent, jax.custom_derivatives.SymbolicZero) else cotangent
+
+
+def chosen(arrays: Sequence[Any], which: Sequence[bool]) -> list[Any]:
+    """Those of the arrays that are chosen."""
+    return [array for array, is_chosen in zip(arrays, which, strict=True) if is_chosen]
+
+
+def replaced(arrays: Sequence[Any], which: Sequence[bool], by: Sequence[Any]) -> list[Any]:
+    """The arrays with others in the place of those that are chosen."""
+    remaining = iter(by)
+    return [next(remaining) if is_chosen else array for array, is_chosen in zip(arrays, which, strict=True)]
+
+
+def or_zeros(cotangent: Array | None, like: Any) -> Array:
+    """A cotangent; zeros in the place of None."""
+    return jnp.zeros(like.shape, like.dtype) if cotangent is None else cotangent
+
+
+def added(one: Sequence[Array], other: Sequence[Array]) -> list[Array]:
+    """The sums of arrays one by one."""
+    return [x + y for x, y in zip(one, other, strict=True)]

@@ -1,0 +1,374 @@
+"""A loop of an unknown number of steps that is differentiated in reverse mode by going back over the steps taken.
+
+On the way forward, what a step begins with is recorded: of every step, or of every second, fourth, … as soon as there
+are more steps than rows. On the way back, the steps in between are taken again from there, and each is pulled back: the
+cotangents of what it led to become those of what it began with. This is the derivative of the steps taken, to rounding.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Int
+
+from ..compat import Program, argument, evaluate, unvmap_any
+from ..native.uninitialised import uninitialised
+from ..numerics.dependence import evaluated, lasting
+from ..numerics.reverse_rules import added, chosen, or_zeros, replaced, with_rule
+
+Carry = TypeVar("Carry")
+ROOM = 2**18  # bytes in which all steps are recorded, if they fit
+
+
+class Recorded:
+    """The part of a step whose results are recorded: on the way back it is not carried out again, but only pulled back.
+
+    A step calls it once, and not within a branch or a loop.
+    """
+
+    NAME = "recorded_part_of_a_step"
+
+    def __init__(self):
+        self._pull: Callable[..., Any] | None = None
+        self._structure: Any = None
+
+    def __call__(self, function: Callable[[Any], list[Array]], pull: Callable[..., Any], operands: Any) -> list[Array]:
+        """``function(operands)``; ``pull((operands, results), cotangents, varies)`` gives the operands' cotangents."""
+        leaves, structure = jax.tree.flatten(operands)
+        self._pull, self._structure = pull, structure
+
+        def forward(operands: Any) -> tuple[list[Array], Any]:
+            results = function(operands)
+            return results, (operands, results)
+
+        def recorded(*leaves: Array) -> list[Array]:
+            return with_rule(function, forward, pull)(structure.unflatten(leaves))
+
+        recorded.__name__ = self.NAME
+        return jax.jit(recorded)(*leaves)
+
+    def known(self, operands: Sequence[Any], results: Sequence[Array]) -> list[Array]:
+        """The known results, with their derivatives with respect to the operands."""
+        pull = self._pull
+        assert pull is not None
+
+        def forward(given: Any) -> tuple[list[Array], Any]:
+            return given[1], given
+
+        def back(given: Any, cotangents: list[Any], varies: Any) -> Any:
+            return pull(given, cotangents, varies[0]), [None] * len(results)
+
+        known = with_rule(lambda given: given[1], forward, back)
+        return known((self._structure.unflatten(operands), list(results)))
+
+
+class Parts(NamedTuple):
+    """An array that all steps read, and the ``arrays`` of which ``join`` made it, which may vary one by one."""
+
+    whole: Array
+    arrays: list[Array]
+    join: Callable[[list[Array]], Array]
+
+
+def while_loop(
+    unfinished: Callable[[Carry], Bool[Array, ""]],
+    advance: Callable[[Carry, Bool[Array, ""]], Carry],
+    initial: Carry,
+    *,
+    max_steps: int,
+    buffers: Callable[[Carry], Any],
+    reverse: bool,
+    rows: int | None = None,
+    recorded: Recorded | None = None,
+    parts: Parts | None = None,
+) -> Carry:
+    """What is carried when ``unfinished`` says no, or after ``max_steps``.
+
+    - ``advance``: a step. Its second argument says whether it counts: in a batch, steps go on until all are finished.
+    - ``buffers``: the arrays of a carry of which steps write rows, each once, by :func:`~.rows.put`, and read none.
+    - ``reverse``: whether derivatives are those of reverse mode, once, or else those of forward mode.
+    - ``rows``: how many steps are recorded at most, for reverse mode. If not given, all of them where that needs little
+      memory, and at least the square root of ``max_steps``.
+    - ``recorded``: the part of a step that is recorded, too. Its operand that is the whole of the ``parts`` is given to
+      it as the list of their arrays where it is pulled back.
+    """
+    leaves, structure = jax.tree.flatten(jax.tree.map(jnp.asarray, initial))
+    written = set(jax.tree.leaves(buffers(structure.unflatten(range(len(leaves))))))
+    is_buffer = [k in written for k in range(len(leaves))]
+
+    def goes_on(leaves: list[Array]) -> Bool[Array, ""]:
+        return unvmap_any(unfinished(structure.unflatten(leaves)))
+
+    def step(leaves: list[Array]) -> list[Array]:
+        carry = structure.unflatten(leaves)
+        counts = unfinished(carry)
+        new = jax.tree.leaves(advance(carry, counts))
+        # In a weak type, as of Python's numbers, an array stays in that.
+        return [
+            x if is_written else jnp.where(counts, x, old)
+            for x, old, is_written in zip(new, leaves, is_buffer, strict=True)
+        ]
+
+    if not reverse:
+        return structure.unflatten(_repeated(goes_on, lambda k, leaves: step(leaves), leaves, max_steps)[1])
+    programs = jax.make_jaxpr(goes_on)(leaves), jax.make_jaxpr(step)(leaves)
+    return structure.unflatten(_Loop(*programs, is_buffer, max_steps, rows, recorded, parts)(leaves))
+
+
+def _repeated(goes_on: Callable, step: Callable, carry: Any, most: int | Array) -> tuple[Array, Any]:
+    """How many steps were taken, and where they led to."""
+
+    def condition(at: tuple[Array, Any]) -> Array:
+        return goes_on(at[1]) & (at[0] < most)
+
+    return jax.lax.while_loop(condition, lambda at: (at[0] + 1, step(*at)), (jnp.asarray(0), carry))
+
+
+class _Kept(NamedTuple):
+    """What is kept of the way forward: of every how many steps there is a row, the rows, and what all steps read."""
+
+    steps: Int[Array, ""]
+    every: Int[Array, ""]
+    rows: list[Array]
+    constants: list[Any]
+    arrays: list[Array]
+
+
+class _Loop:
+    """A loop of programs of flat lists of arrays."""
+
+    def __init__(
+        self,
+        goes_on: Program,
+        step: Program,
+        is_buffer: list[bool],
+        max_steps: int,
+        rows: int | None,
+        recorded: Recorded | None,
+        parts: Parts | None,
+    ):
+        self.goes_on, self.step, self.max_steps, self.recorded, self.parts = goes_on, step, max_steps, recorded, parts
+        self.is_carried = [not is_written for is_written in is_buffer]
+        self.place = None
+        if parts is not None:
+            self.place = next((k for k, constant in enumerate(step.consts) if constant is parts.whole), None)
+        self.equation = next((e for e in step.jaxpr.eqns if recorded is not None and _is_recorded(e)), None)
+        results = [] if self.equation is None else [variable.aval for variable in self.equation.outvars]
+        self.packing = _Packing([*chosen(step.in_avals, self.is_carried), *results])
+        least = math.isqrt(max(max_steps - 1, 0)) + 1
+        self.rows = min(max(ROOM // max(self.packing.size, 1), least) if rows is None else rows, max_steps)
+        # Steps that are taken twice are taken by the same program, so that they are the same to the last bit.
+        self.stepped = self._stepped if self.rows == self.max_steps else jax.jit(self._stepped)
+
+    def __call__(self, leaves: list[Array]) -> list[Array]:
+        constants = list(self.step.consts)
+        if self.place is not None:
+            constants[self.place] = ()
+        arrays = [] if self.parts is None else self.parts.arrays
+        operands = constants, arrays, list(self.goes_on.consts), leaves
+        return with_rule(lambda given: self.forward(*given), lambda given: self.kept(*given), self.back)(operands)
+
+    def whole(self, constants: list[Any], arrays: list[Array]) -> list[Any]:
+        """The constants with the array that was put together."""
+        if self.place is None or self.parts is None:
+            return constants
+        return [*constants[: self.place], self.parts.join(arrays), *constants[self.place + 1 :]]
+
+    def forward(self, constants, arrays, conditions, leaves) -> list[Array]:
+        """The way forward alone."""
+        constants = self.whole(constants, arrays)
+
+        def step(k: Array, leaves: list[Array]) -> list[Array]:
+            return evaluate(self.step, constants, leaves)
+
+        return _repeated(lambda leaves: evaluate(self.goes_on, conditions, leaves)[0], step, leaves, self.max_steps)[1]
+
+    def kept(self, constants, arrays, conditions, leaves) -> tuple[list[Array], _Kept]:
+        """The way forward, with what is kept of it."""
+        whole = self.whole(constants, arrays)
+
+        def goes_on(at: Any) -> Array:
+            return evaluate(self.goes_on, conditions, at[0])[0]
+
+        def step(k: Array, at: Any) -> Any:
+            leaves, every, rows = at
+            new, row = self.stepped(whole, leaves)
+            if self.rows == self.max_steps:
+                return new, every, _written(rows, k, row)
+            full = k == every * self.rows
+            rows = jax.lax.fori_loop(0, jnp.where(full, (self.rows + 1) // 2, 0), _thinned, rows)
+            every = jnp.where(full, 2 * every, every)
+            place = jnp.where(k % every == 0, k // every, self.rows)
+            return new, every, _written(rows, place, row)
+
+        start = leaves, jnp.asarray(1), self.packing.room(self.rows)
+        steps, (last, every, rows) = _repeated(goes_on, step, start, self.max_steps)
+        return last, _Kept(steps, every, rows, constants, arrays)
+
+    def _stepped(self, constants: list[Any], leaves: list[Array]) -> tuple[list[Array], list[Array]]:
+        """The arrays after a step, and the row that is recorded of it."""
+        seen: list[Array] = []
+
+        def noted(equation: Any, operands: list[Any]) -> list[Array] | None:
+            if equation is not self.equation:
+                return None
+            seen.extend(evaluate(argument(equation, "jaxpr"), argument(equation, "jaxpr").consts, operands))
+            return seen
+
+        new = evaluated(self.step, constants, leaves, [True] * len(leaves), noted)
+        return new, self.packing.packed([*chosen(leaves, self.is_carried), *seen])
+
+    def back(self, kept: _Kept, cotangents: list[Any], varies: Any) -> Any:
+        """The cotangents of the constants, of the arrays of parts, of the conditions and of the arrays at the start."""
+        back = _WayBack(self, kept, varies)
+        start = [or_zeros(cotangent, aval) for cotangent, aval in zip(cotangents, self.step.in_avals, strict=True)]
+        at, all_have_rows = (chosen(start, back.which), back.nothing()), self.rows == self.max_steps
+        return back.results(*(back.through(kept.rows, kept.steps, at) if all_have_rows else back.by_segments(at)))
+
+
+class _WayBack:
+    """The way back over the steps that a loop took."""
+
+    def __init__(self, loop: _Loop, kept: _Kept, varies: Any):
+        self.loop, self.kept = loop, kept
+        of_constants, self.of_arrays, self.of_conditions, of_leaves = varies
+        if loop.place is not None:
+            of_constants[loop.place] = any(self.of_arrays)
+        self.of_constants, self.which = of_constants, lasting(loop.step, of_constants, of_leaves)
+        self.constants = loop.whole(kept.constants, kept.arrays)
+
+    def nothing(self) -> list[list[Array]]:
+        """The cotangents of what all steps read, before any step."""
+        constants, arrays = chosen(self.constants, self.of_constants), chosen(self.kept.arrays, self.of_arrays)
+        return [[jnp.zeros_like(x) for x in group] for group in (constants, arrays)]
+
+    def by_segments(self, at: Any) -> Any:
+        """Back over all steps, taking those without a row again."""
+        loop, every = self.loop, self.kept.every
+        # Of so many steps at most there is one row: rows are at least half full, or all steps have one.
+        longest = 2 * -(-loop.max_steps // loop.rows)
+
+        def segment(at: Any) -> Any:
+            end, cotangents, rows = at
+            first = (end - 1) // every * every
+
+            def again(k: Array, at: Any) -> Any:
+                leaves, rows = at
+                new, row = loop.stepped(self.constants, self.with_buffers(leaves))
+                return chosen(new, loop.is_carried), _written(rows, k, row)
+
+            kept = [row[first // every] for row in self.kept.rows]
+            begun, count = loop.packing.unpacked(kept)[: sum(loop.is_carried)], end - first
+            rows = _written(rows, jnp.asarray(0), kept)
+            _, (_, rows) = _repeated(lambda _: True, again, (begun, rows), jnp.where(count == 1, 0, count))
+            return first, self.through(rows, end - first, cotangents), rows
+
+        start = self.kept.steps, at, loop.packing.room(min(longest, loop.max_steps))
+        return jax.lax.while_loop(lambda at: at[0] > 0, segment, start)[1]
+
+    def through(self, rows: list[Array], count: Array, at: Any) -> Any:
+        """Back over so many steps, each of which has a row."""
+
+        def step(at: Any) -> Any:
+            k, (cotangents, summed) = at
+            arrays = self.loop.packing.unpacked([row[k - 1] for row in rows])
+            carried = sum(self.loop.is_carried)
+            cotangents, new = self.pulled(self.with_buffers(arrays[:carried]), arrays[carried:], cotangents)
+            return k - 1, (cotangents, [added(*both) for both in zip(summed, new, strict=True)])
+
+        return jax.lax.while_loop(lambda at: at[0] > 0, step, (count, at))[1]
+
+    def with_buffers(self, carried: list[Array]) -> list[Array]:
+        """All that a step begins with: buffers are empty, because no step reads them."""
+        avals = self.loop.step.in_avals
+        return replaced([jnp.zeros(aval.shape, aval.dtype) for aval in avals], self.loop.is_carried, carried)
+
+    def pulled(self, leaves: list[Array], known: list[Array], cotangents: list[Array]) -> tuple[Any, Any]:
+        """The cotangents of what a step begins with and of what all steps read, from those of what it led to."""
+        loop = self.loop
+
+        def following(moving: list[Array], constants: list[Array], arrays: list[Array]) -> list[Array]:
+            arrays = replaced(self.kept.arrays, self.of_arrays, arrays)
+
+            def recalled(equation: Any, operands: list[Any]) -> list[Array] | None:
+                if equation is not loop.equation or loop.recorded is None:
+                    return None
+                if loop.place is not None:
+                    whole = loop.step.jaxpr.constvars[loop.place]
+                    operands = [
+                        arrays if variable is whole else operand
+                        for variable, operand in zip(equation.invars, operands, strict=True)
+                    ]
+                return loop.recorded.known(operands, known)
+
+            constants = replaced(self.constants, self.of_constants, constants)
+            return evaluated(loop.step, constants, replaced(leaves, self.which, moving), self.which, recalled)
+
+        given = (
+            chosen(leaves, self.which),
+            chosen(self.constants, self.of_constants),
+            chosen(self.kept.arrays, self.of_arrays),
+        )
+        _, pull = jax.vjp(following, *given)
+        cotangents, *summed = pull(cotangents)
+        return cotangents, summed
+
+    def results(self, cotangents: list[Array], summed: list[list[Array]]) -> Any:
+        """Those of all arrays that the loop was given; None where there are none."""
+        loop, (constants, arrays) = self.loop, summed
+        all_constants: list[Any] = replaced([None] * len(self.of_constants), self.of_constants, constants)
+        if loop.place is not None and loop.parts is not None:
+            whole, all_constants[loop.place] = all_constants[loop.place], ()
+            if whole is not None:
+                _, pull = jax.vjp(loop.parts.join, self.kept.arrays)
+                arrays = added(arrays, chosen(pull(whole)[0], self.of_arrays))
+        of_arrays = replaced([None] * len(self.of_arrays), self.of_arrays, arrays)
+        of_leaves = replaced([None] * len(self.which), self.which, cotangents)
+        return all_constants, of_arrays, [None] * len(self.of_conditions), of_leaves
+
+
+class _Packing:
+    """Puts arrays together in one for each type of number."""
+
+    def __init__(self, avals: Sequence[Any]):
+        self.avals = list(avals)
+        self.dtypes = sorted({np.dtype(aval.dtype) for aval in avals}, key=str)
+        self.counts = [sum(aval.size for aval in avals if aval.dtype == dtype) for dtype in self.dtypes]
+        self.size = sum(aval.size * aval.dtype.itemsize for aval in avals)
+
+    def room(self, rows: int) -> list[Array]:
+        """Room for so many rows."""
+        return [uninitialised((rows, count), dtype) for count, dtype in zip(self.counts, self.dtypes, strict=True)]
+
+    def packed(self, arrays: Sequence[Array]) -> list[Array]:
+        """A row of arrays."""
+        return [
+            jnp.concatenate([jnp.ravel(array) for array in arrays if array.dtype == dtype]) for dtype in self.dtypes
+        ]
+
+    def unpacked(self, row: Sequence[Array]) -> list[Array]:
+        """The arrays of a row."""
+        places, arrays = [0] * len(self.dtypes), []
+        for aval in self.avals:
+            kind = self.dtypes.index(aval.dtype)
+            start = places[kind]
+            places[kind] = start + aval.size
+            arrays.append(row[kind][start : start + aval.size].reshape(aval.shape))
+        return arrays
+
+
+def _written(rows: list[Array], place: Array, row: list[Array]) -> list[Array]:
+    """The rows with one more; unchanged where there is no such place."""
+    return [array.at[place].set(new, mode="drop") for array, new in zip(rows, row, strict=True)]
+
+
+def _thinned(k: Array, rows: list[Array]) -> list[Array]:
+    """Every second row in the place of every one, done one by one."""
+    return [array.at[k].set(array[2 * k]) for array in rows]
+
+
+def _is_recorded(equation: Any) -> bool:
+    return equation.params.get("name") == Recorded.NAME
