@@ -259,7 +259,7 @@ def _with_mass(system, m):
         ({"in_axes": (0, 0, None)}, "Argument `in_axes` must be 0"),
     ],
 )
-def test_wrong_arguments_are_named(change, words):
+def test_wrong_arguments_are_named(change, words, no_type_checks):
     system, state = disks(np.ones(2))
     with pytest.raises((TypeError, ValueError), match=words):
         simulate_ensemble(**{"system": system, "times": TIMES, "state": state} | change)

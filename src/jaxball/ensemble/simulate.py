@@ -119,7 +119,7 @@ def simulate_ensemble(
     if dae and not isinstance(state, ReleasedState):
         require_smooth(system)
         require_dae(state, solver)
-    events = checked(system, events)
+    events, solver = checked(system, events), checked_solver(solver)
     simulated = system_to_solve(system, state, contact, dae, events)
     rtol, atol = checked_tolerances(rtol, atol, of_many=True)
     given = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
@@ -136,7 +136,7 @@ def simulate_ensemble(
     limits = tuple(x if x.ndim else jnp.broadcast_to(x, (runs,)) for x in (rtol, atol))
     traced = any(map(is_traced, (*jax.tree.leaves((parameters, whole, limits, events)), jnp.zeros(()))))
     method = Method(
-        solver=checked_solver(solver),
+        solver=solver,
         adjoint=adjoint if traced else FORWARD,  # where nothing is traced, nothing is differentiated
         progress=NO_PROGRESS,
         max_steps=checked_steps(max_steps),
