@@ -72,7 +72,10 @@ XI = np.zeros(12)
 XI[[3, 6]] = 0.3
 
 
-@pytest.mark.parametrize(("limit", "friction"), [(0.5, None), (10.0, 0.03), (0.6, 0.04)], ids=str)
+ALONE = [pytest.param(0.5, None, marks=pytest.mark.thorough), pytest.param(10.0, 0.03, marks=pytest.mark.thorough)]
+
+
+@pytest.mark.parametrize(("limit", "friction"), [*ALONE, (0.6, 0.04)], ids=str)
 def test_the_plan_is_the_solution_of_the_program_with_active_limits(track, limit, friction):
     """SciPy's barrier method stops where its cost is up to 1e-4 above the least, at inputs that are off by 1e-3."""
     control = mpc(track, HORIZON, limits=limit, friction=friction)
@@ -146,6 +149,7 @@ def test_limits_that_cannot_be_kept_are_exceeded_least_and_named(track):
     np.testing.assert_allclose(np.asarray(plan.multipliers)[exceeded], penalty, rtol=1e-5)
 
 
+@pytest.mark.thorough
 def test_a_closed_loop_keeps_limits_that_the_regulator_would_exceed(track):
     """The linear prediction of friction is that of the motion; deviations of 0.1 change it by some per cent."""
     start = 0.3 * XI

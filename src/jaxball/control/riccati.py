@@ -3,7 +3,7 @@
 The cost-to-go of a deviation ξ from a motion is |S (ξ, 1)|², with S upper triangular. It follows from that of the next
 sample by a QR factorisation, without subtraction and without the inverse of anything but a triangle that the weights of
 the inputs keep regular; so S may be singular, where deviations cost nothing. Source: Kailath, Sayed & Hassibi, *Linear
-Estimation* (2000), section 12.2, for the filter that is dual to it.
+Estimation* (2000), chapter 12, for the filter that is dual to it.
 """
 
 from typing import NamedTuple
