@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax import lax
 
 import jaxball
 from jaxball import BallState, compat
@@ -149,6 +150,119 @@ def test_a_setting_of_traces_is_that_of_its_place():
     assert setting.value == "outside"
     # Releases of JAX without such settings do not trace again.
     assert seen == ["outside", "inside"] if hasattr(jax, "make_user_context") else ["outside"]
+
+
+def _sum(carry, x):
+    return carry + x, carry
+
+
+A, B = jnp.arange(3.0), jnp.ones((3, 3))
+# A program, and of its loop: constants, what is carried, sequences, results of each step, the length, backwards.
+LOOPS = {
+    "sum": (lambda: lax.scan(_sum, 0.0, A), (0, 1, 1, 1, 3, False)),
+    "backwards": (lambda: lax.scan(_sum, 0.0, A, reverse=True), (0, 1, 1, 1, 3, True)),
+    "constants": (lambda x: lax.scan(lambda c, a: (c * x[0] + a, c), 0.0, A), (1, 1, 1, 1, 3, False)),
+    "of rows": (lambda x: lax.scan(lambda c, row: (c + row @ x, 2 * row), x, B), (1, 1, 1, 1, 3, False)),
+    "no sequence": (lambda x: lax.scan(lambda c, _: (c * x, None), x, None, length=4), (1, 1, 0, 0, 4, False)),
+    "nothing carried": (lambda x: lax.map(lambda a: a * x, B), (1, 0, 1, 1, 3, False)),
+    "two of each": (
+        lambda x: lax.scan(lambda c, s: ((c[0] + s[0] * x, c[1] + s[1]), (s[0] + 1, s[1] + 2)), (x, x[0]), (A, A)),
+        (1, 2, 2, 2, 3, False),
+    ),
+    "counted": (lambda x: lax.fori_loop(0, 5, lambda i, y: y * x, x), (1, 2, 0, 0, 5, False)),
+}
+
+
+@pytest.mark.parametrize("name", LOOPS)
+def test_loops_are_read(name):
+    function, (constants, carried, sequences, results, length, backwards) = LOOPS[name]
+    given = [A] * function.__code__.co_argcount
+    (equation,) = [e for e in jax.make_jaxpr(function)(*given).jaxpr.eqns if e.primitive.name == "scan"]
+    loop = compat.loop(equation)
+    assert (loop.constants, loop.carried, loop.length, loop.backwards) == (constants, carried, length, backwards)
+    assert len(loop.body.in_avals) == constants + carried + sequences
+    assert len(loop.body.out_avals) == carried + results
+
+
+def test_branches_are_in_the_order_of_their_numbers():
+    functions = [jnp.sin, jnp.cos, jnp.tan]
+    equations = jax.make_jaxpr(lambda k, x: lax.switch(k, functions, x))(jnp.asarray(1), 1.0).jaxpr.eqns
+    names = [[e.primitive.name for e in b.jaxpr.eqns] for b in compat.branches(equations[-1])]
+    assert names == [["sin"], ["cos"], ["tan"]]
+    equations = jax.make_jaxpr(lambda yes, x: lax.cond(yes, jnp.sin, jnp.cos, x))(jnp.asarray(True), 1.0).jaxpr.eqns
+    names = [[e.primitive.name for e in b.jaxpr.eqns] for b in compat.branches(equations[-1])]
+    assert names == [["cos"], ["sin"]]
+
+
+@jax.custom_jvp
+def _own_jvp(x):
+    return 2 * x
+
+
+_own_jvp.defjvp(lambda primals, tangents: (_own_jvp(*primals), 5 * tangents[0]))
+
+
+@jax.custom_vjp
+def _own_vjp(x):
+    return 2 * x
+
+
+_own_vjp.defvjp(lambda x: (_own_vjp(x), None), lambda _, cotangent: (7 * cotangent,))
+
+
+def test_programs_within_are_found_where_their_operations_say_all():
+    inner = compat.called(the_equation(jax.jit(jnp.sin), 1.0))
+    assert [e.primitive.name for e in inner.jaxpr.eqns] == ["sin"]
+    for function in (_own_jvp, _own_vjp, jnp.sin, lambda x: lax.scan(_sum, x, A)):
+        assert compat.called(the_equation(function, 1.0)) is None
+
+
+@pytest.mark.parametrize("function", [jnp.sin, _own_jvp, _own_vjp, jax.jit(_own_jvp), jax.jit(_own_vjp)])
+def test_an_equation_is_a_function_with_its_own_derivatives(function):
+    equation = the_equation(function, 1.0)
+    (again,) = jax.tree.leaves(compat.function_of(equation)(jnp.asarray(1.3)))
+    np.testing.assert_allclose(again, function(1.3), rtol=1e-15)
+
+    def number(x):
+        return jnp.sum(jax.tree.leaves(compat.function_of(equation)(x))[0])
+
+    np.testing.assert_allclose(jax.vmap(jax.grad(number))(A), jax.vmap(jax.grad(function))(A), rtol=1e-15)
+
+
+T = jnp.arange(24.0).reshape(2, 3, 4)
+PRODUCT = (((2,), (2,)), ((0,), (0,)))
+# Functions of JAX, and what they were given by name.
+ARGUMENTS = [
+    (lambda x: lax.slice(x, (0, 1, 0), (1, 3, 4), (1, 1, 2)), {"start_indices": (0, 1, 0), "limit_indices": (1, 3, 4)}),
+    (lambda x: lax.slice(x, (0, 1, 0), (1, 3, 4), (1, 1, 2)), {"strides": (1, 1, 2)}),
+    (lambda x: lax.slice(x, (0, 1, 0), (1, 3, 4)), {"strides": None}),
+    (lambda x: lax.rev(x, (2, 0)), {"dimensions": (2, 0)}),
+    (lambda x: lax.transpose(x, (2, 0, 1)), {"permutation": (2, 0, 1)}),
+    (lambda x: lax.broadcast_in_dim(x, (2, 5, 3, 4), (0, 2, 3)), {"broadcast_dimensions": (0, 2, 3)}),
+    (lambda x: lax.concatenate([x, x], 1), {"dimension": 1}),
+    (lambda x: lax.split(x, (1, 2), axis=1), {"sizes": (1, 2), "axis": 1}),
+    (lambda x: jnp.sum(x, (0, 2)), {"axes": (0, 2)}),
+    (lambda x: jnp.max(x, (0, 2)), {"axes": (0, 2)}),
+    (lambda x: jnp.all(x > 0, (0, 2)), {"axes": (0, 2)}),
+    (lambda x: lax.dot_general(x, x, PRODUCT), {"dimension_numbers": PRODUCT}),
+    (lambda x: lax.integer_pow(x, 3), {"y": 3}),
+]
+
+
+@pytest.mark.parametrize(("function", "named"), ARGUMENTS)
+def test_arguments_are_kept_under_their_names(function, named):
+    equation = jax.make_jaxpr(function)(T).jaxpr.eqns[-1]
+    for name, value in named.items():
+        assert compat.argument(equation, name) == value
+
+
+def test_an_argument_that_is_kept_under_another_name_is_said_to_be_missing():
+    sentence = (
+        rf"JAX {jax.__version__} records the operation `rev` without `axes`, which jaxball needs; install a version "
+        r"of JAX that jaxball is tested with, as `pip install jaxball` does\."
+    )
+    with pytest.raises(RuntimeError, match=sentence):
+        compat.argument(the_equation(lambda x: lax.rev(x, (0,)), T), "axes")
 
 
 def test_a_program_is_evaluated_with_other_constants():

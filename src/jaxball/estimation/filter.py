@@ -58,6 +58,12 @@ class ErrorStateFilter(Printed):
     - ``biases``: the standard deviations of biases at the start, by the name of the sensor, in units of its reading.
     - ``rtol``, ``atol``: tolerances of the solve of a sample.
 
+    Its fields are
+
+    - ``sampled``: the robot, with inputs that are held over a sample.
+    - ``measurement``: what the sensors read of a state.
+    - ``spread_of_biases``: the standard deviations of biases at the start, by the names of their sensors.
+
     **Raises:** ``TypeError`` and ``ValueError`` for sensors without noise, unknown names and negative numbers.
 
     **Example:**
@@ -73,8 +79,10 @@ class ErrorStateFilter(Printed):
     >>> run = simulate(disk, jnp.linspace(0.0, 1.0, 101), DiskState(phidot=-1.0))
     >>> known = ErrorStateFilter.of(disk, sensors, sample=0.01)
     >>> estimate = known(run.measured(sensors), DiskState(), {"phidot": 1.0})
-    >>> round(float(estimate.deviations["phidot"][-1]), 4)  # 0.1/√101, because the rate does not change
+    >>> round(float(estimate.deviations["phidot"][-1]), 3)  # 0.1/√101, because the rate does not change
     0.01
+    >>> known.unobservable(DiskState(), samples=10)
+    ('phi', 'z')
     """
 
     sampled: SampledSystem
@@ -175,17 +183,6 @@ class ErrorStateFilter(Printed):
         - ``start``: the state at the first sample.
         - ``samples``: how many readings.
         - ``u``, ``t0``: as for the estimate itself.
-
-        **Example:**
-
-        >>> import jax
-        >>> jax.config.update("jax_enable_x64", True)
-        >>> from jaxball import Disk, DiskState
-        >>> from jaxball.estimation import ErrorStateFilter
-        >>> from jaxball.sensors import Gyroscope, SensorErrors
-        >>> sensors = {"gyro": Gyroscope(errors=SensorErrors(noise=0.1))}
-        >>> ErrorStateFilter.of(Disk(mass=1.0, inertia=0.5), sensors, sample=0.1).unobservable(DiskState(), 10)
-        ('phi', 'z')
         """
         require_one_state(self.sampled.system, start)
         names = (*start.directions, *self._names_of_biases(start))

@@ -172,11 +172,11 @@ class Switches(Printed):
     - ``count``: how many there were. The arrays hold the first ``max_switches`` of the system; where there are fewer,
       the rest is NaN or −1.
     - ``times``: when, shape (max_switches,).
-    - ``event``: the index of the guard that fell to zero, or the number of guards for a time event, shape
-      (max_switches,).
+    - ``event``: the index of the guard that fell to zero, or the number of guards for a time event,
+      shape (max_switches,).
     - ``before``, ``after``: the states before and after the reset, with a leading axis.
-    - ``grazing``: whether the guard touched zero rather than crossing it, so that derivatives mean little, shape
-      (max_switches,).
+    - ``grazing``: whether the guard touched zero rather than crossing it, so that derivatives mean little,
+      shape (max_switches,).
 
     Times and states are differentiable.
     """
