@@ -11,9 +11,9 @@ ROOT = Path(__file__).parents[2]
 # Who asks for what, from the top; a package that is not here stands in the last group.
 GROUPS = [
     ("what a user types", "#DDE6F0", ("cli", "bench")),
-    ("studies", "#E6EEDF", ("design", "sweep", "verify", "paper", "control")),
+    ("studies", "#E6EEDF", ("design", "sweep", "verify", "paper")),
     ("files and figures", "#F3E9D8", ("plot", "results", "scenario")),
-    ("many runs, and what becomes of them", "#EFE2EA", ("chaos", "stability", "ensemble", "analysis")),
+    ("many runs, and feedback", "#EFE2EA", ("chaos", "stability", "ensemble", "control", "estimation")),
     ("a run", "#E2EEEE", ("simulation", "solvers")),
     ("mechanics", "#F4E0DA", ("classical", "sensors", "physics")),
     ("tools", PAPER, ()),
