@@ -2,7 +2,6 @@
 
 import ast
 import functools
-import importlib
 from pathlib import Path
 
 import jax
@@ -13,6 +12,7 @@ from jax import lax
 
 import jaxball
 from jaxball import BallState, compat
+from tests.support.precision import enable_x64
 
 SOURCE = Path(jaxball.__file__).parent
 # fmt: off
@@ -71,8 +71,7 @@ def test_traced_numbers_are_told_from_known_ones():
     assert not any(map(compat.is_traced, (1.0, np.ones(2), None, "x", jax.ShapeDtypeStruct((), float))))
 
 
-_x64 = (jax if hasattr(jax, "enable_x64") else importlib.import_module("jax.experimental")).enable_x64
-CONTEXTS = [lambda: _x64(False), lambda: jax.default_matmul_precision("float32")]
+CONTEXTS = [lambda: enable_x64(False), lambda: jax.default_matmul_precision("float32")]
 
 
 @pytest.mark.parametrize("told", [compat.trace_context, compat.settings], ids=["trace context", "settings"])
@@ -87,9 +86,9 @@ def test_settings_are_those_of_their_place(told, context):
 
 def test_settings_go_by_the_names_under_which_they_are_set():
     assert compat.settings()["jax_enable_x64"] is jax.config.jax_enable_x64
-    with _x64(False):
+    with enable_x64(False):
         assert jnp.zeros(()).dtype == jnp.float32
-    with _x64(True):
+    with enable_x64(True):
         assert jnp.zeros(()).dtype == jnp.float64
     assert "jax_disable_most_optimizations" in compat.settings()
 

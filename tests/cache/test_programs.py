@@ -14,11 +14,11 @@ import pytest
 
 from jaxball import Disk, DiskState, Fixed, PointMass, Pulse, contact_extremes, simulate
 from jaxball.cache import current, surroundings
-from jaxball.compat import enable_x64
 from jaxball.native import choice, machine, operations  # noqa: F401 (whose rules are entered)
 from jaxball.native.rules import RULES
 from jaxball.numerics import programs, vectors
 from jaxball.scenario.initial import starting_angles
+from tests.support.precision import enable_x64
 
 TIMES = np.linspace(0.0, 2.0, 5)
 A, B = np.array([1.0, 2.0, 3.0]), np.array([0.3, -0.1, 0.7])

@@ -97,19 +97,19 @@ def test_gradients_of_the_cost_are_those_of_differences(track, mode):
 def test_a_basin_is_that_of_single_closed_loops(track):
     """Lanes round differently, which the closed loop damps: ends agree to its tolerance."""
     grid = {"phi": np.linspace(-3.0, 3.0, 5), "phidot": np.linspace(-1.5, 1.5, 4)}
-    found = basin(track, grid, Q={"phi": 1.0}, within=0.2, delay=1)
+    found = basin(track, grid, Q={"phi": 1.0}, within=0.5, delay=1)
     assert 0 < found.share < 1
-    for k in (0, 9, 13):
+    for k in (0, 2, 13):
         loop = closed_loop(track, found.starts[k], delay=1)
         np.testing.assert_allclose(found.ends.xi[k], loop.xi[-1], rtol=0, atol=1e-7)
-        assert bool(found.returned[k]) == (abs(float(loop.xi[-1, 0])) < 0.2)
+        assert bool(found.returned[k]) == (abs(float(loop.xi[-1, 0])) < 0.5)
         seen = loop.run.observables
         assert float(found.ends.friction_needed[k]) == pytest.approx(float(seen.friction_ratio[:-1].max()), abs=1e-7)
         assert float(found.ends.least_normal_force[k]) == pytest.approx(float(seen.normal_force[:-1].min()), abs=1e-7)
     data = found.dataset()
     assert data["returned"].dims == ("phi", "phidot")
     np.testing.assert_array_equal(data["returned"].values.ravel(), found.returned)
-    strict = basin(track, grid, Q={"phi": 1.0}, within=0.2, delay=1, friction=0.05)
+    strict = basin(track, grid, Q={"phi": 1.0}, within=0.5, delay=1, friction=0.05)
     np.testing.assert_array_equal(strict.returned, found.returned & (found.ends.friction_needed <= 0.05))
 
 
