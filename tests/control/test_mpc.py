@@ -75,6 +75,7 @@ XI[[3, 6]] = 0.3
 ALONE = [pytest.param(0.5, None, marks=pytest.mark.thorough), pytest.param(10.0, 0.03, marks=pytest.mark.thorough)]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("limit", "friction"), [*ALONE, (0.6, 0.04)], ids=str)
 def test_the_plan_is_the_solution_of_the_program_with_active_limits(track, limit, friction):
     """SciPy's barrier method stops where its cost is up to 1e-4 above the least, at inputs that are off by 1e-3."""
@@ -118,6 +119,7 @@ def test_without_active_limits_it_is_the_regulator(track):
     np.testing.assert_allclose(plan.z[0, 12:], expected, rtol=0, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_the_rows_are_derivatives_of_the_reaction(track):
     """f and N over the weight, by central differences of observables, with steps of 1e-5 of numbers of size 1."""
     control = mpc(track, HORIZON, friction=0.3)

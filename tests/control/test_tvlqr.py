@@ -46,6 +46,7 @@ def test_a_long_horizon_has_the_stationary_gain(hanging):
     assert track.uncontrollable == ("phi + z",)
 
 
+@pytest.mark.thorough
 def test_a_double_integrator_has_the_least_energy_in_closed_form():
     """φ̈ = a u and θ̈ = b u exactly. With all weight at the end, the cost is the least energy to reach it.
 
@@ -81,6 +82,7 @@ def moving():
 WEIGHTS = {"z": 2.0, "attitude": 0.1, "Omega": 0.3, "theta": 1.0}
 
 
+@pytest.mark.thorough
 def test_the_flow_has_the_derivatives_of_differences(moving):
     """Central differences with steps of 1e-4 of numbers of size 1: errors of 1e-8, and 1e-10 / 1e-4 of the solve."""
     track = tvlqr(moving, Q=WEIGHTS, R=0.1, sample=0.05)
@@ -110,6 +112,7 @@ def test_the_gains_are_those_of_the_recursion_for_p(moving):
         P, p = Q + A.T @ P @ A - G.T @ K, A.T @ (P @ c + p) - G.T @ offset
 
 
+@pytest.mark.thorough
 def test_the_nominal_inputs_give_the_motion(moving):
     """Held means of efforts miss each next state by the third order in the sample, so halving it divides that by 8."""
     misses = []

@@ -67,6 +67,7 @@ def test_reverse_mode(compiled):
     np.testing.assert_allclose(jnp.abs(found), -3 * weights * slope(INERTIAS), rtol=1e-8)
 
 
+@pytest.mark.thorough
 def test_reverse_mode_must_be_asked_for():
     with pytest.raises(TypeError, match=r"`adjoint` must be diffrax.RecursiveCheckpointAdjoint\(\) where"):
         jax.grad(lambda d: jnp.sum(rolled(d)[0]))(jnp.asarray(INERTIAS))

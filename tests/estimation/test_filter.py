@@ -110,6 +110,7 @@ def start_of(starts, k):
     return jax.tree.map(lambda leaf: leaf[k], starts)
 
 
+@pytest.mark.thorough
 def test_errors_are_as_large_as_the_filter_says(repeated):
     """The mean over 200 runs of the normalised squares is within its 95 % interval at 19 of 20 times or more."""
     for values, degrees in zip(repeated, (8, 9, 8), strict=True):
@@ -118,6 +119,7 @@ def test_errors_are_as_large_as_the_filter_says(repeated):
         assert np.mean((means > low) & (means < high)) >= 0.8, means
 
 
+@pytest.mark.thorough
 def test_a_bias_is_found():
     """Within three of its standard deviations, which falls tenfold at least."""
     true = (0.05, -0.1, 0.08)
@@ -141,6 +143,7 @@ def test_what_no_sensor_tells_is_named():
     assert ErrorStateFilter.of(robot(), sensors, sample=H).unobservable(GUESS, 11) == ()
 
 
+@pytest.mark.thorough
 def test_a_delay_only_delays():
     """The estimate with readings that arrive late is the one with the same readings at once, until the last."""
     disk = Disk(mass=1.0, inertia=0.5)
@@ -165,6 +168,7 @@ def test_without_readings_it_predicts(free_disk):
     assert np.all(np.isnan(estimate.nis))
 
 
+@pytest.mark.thorough
 def test_inputs_are_known_to_the_filter():
     """A disk with a motor on its pendulum, pushed by torques that the filter is told; without noise it is the run."""
     arm = jaxball.planar_pendulum(0.5, 0.6, drive=jaxball.Motor(0.0))
@@ -182,6 +186,7 @@ def test_inputs_are_known_to_the_filter():
     np.testing.assert_allclose(estimate.state.phi, run.state.phi, rtol=0, atol=1e-8)
 
 
+@pytest.mark.thorough
 def test_the_derivative_of_a_deviation_by_the_noise_of_a_sensor(free_disk):
     """Against central differences, whose error is of the order of the square of their step."""
     disk, _, run = free_disk

@@ -95,6 +95,7 @@ def test_derivatives_go_through_the_times_of_events(differentiate, adjoint, jit)
     np.testing.assert_allclose(jnp.stack(found), jnp.stack(expected), rtol=0, atol=1e-11)
 
 
+@pytest.mark.thorough
 def test_times_of_events_have_derivatives():
     def times(x):
         return jaxball.simulate(Bouncing(), TIMES, Moving(x, 0.0)).switches.times[:3]
@@ -123,6 +124,7 @@ def test_many_at_once():
     np.testing.assert_allclose(many.state.x[:, -1], [run.state.x[-1] for run in single], **EXACT)
 
 
+@pytest.mark.thorough
 def test_derivatives_of_many():
     """Of the state after the events, with respect to each run's own restitution."""
     e = jnp.array([0.7, 0.8])

@@ -23,8 +23,8 @@ def run():
 
 @pytest.fixture(scope="module")
 def long():
-    """A disk at rest, at 20,001 times."""
-    times = np.linspace(0.0, 200.0, 20_001)
+    """A disk at rest, at 2,001 times."""
+    times = np.linspace(0.0, 20.0, 2_001)
     return jaxball.simulate(Disk(mass=1.0, inertia=0.5), times, DiskState())
 
 
