@@ -54,7 +54,7 @@ CHAPTERS = {
         "Slip, flight and impact",
         ["physics.contact.law", "physics.contact.modes", "physics.contact.released", "physics.contact.body_on_plane"],
     ),
-    "systems": ("Systems of your own", ["physics.system"]),
+    "systems": ("Systems of your own", ["physics.system", "physics.hybrid"]),
 }
 # Packages that a user imports, in the order in which the site lists them.
 PACKAGES = [
@@ -65,6 +65,7 @@ PACKAGES = [
     "scenario",
     "results",
     "control",
+    "estimation",
     "ensemble",
     "sweep",
     "design",
@@ -157,7 +158,9 @@ def bars(part: str, k: int) -> str:
 
 def write_reference(app: Sphinx) -> None:
     """Writes a page for each chapter and package."""
-    held = {module: names.split() for module, names in jaxball._NAMES.items()}
+    held: dict[str, list[str]] = {}
+    for name, module in jaxball._NAMES.items():
+        held.setdefault(module.removeprefix("."), []).append(name)
     chapters = [module for _, modules in CHAPTERS.values() for module in modules]
     if sorted(chapters) != sorted(held):
         logger.warning(f"interface.CHAPTERS and the modules of jaxball differ: {set(chapters) ^ set(held)}")

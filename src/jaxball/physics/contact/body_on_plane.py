@@ -297,7 +297,7 @@ class ContactHistory(AbstractHistory):
     - ``sigma``: the direction of the slip, a unit vector, shape (T, 2), also where the slip begins; 0 before the first.
     - ``rubbed``, ``struck``: the energy dissipated so far by sliding friction and by impacts, mass length²/time²,
       shape (T,) each.
-    - ``switches``: the :class:`ContactSwitches`.
+    - ``switches``: the ``ContactSwitches``.
     """
 
     law: Contact
