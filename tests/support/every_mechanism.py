@@ -151,6 +151,19 @@ on = "mechanisms[1].joints[0]"
 kind = "tachometer"
 on = "masses[0]"
 
+[sensors.seen]
+kind = "position"
+at = [0.0, 0.1, 0.2]
+
+[sensors.seen.errors]
+noise = 0.01
+bias = [0.1, 0.0, 0.2]
+random_walk = 0.02
+rate = 1.0
+delay = 0.5
+missing = 0.1
+seed = 3
+
 [time]
 start = 0.0
 end = 2.0

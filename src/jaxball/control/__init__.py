@@ -8,13 +8,13 @@ no files: :mod:`jaxball.plot` draws the results.
 """
 
 from ..interface.names import interface as _interface
-from .basin import Basin as Basin, basin as basin
-from .closed_loop import ClosedLoop as ClosedLoop, closed_loop as closed_loop
+from .basins import Basin as Basin, basin as basin
 from .feedback import AbstractFeedback as AbstractFeedback, Feedforward as Feedforward
-from .mpc import PredictiveControl as PredictiveControl, mpc as mpc
+from .loop import ClosedLoop as ClosedLoop, closed_loop as closed_loop
 from .nominal import NominalMotion as NominalMotion
+from .prediction import PredictiveControl as PredictiveControl, mpc as mpc
 from .push import Push as Push
 from .sampled import Linear as Linear, SampledSystem as SampledSystem
-from .tvlqr import Track as Track, tvlqr as tvlqr
+from .track import Track as Track, tvlqr as tvlqr
 
 __all__, __dir__ = _interface(globals())

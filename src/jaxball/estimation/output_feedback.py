@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..control.closed_loop import plant_of
 from ..control.feedback import AbstractFeedback
+from ..control.loop import plant_of
 from ..control.nominal import NominalMotion
 from ..control.sampled import SampledSystem
 from ..control.weights import by_name

@@ -20,8 +20,8 @@ from ..numerics.batches import even_size, in_threads, unpadded
 from ..physics.body import System
 from ..physics.contact.reaction import reaction
 from ..physics.force import AbstractWrench
-from .closed_loop import looped, plant_of, whole_number
 from .feedback import AbstractFeedback
+from .loop import looped, plant_of, whole_number
 from .sampled import SampledSystem
 from .weights import Weights, weight_matrix
 

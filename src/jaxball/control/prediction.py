@@ -14,11 +14,11 @@ from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array
 from ..physics.observables import movement
 from ..physics.state import RotationState
-from .closed_loop import limits_of, whole_number
 from .feedback import AbstractFeedback
+from .loop import limits_of, whole_number
 from .predictive import Plan, Stages, solved
 from .sampled import PlacedState
-from .tvlqr import Track
+from .track import Track
 
 FACETS = 8  # of the pyramid within the friction cone
 PENALTY = 1e3

@@ -17,7 +17,7 @@ from ..numerics import programs
 from ..numerics.arrays import Numbers, is_traced, to_array
 from ..physics.body import System
 from ..physics.force import AbstractWrench
-from ..physics.hybrid import NoHistory
+from ..physics.hybrid import NO_HISTORY
 from ..physics.system import require_one_state
 from ..simulation.trajectory import Trajectory
 from .feedback import AbstractFeedback
@@ -67,7 +67,7 @@ class ClosedLoop(Printed):
         status = jnp.where(reached == self.times[-1], int(Status.SUCCESS), int(Status.SOLVER_FAILED))
         start, none = jax.tree.map(lambda leaf: leaf[0], self.states), jnp.zeros_like(status)
         return Trajectory.of(
-            system, self.times, self.states, reached, status, none + self.u.shape[0], none, None, {}, start, NoHistory()
+            system, self.times, self.states, reached, status, none + self.u.shape[0], none, None, {}, start, NO_HISTORY
         )
 
     def __repr__(self) -> str:
