@@ -288,6 +288,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
 class ContactHistory(AbstractHistory):
     """The modes of a run with a law of contact, at its saved times.
 
+    - ``switches``: the ``ContactSwitches``.
     - ``law``: the :class:`~jaxball.Contact`.
     - ``mode``: the :class:`~jaxball.Mode` at each time, shape (T,); −1 at times that the solve did not reach.
     - ``V``: the velocity of the geometric centre, space axes, length/time, shape (T, 3).
@@ -297,9 +298,9 @@ class ContactHistory(AbstractHistory):
     - ``sigma``: the direction of the slip, a unit vector, shape (T, 2), also where the slip begins; 0 before the first.
     - ``rubbed``, ``struck``: the energy dissipated so far by sliding friction and by impacts, mass length²/time²,
       shape (T,) each.
-    - ``switches``: the ``ContactSwitches``.
     """
 
+    switches: ContactSwitches
     law: Contact
     mode: Int[Array, "*batch T"]
     V: Float[Array, "*batch T 3"]
@@ -308,7 +309,6 @@ class ContactHistory(AbstractHistory):
     sigma: Float[Array, "*batch T 2"]
     rubbed: Float[Array, "*batch T"]
     struck: Float[Array, "*batch T"]
-    switches: ContactSwitches
 
     def __repr__(self) -> str:
         single = is_single(self.switches.count)
