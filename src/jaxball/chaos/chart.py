@@ -16,6 +16,7 @@ from ..numerics.arrays import Numbers, to_array
 from ..physics.phase_space import normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem
 from ..simulation.arguments import checked_solver, checked_tolerances
+from ..simulation.deviations import Steps
 from .spectrum import Method, interval_edges, system_spectrum
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ def chart(
     edges, skipped = interval_edges(times, transient, interval)
     require_callable("make", make, "first", "second")
     rtol, atol = map(to_array, checked_tolerances(rtol, atol))
-    method = Method(checked_solver(solver), 1, skipped, max_steps, rtol, atol, None)
+    method = Method(Steps(checked_solver(solver), rtol, atol, max_steps), 1, skipped, None)
     rows = grid.map(lambda cells: _solve(make, method, cells, to_array(edges)), chunk, workers, progress)
     exponent, error, force, status = np.moveaxis(rows, -1, 0)
     variables = {

@@ -1,66 +1,29 @@
 """Lyapunov exponents of a rolling body, a classical system or any flow, by the tangent dynamics."""
 
 import functools
-from collections.abc import Callable
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.arguments import refusal, require_callable, traceable
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.arrays import Numbers, numbers, to_array, to_numpy
-from ..numerics.tangent import (
-    Field,
-    Normal,
-    generic_vectors,
-    largest_row,
-    orthonormalised,
-    tangent_field,
-    without_normal,
-)
-from ..physics.body import AbstractBody
-from ..physics.contact.reaction import reaction
+from ..numerics.tangent import Field, Normal, generic_vectors, orthonormalised, without_normal
 from ..physics.packing import Packing
 from ..physics.phase_space import dimension, normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import possible_start
 from ..simulation.arguments import DEFAULT_TOLERANCE, checked_solver, checked_steps, checked_tolerances
-from ..simulation.simulate import at_rest, status_of
-from ..simulation.step_size import by_tolerances, to_kinks
-from ..solvers import AbstractWrappingSolver
+from ..simulation.deviations import FIRST_STEP, Flow, Steps, advanced
+from ..simulation.simulate import at_rest
 from .result import LyapunovSpectrum
 
-Monitor = Callable[[Float[Array, ""], Float[Array, " size"], Any], Float[Array, ""]]
-
-
-class Monitored(AbstractWrappingSolver):
-    """``solver``, with the least value of ``of(t, x, args)`` at the ends of its steps, not at the start, in its state.
-
-    It takes the same few operations in every step, which suits many solves side by side. It misses at most (step)² / 8
-    times the second derivative between two ends.
-    """
-
-    solver: diffrax.AbstractSolver  # pyright: ignore[reportIncompatibleVariableOverride]
-    of: Monitor
-
-    def init(self, terms, t0, t1, y0, args):
-        return self.solver.init(terms, t0, t1, y0, args), jnp.full((), jnp.inf, y0.dtype)
-
-    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
-        inner, least = solver_state
-        y1, y_error, dense, inner, result = self.solver.step(terms, t0, t1, y0, args, inner, made_jump)
-        least = jnp.minimum(least, self.of(jnp.asarray(t1), y1[0], args))
-        return y1, y_error, dense, (inner, least), result
-
-
 BATCHES = 16  # means of the growth rates from which the standard error is estimated
-FIRST_STEP = 1 / 64  # of an interval; the step-size control corrects it within two or three steps
 
 
 def lyapunov_spectrum(
@@ -103,7 +66,8 @@ def lyapunov_spectrum(
     edges, skipped = interval_edges(times, transient, interval)
     exponents = checked_count(exponents, dimension(state))
     rtol, atol = map(to_array, checked_tolerances(rtol, atol))
-    method = Method(checked_solver(solver), exponents, skipped, checked_steps(max_steps), rtol, atol, normal_of(state))
+    steps = Steps(checked_solver(solver), rtol, atol, checked_steps(max_steps))
+    method = Method(steps, exponents, skipped, normal_of(state))
     return _solve_system(method, system, state, to_array(edges))
 
 
@@ -165,39 +129,18 @@ def lyapunov_spectrum_of(
     exponents = checked_count(exponents, x.size - (normal is not None))
     edges, skipped = interval_edges(times, transient, interval)
     rtol, atol = map(to_array, checked_tolerances(rtol, atol))
-    method = Method(checked_solver(solver), exponents, skipped, checked_steps(max_steps), rtol, atol, normal)
-    flow = Flow(field, x, args, to_array(edges), to_array(kinks, "kinks"), jnp.asarray(True))
+    method = Method(Steps(checked_solver(solver), rtol, atol, checked_steps(max_steps)), exponents, skipped, normal)
     with traceable("field", field):
-        return _solve(method, flow)
+        return _solve(method, Flow(field, args, to_array(kinks, "kinks")), x, to_array(edges), jnp.asarray(True))
 
 
 class Method(NamedTuple):
-    """How a spectrum is computed; ``skipped`` intervals are transient."""
+    """How a spectrum is computed; the first ``skipped`` intervals are transient."""
 
-    solver: diffrax.AbstractAdaptiveSolver
+    steps: Steps
     exponents: int
     skipped: int
-    max_steps: int
-    rtol: Float[Array, ""]
-    atol: Float[Array, ""]
     normal: Normal | None
-
-
-class Flow(NamedTuple):
-    """The flow: ẋ = field(t, x, args) from ``x`` at the first of ``edges``, which bound the intervals.
-
-    - ``kinks``: times at which the field jumps or has a kink.
-    - ``startable``: False if the solve cannot start.
-    - ``monitor``: a function of (t, x, args) whose least value becomes ``least_normal_force``.
-    """
-
-    field: Field
-    x: Float[Array, " size"]
-    args: Any
-    edges: Float[Array, " edges"]
-    kinks: Float[Array, " kinks"]
-    startable: Bool[Array, ""]
-    monitor: Monitor | None = None
 
 
 def checked_count(exponents: int | None, largest: int) -> int:
@@ -243,13 +186,18 @@ def _count(length: float, interval: float) -> int:
     return int(np.ceil(length / interval * (1 - 1e-9)))
 
 
-def spectrum(method: Method, flow: Flow) -> LyapunovSpectrum:
-    """The spectrum, traceable; see :func:`lyapunov_spectrum_of`."""
-    startable = flow.startable & jnp.all(jnp.isfinite(flow.x))
-    flow = flow._replace(startable=startable, x=jnp.where(startable, flow.x, jnp.ones_like(flow.x)))
-    advance = functools.partial(_interval, method, flow)
-    end, growth = jax.lax.scan(advance, _start(method, flow), (flow.edges[:-1], flow.edges[1:]))
-    return _result(method, flow, end, growth)
+def spectrum(
+    method: Method, flow: Flow, x: Float[Array, " size"], edges: Float[Array, " edges"], startable: Bool[Array, ""]
+) -> LyapunovSpectrum:
+    """The spectrum, traceable, from ``x`` at the first of ``edges``, which bound the intervals.
+
+    ``startable`` is False if the solve cannot start.
+    """
+    startable &= jnp.all(jnp.isfinite(x))
+    x = jnp.where(startable, x, jnp.ones_like(x))
+    first = _start(method, flow, x, edges, startable)
+    end, growth = jax.lax.scan(functools.partial(_interval, method, flow), first, (edges[:-1], edges[1:]))
+    return _result(method, flow, edges, end, growth)
 
 
 _solve = programs.filter_jit(spectrum)
@@ -260,19 +208,8 @@ def system_spectrum(
 ) -> LyapunovSpectrum:
     """The spectrum of a system, traceable; ``state`` is a phase point and ``method.normal`` belongs to it."""
     packing = Packing.of(system.prepare(), state)
-    parameters, unpack_parameters = ravel_pytree(packing)
-    kinks = system.kinks()
-
-    def field(t, x, parameters):
-        return unpack_parameters(parameters).field(t, x)
-
-    def normal_force(t, x, parameters):
-        inner = unpack_parameters(parameters)
-        return reaction(inner.system, t, inner.unpack(t, x)).normal
-
     x, startable = packing.pack(edges[0], state), possible_start(system, packing.system, edges, state)
-    monitor = normal_force if isinstance(system, AbstractBody) else None
-    return spectrum(method, Flow(field, x, parameters, edges, kinks, startable, monitor))
+    return spectrum(method, Flow.of(system, packing), x, edges, startable)
 
 
 _solve_system = programs.filter_jit(system_spectrum)
@@ -289,79 +226,48 @@ class _Progress(NamedTuple):
     least: Float[Array, ""]
 
 
-def _start(method: Method, flow: Flow) -> _Progress:
-    x, edges = flow.x, flow.edges
+def _start(
+    method: Method, flow: Flow, x: Float[Array, " size"], edges: Float[Array, " edges"], startable: Bool[Array, ""]
+) -> _Progress:
     generic = jnp.asarray(generic_vectors(method.exponents, x.size), x.dtype)
-    status = jnp.where(flow.startable, Status.SUCCESS, Status.IMPOSSIBLE)
+    status = jnp.where(startable, Status.SUCCESS, Status.IMPOSSIBLE)
     return _Progress(
         rows=jnp.concatenate([x[None], orthonormalised(without_normal(generic, x, method.normal))[0]]),
         step=FIRST_STEP * (edges[1] - edges[0]),
         status=status,
         reached=edges[0],
         steps=jnp.zeros_like(status),
-        least=jnp.full_like(edges[0], jnp.inf) if flow.monitor is None else flow.monitor(edges[0], x, flow.args),
+        least=flow.monitored(edges[0], x),
     )
 
 
 def _interval(method: Method, flow: Flow, progress: _Progress, ends) -> tuple[_Progress, Float[Array, " k"]]:
-    """The progress after one interval, and the growth rates within it."""
-    alive = progress.status == Status.SUCCESS
-    solution = _advanced(method, flow, progress, ends, alive)
-    rows, reached = cast(Array, solution.ys)[0], cast(Array, solution.ts)[0]
-    vectors, lengths = orthonormalised(without_normal(rows[1:], rows[0], method.normal))
-    status = jnp.where(alive, status_of(solution.result), progress.status)
-    least, length = progress.least, ends[1] - ends[0]
-    if flow.monitor is not None:
-        least = jnp.where(alive, jnp.minimum(least, cast(tuple, solution.solver_state)[1]), least)
+    """The progress after one interval, and the growth rates within it; after a failure nothing moves."""
+    alive, length = progress.status == Status.SUCCESS, ends[1] - ends[0]
+    after = advanced(flow, method.steps, *ends, progress.rows, progress.step, alive)
+    vectors, lengths = orthonormalised(without_normal(after.rows[1:], after.rows[0], method.normal))
+    status = jnp.where(alive, after.status, progress.status)
     after = _Progress(
         # A failed run stays at 1 from there on, because step-size control rejects NaN.
-        rows=jnp.where(status == Status.SUCCESS, jnp.concatenate([rows[:1], vectors]), 1.0),
-        step=length / jnp.maximum(solution.stats["num_accepted_steps"], 1).astype(length.dtype),
+        rows=jnp.where(status == Status.SUCCESS, jnp.concatenate([after.rows[:1], vectors]), 1.0),
+        step=length / jnp.maximum(after.accepted, 1).astype(length.dtype),
         status=status,
-        reached=jnp.where(alive, reached, progress.reached),
-        steps=progress.steps + jnp.where(alive, solution.stats["num_steps"], 0),
-        least=least,
+        reached=jnp.where(alive, after.reached, progress.reached),
+        steps=progress.steps + jnp.where(alive, after.steps, 0),
+        least=jnp.where(alive, jnp.minimum(progress.least, after.least), progress.least),
     )
     return after, jnp.where(status == Status.SUCCESS, jnp.log(lengths) / length, jnp.nan)
 
 
-def _advanced(method: Method, flow: Flow, progress: _Progress, ends, alive: Bool[Array, ""]) -> diffrax.Solution:
-    """x and the deviations at the end of an interval; after a failure they stay as they are."""
-    t0, t1 = ends
-    rates_of = tangent_field(flow.field)
-
-    @jax.jit
-    def moving(t, rows, args):
-        alive, inner = args
-        return jnp.where(alive, rates_of(t, rows, inner), 0.0)
-
-    controller = by_tolerances(method.rtol, method.atol, method.solver, largest_row)
-    solver, monitor = method.solver, flow.monitor
-    if monitor is not None:
-        solver = Monitored(solver, lambda t, x, args: monitor(t, x, args[1]))
-    return diffrax.diffeqsolve(
-        diffrax.ODETerm(moving),
-        solver,
-        t0,
-        t1,
-        jnp.minimum(progress.step, t1 - t0),
-        progress.rows,
-        (alive, flow.args),
-        saveat=diffrax.SaveAt(t1=True, solver_state=monitor is not None),
-        stepsize_controller=to_kinks(controller, flow.kinks),
-        adjoint=diffrax.ForwardMode(),
-        max_steps=method.max_steps,
-        throw=False,
-    )
-
-
-def _result(method: Method, flow: Flow, end: _Progress, growth: Float[Array, "intervals k"]) -> LyapunovSpectrum:
+def _result(
+    method: Method, flow: Flow, edges: Float[Array, " edges"], end: _Progress, growth: Float[Array, "intervals k"]
+) -> LyapunovSpectrum:
     """The means of the growth rates after the transient, in descending order.
 
     The orthonormalisation yields them in this order once they have converged, but equal ones, or those of a short run,
     in any order.
     """
-    times, growth = flow.edges[1 + method.skipped :], growth[method.skipped :]
+    times, growth = edges[1 + method.skipped :], growth[method.skipped :]
     order = jnp.argsort(-jnp.mean(growth, axis=0))
     growth = growth[:, order]
     running = jnp.cumsum(growth, axis=0) / jnp.arange(1, len(times) + 1, dtype=growth.dtype)[:, None]
@@ -377,7 +283,7 @@ def _result(method: Method, flow: Flow, end: _Progress, growth: Float[Array, "in
         status=end.status,
         reached=end.reached,
         steps=end.steps,
-        start=flow.edges[0],
+        start=edges[0],
         least_normal_force=None if flow.monitor is None else end.least,
     )
 

@@ -1,8 +1,7 @@
 """Newton's method for periodic motions, with the derivative of the return map."""
 
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,24 +11,18 @@ from jaxtyping import Array, Bool, Float, Int
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.least_squares import least_squares
-from ..numerics.tangent import largest_row, tangent_field
-from ..physics.body import AbstractBody
-from ..physics.contact.reaction import reaction
 from ..physics.packing import Packing
 from ..physics.phase_space import normal_of
 from ..physics.state import AbstractBodyState, BallState, DiskState
 from ..physics.system import AbstractState, AbstractSystem, vector_field
 from ..physics.validity import possible_start
 from ..simulation.arguments import DEFAULT_SOLVER
-from ..simulation.simulate import status_of
-from ..simulation.step_size import by_tolerances, kinks_of, to_kinks
+from ..simulation.deviations import FIRST_STEP, Flow, Steps, advanced
 
 TURN = 2 * np.pi
 CLOSED = 100.0  # the residual, in units of the tolerance, up to which a motion counts as closed
 DAMPING = 1e-7  # the least weight of the step against the residual; families of motions have no derivative along them
 BOLDEST = 0.25  # the largest step of the period, as a share of it, and of the state, as a share of its size
-FIRST_STEP = 1 / 64  # of the period; the step-size control corrects it within two or three steps
-LOOKS = 33  # at the normal force in a period
 
 
 class Search(NamedTuple):
@@ -181,8 +174,10 @@ def _returned(
         return ravel_pytree(packing.unpack(end, y))[0]
 
     y, into = pack(x), jax.jacfwd(pack)(x)
-    solution, least = _solved(search, system, packing, jnp.concatenate([y[None], into.T]), end)
-    rows = cast(Array, solution.ys)[0][0]
+    flow, steps = Flow.of(system, packing), Steps(DEFAULT_SOLVER, search.rtol, search.atol, search.max_steps)
+    from_rows, possible = jnp.concatenate([y[None], into.T]), jnp.asarray(True)
+    solution = advanced(flow, steps, search.t, end, from_rows, FIRST_STEP * period, possible)
+    rows = solution.rows
     arrived, out = unpack(rows[0]), jax.jacfwd(unpack)(rows[0])
     after = ravel_pytree(vector_field(prepared, end, unravel(arrived)))[0]
     monodromy = jnp.sum(out[:, :, None] * rows[1:].T[None], axis=1)
@@ -201,40 +196,10 @@ def _returned(
         monodromy=jnp.where(back[:, None], monodromy, jnp.eye(x.size, dtype=x.dtype)),
         before=ravel_pytree(vector_field(prepared, search.t, state))[0],
         after=jnp.where(back, after, 0.0),
-        status=status_of(solution.result),
-        reached=cast(Array, solution.ts)[0][0],
-        least_normal_force=least,
+        status=solution.status,
+        reached=solution.reached,
+        least_normal_force=jnp.minimum(flow.monitored(search.t, y), solution.least),
     )
-
-
-def _solved(search: Search, system: AbstractSystem, packing: Packing, rows, end):
-    """The solve of a packed state with its deviations, and the least normal force on the way."""
-    parameters, unpack = ravel_pytree(packing)
-    moving = jax.jit(tangent_field(lambda t, x, parameters: unpack(parameters).field(t, x)))
-    controller = by_tolerances(search.rtol, search.atol, norm=largest_row)
-
-    def normal_force(t, rows, parameters):
-        inner = unpack(parameters)
-        return reaction(inner.system, t, inner.unpack(t, rows[0])).normal
-
-    rolls = isinstance(system, AbstractBody)
-    looks = search.t + jnp.linspace(0.0, 1.0, LOOKS)[:-1] * (end - search.t)
-    ends = [diffrax.SubSaveAt(t1=True)] + [diffrax.SubSaveAt(ts=looks, fn=normal_force)] * rolls
-    solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(moving),
-        DEFAULT_SOLVER,
-        search.t,
-        end,
-        FIRST_STEP * (end - search.t),
-        rows,
-        parameters,
-        saveat=diffrax.SaveAt(subs=ends),
-        stepsize_controller=to_kinks(controller, kinks_of(system)),
-        adjoint=diffrax.ForwardMode(),
-        max_steps=search.max_steps,
-        throw=False,
-    )
-    return solution, jnp.min(cast(Array, solution.ys)[1]) if rolls else jnp.full_like(end, jnp.inf)
 
 
 def returning(system: AbstractSystem, state: AbstractState) -> Bool[np.ndarray, " size"]:
