@@ -243,8 +243,8 @@ def _start(
 
 def _interval(method: Method, flow: Flow, progress: _Progress, ends) -> tuple[_Progress, Float[Array, " k"]]:
     """The progress after one interval, and the growth rates within it; after a failure nothing moves."""
-    alive, length = progress.status == Status.SUCCESS, ends[1] - ends[0]
-    after = advanced(flow, method.steps, *ends, progress.rows, progress.step, alive)
+    (t0, t1), alive = ends, progress.status == Status.SUCCESS
+    after, length = advanced(flow, method.steps, t0, t1, progress.rows, progress.step, alive), t1 - t0
     vectors, lengths = orthonormalised(without_normal(after.rows[1:], after.rows[0], method.normal))
     status = jnp.where(alive, after.status, progress.status)
     after = _Progress(
