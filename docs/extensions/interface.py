@@ -64,6 +64,7 @@ PACKAGES = [
     "plot",
     "scenario",
     "results",
+    "mjcf",
     "control",
     "estimation",
     "ensemble",

@@ -11,7 +11,7 @@ A body (``Ball``, ``Disk``) holds point masses (``PointMass``), each with a moti
 - ``estimation``: the state of a robot from what its sensors read, and how sure that is.
 - ``classical``: the heavy top, Suslov's problem and other systems.
 - ``design``, ``ensemble``, ``sweep``: designs by gradients, many runs side by side, studies.
-- ``plot``, ``results``, ``scenario``: figures, saved runs, scenario files.
+- ``plot``, ``results``, ``scenario``, ``mjcf``: figures, saved runs, scenario files, files of MuJoCo.
 - ``sensors``: accelerometers, gyroscopes, encoders and cameras, read along a run, exactly or with errors.
 - ``solvers``: implicit methods for diffrax.
 - ``paper``, ``reproduce``, ``verify``, ``bench``: the paper's systems and figures, checks, comparisons of solvers.
@@ -38,6 +38,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         design as design,
         ensemble as ensemble,
         estimation as estimation,
+        mjcf as mjcf,
         paper as paper,
         plot as plot,
         results as results,

@@ -2,6 +2,7 @@
 
 import argparse
 import importlib
+import keyword
 import os
 import sys
 from collections.abc import Sequence
@@ -25,6 +26,8 @@ COMMANDS = {
     "verify": "check the laws of mechanics on a run",
     "sweep": "run a study: a scenario with other numbers in each row",
     "design": "find a design by gradients through the simulation",
+    "export": "write a scenario's robot as a file of MuJoCo",
+    "import": "read a robot from a file of MuJoCo",
     "reproduce": "reproduce both runs of Putkaradze & Rogers (2018)",
     "bench": "compare solvers at equal achieved error",
     "cache": "show or remove kept compiled programs",
@@ -103,7 +106,8 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", prog=parser.prog, required=True, metavar="COMMAND")
     for name, summary in COMMANDS.items():
         if name in arguments[:1]:
-            module, command = importlib.import_module(f".commands.{name}", __package__), commands.add_parser(name)
+            own = f"{name}_" if keyword.iskeyword(name) else name  # of the module
+            module, command = importlib.import_module(f".commands.{own}", __package__), commands.add_parser(name)
             module.add(command)
             command.set_defaults(run=module.run)
             if name not in WITHOUT_CACHE:

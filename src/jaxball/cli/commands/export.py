@@ -1,0 +1,61 @@
+"""``jaxball export``: a scenario as a file of another simulator."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from ...interface.output import check_destination, replacing, write_text
+from ..input import add_scenario, scenario_document, scenario_of
+from ..jax_setup import set_up_jax
+from ..options import STDOUT, BadInputError, add_quiet, positive, say, written_line
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    parser.description = (
+        "Writes the robot of a scenario as MJCF, for MuJoCo, with the same equations of motion in free flight. What "
+        "MJCF cannot express is refused; what MuJoCo does in another way, such as contact, is printed."
+    )
+    add_scenario(parser)
+    parser.add_argument("--to", choices=["mjcf"], required=True, help="the format")
+    parser.add_argument("--out", type=Path, default=STDOUT, metavar="FILE", help=".xml; default: standard output")
+    parser.add_argument(
+        "--controls",
+        type=Path,
+        metavar="FILE",
+        help="save the controls of the actuators at the scenario's times: .csv",
+    )
+    parser.add_argument("--timestep", type=positive, metavar="TIME", help="of MuJoCo; default: its own, 0.002")
+    add_quiet(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    if options.out != STDOUT:
+        check_destination(options.out, (".xml",), "--out")
+    if options.controls is not None:
+        check_destination(options.controls, (".csv",), "--controls")
+    document = scenario_document(options)
+    set_up_jax()
+    from ...mjcf import to_mjcf
+    from ..files import write_csv
+
+    scenario = scenario_of(document, options.scenario)
+    exported = to_mjcf(scenario, **({} if options.timestep is None else {"timestep": options.timestep}))
+    written = []
+    if options.out == STDOUT:
+        sys.stdout.write(exported.text)
+    else:
+        written.append(write_text(options.out, exported.text))
+    if options.controls is not None:
+        if not exported.controls:
+            raise BadInputError("Argument `--controls` must be left out, because nothing in this robot is controlled.")
+        rows = ((t, *row) for t, row in zip(scenario.times, exported.controls_at(scenario.times), strict=True))
+        with replacing(options.controls) as temporary:
+            write_csv(temporary, ["t", *exported.controls], (map(repr, map(float, row)) for row in rows))
+        written.append(options.controls)
+    notes = list(exported.notes)
+    if options.out == STDOUT:
+        for note in () if options.quiet else notes:
+            print(note, file=sys.stderr)
+    else:
+        say(options, *notes, written_line(written))
+    return 0

@@ -1,0 +1,49 @@
+"""``jaxball import``: a file of another simulator as a scenario."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from ...interface.output import check_destination, write_text
+from ...scenario.errors import ScenarioError
+from ...scenario.sources import text_of
+from ..input import STDIN
+from ..jax_setup import set_up_jax
+from ..options import STDOUT, add_quiet, positive, say, written_line
+
+END, STEP = 10.0, 0.1
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    parser.description = (
+        "Reads an MJCF file, of MuJoCo, with a ball or a disk that carries mechanisms, and writes it as a scenario. "
+        "Anything else is refused, with the name of the element."
+    )
+    parser.add_argument("file", metavar="FILE", help="an MJCF file, or - for standard input")
+    parser.add_argument("--out", type=Path, default=STDOUT, metavar="FILE", help=".toml; default: standard output")
+    parser.add_argument("--end", type=positive, default=END, metavar="TIME", help=f"of the run; default: {END:g}")
+    parser.add_argument("--step", type=positive, default=STEP, metavar="TIME", help=f"between saves; default: {STEP:g}")
+    parser.add_argument(
+        "--contact", action="store_true", help="let it slip and fly, with MuJoCo's coefficient of friction"
+    )
+    add_quiet(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    if options.out != STDOUT:
+        check_destination(options.out, (".toml",), "--out")
+    text = sys.stdin.read() if options.file == STDIN else text_of(options.file, "file of MuJoCo", ScenarioError)
+    set_up_jax()
+    import numpy as np
+
+    from ...mjcf import from_mjcf
+    from ...scenario import write_scenario
+
+    times = options.step * np.arange(max(round(options.end / options.step), 1) + 1)
+    written = write_scenario(from_mjcf(text, times=times, contact=options.contact))
+    if options.out == STDOUT:
+        sys.stdout.write(written)
+    else:
+        write_text(options.out, written)
+        say(options, written_line([options.out]))
+    return 0

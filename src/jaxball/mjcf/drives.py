@@ -1,0 +1,239 @@
+"""What moves a joint: springs and dampers are attributes of MuJoCo's joints, and all else is an actuator."""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..physics.mechanisms import (
+    AbstractJointForce,
+    Accelerated,
+    Damper,
+    Drive,
+    EndStops,
+    JointForces,
+    Motor,
+    PDServo,
+    SpeedLimitedMotor,
+    Spring,
+)
+from ..physics.schedules import AbstractSchedule, ConstantRate
+from .elements import MJCFError, add, called, number, numbers, refuse_values
+
+Signal = Callable[[Float[Array, ""]], Float[Array, ""]]
+KEEPING = 0.2  # of a servo that stands for a prescribed motion: its natural frequency times the time step
+LIMITS = "the range of a joint of MuJoCo is held by a law of its own, not by stiffness and damping"
+
+
+class Control(NamedTuple):
+    """The control of one actuator: its name, and its value as a function of time."""
+
+    actuator: str
+    signal: Signal
+
+
+def write_drive(
+    drive: Drive, joint: ET.Element, actuators: ET.Element, inertia: float, timestep: float
+) -> list[Control]:
+    """Adds a drive to the element of a joint, or to the actuators, and returns the controls of the latter.
+
+    A schedule becomes a servo that is critically damped for the ``inertia`` of what the joint moves.
+
+    **Raises:** :class:`MJCFError` for a drive that MJCF cannot express.
+    """
+    name = joint.get("name", "")
+    if isinstance(drive, AbstractSchedule):
+        return [write_servo(name, name, drive, actuators, inertia, timestep)]
+    if isinstance(drive, Accelerated):
+        raise MJCFError(
+            f"Joint `{name}` must be moved by forces or a schedule to be written as MJCF, but a law accelerates it, "
+            "whatever force that takes; give it a PDServo."
+        )
+    forces = () if drive is None else drive.terms if isinstance(drive, JointForces) else (drive,)
+    _write_springs([force for force in forces if isinstance(force, Spring)], joint)
+    _write_dampers([force for force in forces if isinstance(force, Damper)], joint)
+    stops = [force for force in forces if isinstance(force, EndStops)]
+    if stops:
+        joint.set("range", f"{float(max(s.lower for s in stops))!r} {float(min(s.upper for s in stops))!r}")
+    others = [force for force in forces if not isinstance(force, Spring | Damper | EndStops)]
+    names = [name] if len(others) == 1 else [f"{name}.force[{index}]" for index in range(len(others))]
+    return [_write_actuator(own, name, force, actuators) for own, force in zip(names, others, strict=True)]
+
+
+def write_servo(
+    name: str, joint: str, schedule: AbstractSchedule, actuators: ET.Element, inertia: float, timestep: float
+) -> Control:
+    """An actuator that keeps a joint on a schedule, with the inertia's own share of the force in its control."""
+    rate = KEEPING / timestep
+    stiffness, damping = inertia * rate**2, 2 * inertia * rate
+    _add_affine(actuators, name, joint, stiffness, (0.0, -stiffness, -damping), None)
+
+    def signal(t: Float[Array, ""]) -> Float[Array, ""]:
+        theta, thetadot, thetaddot = schedule.derivatives(t)
+        return theta + 2 / rate * thetadot + thetaddot / rate**2
+
+    return Control(name, signal)
+
+
+def _write_springs(springs: list[Spring], joint: ET.Element) -> None:
+    stiffness = float(sum(spring.stiffness for spring in springs))
+    if stiffness < 0:
+        raise MJCFError(
+            f"Joint `{joint.get('name')}` must have springs of a positive stiffness to be written as MJCF, but "
+            f"together it is {stiffness:g}."
+        )
+    if stiffness > 0:
+        joint.set("stiffness", repr(stiffness))
+        rest = float(sum(spring.stiffness * spring.rest for spring in springs)) / stiffness
+        only = float(springs[0].rest) if len(springs) == 1 else rest  # without rounding where there is nothing to add
+        joint.set("springref", repr(only))
+
+
+def _write_dampers(dampers: list[Damper], joint: ET.Element) -> None:
+    damping = float(sum(damper.coefficient for damper in dampers))
+    if damping < 0:
+        raise MJCFError(
+            f"Joint `{joint.get('name')}` must have dampers that take energy away to be written as MJCF, but together "
+            f"their coefficient is {damping:g}."
+        )
+    if damping > 0:
+        joint.set("damping", repr(damping))
+
+
+def _write_actuator(name: str, joint: str, force: AbstractJointForce, actuators: ET.Element) -> Control:
+    if isinstance(force, Motor):
+        _add_limited(actuators, "motor", name, joint, force.limit)
+        return Control(name, force.signal.prepare())
+    if isinstance(force, SpeedLimitedMotor):
+        stall = float(force.stall)
+        _add_affine(actuators, name, joint, stall, (0.0, 0.0, -stall / float(force.free_speed)), None)
+        return Control(name, force.command.prepare())
+    if isinstance(force, PDServo):
+        return _write_pd_servo(name, joint, force, actuators)
+    raise MJCFError(
+        f"Joint `{joint}` must be moved by motors, springs, dampers and servos to be written as MJCF, but it has a "
+        f"{type(force).__name__}."
+    )
+
+
+def _write_pd_servo(name: str, joint: str, servo: PDServo, actuators: ET.Element) -> Control:
+    stiffness, damping, target = float(servo.stiffness), float(servo.damping), servo.target.prepare()
+    gain = damping if stiffness == 0 else stiffness
+    _add_affine(actuators, name, joint, gain, (0.0, -stiffness, -damping), servo.limit)
+
+    def signal(t: Float[Array, ""]) -> Float[Array, ""]:
+        theta, thetadot, _ = target.derivatives(t)
+        return thetadot if stiffness == 0 else theta + damping / stiffness * thetadot
+
+    return Control(name, signal)
+
+
+def _add_affine(
+    actuators: ET.Element, name: str, joint: str, gain: float, bias: tuple[float, float, float], limit: Array | None
+) -> None:
+    """The actuator with the force gain × control + bias · (1, θ, θ̇)."""
+    element = _add_limited(actuators, "general", name, joint, limit)
+    for key, value in {"biastype": "affine", "gainprm": repr(gain), "biasprm": " ".join(map(repr, bias))}.items():
+        element.set(key, value)
+
+
+def _add_limited(actuators: ET.Element, tag: str, name: str, joint: str, limit: Array | None) -> ET.Element:
+    bounds = None if limit is None else (-float(limit), float(limit))
+    return add(actuators, tag, name=name, joint=joint, forcerange=bounds)
+
+
+def read_springs(joint: ET.Element) -> list[AbstractJointForce]:
+    """The spring and the damper among the attributes of a joint.
+
+    **Raises:** :class:`MJCFError` where the joint has friction, a rotor's inertia or a range.
+    """
+    refuse_values(joint, ("armature",), "a rotor geared to a joint has no counterpart here")
+    refuse_values(joint, ("frictionloss",), "dry friction in a joint has no counterpart here")
+    refuse_values(joint, ("ref",), "angles are measured from the configuration in which the file has its bodies")
+    if joint.get("range") is not None and joint.get("limited") != "false":
+        raise MJCFError(
+            f"Attribute `range` of {called(joint)} must be left out, because {LIMITS}; add `end-stops` to the scenario."
+        )
+    forces: list[AbstractJointForce] = []
+    stiffness, damping = number(joint, "stiffness", 0.0), number(joint, "damping", 0.0)
+    if stiffness:
+        forces.append(Spring(stiffness, number(joint, "springref", 0.0)))
+    if damping:
+        forces.append(Damper(damping))
+    return forces
+
+
+def read_actuators(
+    actuators: Iterable[ET.Element], controls: Float[np.ndarray, " n"]
+) -> dict[str, list[AbstractJointForce]]:
+    """The forces of actuators by the names of their joints, with the controls that they keep.
+
+    **Raises:** :class:`MJCFError` for an actuator whose force is none of those that joints have here.
+    """
+    forces: dict[str, list[AbstractJointForce]] = {}
+    for element, control in zip(actuators, controls, strict=True):
+        joint = element.get("joint")
+        if joint is None:
+            raise MJCFError(f"Element {called(element)} must act on a `joint`, but it acts on something else.")
+        refuse_values(element, ("lengthrange",), "forces here do not depend on it")
+        if element.get("ctrlrange") is not None:
+            low, high = numbers(element, "ctrlrange", count=2)
+            control = float(np.clip(control, low, high))
+        forces.setdefault(joint, []).append(_read_actuator(element, float(control)))
+    return forces
+
+
+def _read_actuator(element: ET.Element, control: float) -> AbstractJointForce:
+    limit, gear = _limit(element), float(numbers(element, "gear", (1.0,))[0])
+    if element.tag == "motor":
+        return Motor(gear * control, limit)
+    gain, stiffness, damping = _affine(element)
+    if gear != 1:
+        raise MJCFError(f'Attribute `gear` of {called(element)} must be 1 except for motors, but it is "{gear:g}".')
+    if stiffness == 0 and limit is None:
+        return SpeedLimitedMotor(control, stall=gain, free_speed=gain / damping) if damping else Motor(gain * control)
+    if stiffness == 0:
+        return PDServo(ConstantRate(0.0, rate=gain * control / damping), 0.0, damping, limit)
+    return PDServo(ConstantRate(gain * control / stiffness), stiffness, damping, limit)
+
+
+def _affine(element: ET.Element) -> tuple[float, float, float]:
+    """The gain, the stiffness and the damping of an actuator whose force is linear in its control, θ and θ̇."""
+    if element.tag == "position":
+        refuse_values(element, ("dampratio", "timeconst"), "it must have its damping as `kv`")
+        stiffness = number(element, "kp", 1.0)
+        return stiffness, stiffness, number(element, "kv", 0.0)
+    if element.tag == "velocity":
+        damping = number(element, "kv", 1.0)
+        return damping, 0.0, damping
+    linear = element.get("dyntype", "none") == "none" and element.get("gaintype", "fixed") == "fixed"
+    biased = element.get("biastype", "none")
+    bias = numbers(element, "biasprm", (0.0, 0.0, 0.0)) if biased == "affine" else np.zeros(3)
+    if element.tag != "general" or not linear or biased not in ("none", "affine") or bias[0] != 0:
+        raise MJCFError(
+            f"Element {called(element)} must be a <motor>, <position> or <velocity>, or a <general> whose force is "
+            "linear in its control, the angle and the rate of its joint, but it is not."
+        )
+    return float(numbers(element, "gainprm", (1.0,))[0]), -float(bias[1]), -float(bias[2])
+
+
+def _limit(element: ET.Element) -> float | None:
+    if element.get("forcerange") is None:
+        return None
+    low, high = numbers(element, "forcerange", count=2)
+    if low != -high:
+        raise MJCFError(
+            f"Attribute `forcerange` of {called(element)} must be the same in both directions, but it is "
+            f'"{element.get("forcerange")}".'
+        )
+    return float(high)
+
+
+def control_values(controls: Iterable[Control], times: Float[np.ndarray, " T"]) -> Float[np.ndarray, "T controls"]:
+    """The values of controls at some times."""
+    columns = [np.asarray(jax.vmap(control.signal)(jnp.asarray(times))) for control in controls]
+    return np.stack(columns, axis=-1) if columns else np.zeros((len(times), 0))

@@ -1,0 +1,163 @@
+"""What the shell carries: bodies without joints as masses fixed in it, and trees of bodies on joints as mechanisms."""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from ..physics.frames import MatrixFrame
+from ..physics.mechanisms import (
+    AbstractJoint,
+    AbstractJointForce,
+    CarriedMass,
+    Hinge,
+    JointForces,
+    Mechanism,
+    Slider,
+    rigid_body_masses,
+)
+from ..physics.motion import Fixed
+from ..physics.parameters import PointMass
+from .drives import read_springs
+from .elements import LEAST, MJCFError, called, numbers, refuse_others, refuse_values
+from .frames import Angles, Frame, frame_of, inertial_of
+
+IN_BODY = ("inertial", "joint", "geom", "body", "site", "camera", "light")
+
+
+class Inside(NamedTuple):
+    """What a shell carries; ``joints`` has the names of all joints, in the order of the file and of a state's θ."""
+
+    masses: tuple[PointMass, ...]
+    mechanisms: tuple[Mechanism, ...]
+    joints: tuple[str, ...]
+
+
+@dataclass
+class _Tree:
+    """A mechanism while it is read."""
+
+    joints: list[AbstractJoint] = field(default_factory=list)
+    masses: list[CarriedMass] = field(default_factory=list)
+    names: list[str] = field(default_factory=list)
+
+
+class _Carrier(NamedTuple):
+    """What carries a body: a joint of a tree by its index, or the shell, whose tree is None."""
+
+    tree: _Tree | None
+    joint: int
+
+
+@dataclass
+class _Reader:
+    angles: Angles
+    forces: Mapping[str, Sequence[AbstractJointForce]]
+    masses: list[PointMass] = field(default_factory=list)
+    trees: list[_Tree] = field(default_factory=list)
+
+    def read(self, body: ET.Element, outer: Frame, carrier: _Carrier) -> None:
+        """Reads a body, whose parent has the frame ``outer`` in the axes of the ball, and the bodies in it."""
+        refuse_others(body, IN_BODY, "it has no counterpart here")
+        refuse_values(body, ("gravcomp",), "gravity acts on all of a robot")
+        if body.get("mocap") == "true":
+            raise MJCFError(f"Element {called(body)} must move by joints, but it is a mocap body.")
+        for geom in body.findall("geom"):
+            refuse_contacts(geom)
+        frame = outer.then(frame_of(body, self.angles))
+        for element in body.findall("joint"):
+            carrier = self._on_joint(element, frame, carrier)
+        for mass in self._masses(body, frame):
+            if carrier.tree is None:
+                self.masses.append(PointMass(mass.mass, Fixed(mass.place)))
+            else:
+                carrier.tree.masses.append(CarriedMass(mass.mass, mass.place, carrier.joint))
+        for inner in body.findall("body"):
+            self.read(inner, frame, carrier)
+
+    def _on_joint(self, element: ET.Element, frame: Frame, carrier: _Carrier) -> _Carrier:
+        tree = carrier.tree
+        if tree is None:
+            tree = _Tree()
+            self.trees.append(tree)
+        before = len(tree.joints) - 1
+        name = element.get("name", "")
+        drive = _sum([*read_springs(element), *self.forces.get(name, ())])
+        on = None if carrier.joint == before else carrier.joint
+        tree.joints.append(_joint(element, frame, drive, on))
+        tree.names.append(name)
+        return _Carrier(tree, before + 1)
+
+    def _masses(self, body: ET.Element, frame: Frame) -> Iterator[CarriedMass]:
+        found = inertial_of(body, self.angles)
+        if found is None or (found.mass <= LEAST and np.all(found.moments <= LEAST)):
+            return
+        placed = frame.then(found.axes)
+        if np.all(found.moments <= LEAST):
+            yield CarriedMass(found.mass, placed.shift)
+            return
+        try:
+            axes = MatrixFrame(placed.turn)
+            yield from rigid_body_masses(found.mass, found.moments, centre=placed.shift, frame=axes)
+        except ValueError as error:
+            raise MJCFError(f"The inertia of {called(body)} is impossible: {error}") from None
+
+
+def read_inside(
+    shell: ET.Element, frame: Frame, angles: Angles, forces: Mapping[str, Sequence[AbstractJointForce]]
+) -> Inside:
+    """The masses and mechanisms in a shell, whose element has the ``frame`` in the axes of the ball.
+
+    ``forces`` are those of actuators by the names of their joints.
+
+    **Raises:** :class:`MJCFError` for what a ball with mechanisms does not have.
+    """
+    reader = _Reader(angles, forces)
+    for body in shell.findall("body"):
+        reader.read(body, frame, _Carrier(None, -1))
+    names = tuple(name for tree in reader.trees for name in tree.names)
+    for name in forces:
+        if name not in names:
+            raise MJCFError(f'Actuators must act on joints in the shell, but one acts on "{name}", which is not there.')
+    return Inside(tuple(reader.masses), tuple(map(_mechanism, reader.trees)), names)
+
+
+def refuse_contacts(geom: ET.Element) -> None:
+    """Raises a :class:`MJCFError` for a geom that others touch."""
+    if touches(geom):
+        raise MJCFError(
+            f"Element {called(geom)} must have contype and conaffinity 0, because only the shell has contacts here."
+        )
+
+
+def touches(geom: ET.Element) -> bool:
+    """Whether other geoms may touch a geom."""
+    return geom.get("contype", "1") != "0" or geom.get("conaffinity", "1") != "0"
+
+
+def _mechanism(tree: _Tree) -> Mechanism:
+    try:
+        return Mechanism(tree.joints, tree.masses)
+    except ValueError as error:
+        which = ", ".join(f'"{name}"' for name in tree.names)
+        raise MJCFError(f"The bodies on the joints {which} are no mechanism: {error}") from None
+
+
+def _sum(forces: Sequence[AbstractJointForce]) -> AbstractJointForce | None:
+    if len(forces) < 2:
+        return forces[0] if forces else None
+    return JointForces(tuple(forces))
+
+
+def _joint(element: ET.Element, frame: Frame, drive: AbstractJointForce | None, on: int | None) -> AbstractJoint:
+    kind = element.get("type", "hinge")
+    axis = frame.turn @ numbers(element, "axis", (0.0, 0.0, 1.0))
+    if not np.any(axis != 0):
+        raise MJCFError(f"Attribute `axis` of {called(element)} must be a direction, but it is 0.")
+    if kind == "hinge":
+        return Hinge(axis, frame.of_point(numbers(element, "pos", np.zeros(3))), drive, on)
+    if kind == "slide":
+        return Slider(axis, drive, on)
+    raise MJCFError(f'Element {called(element)} must be a hinge or a slide, but its type is "{kind}".')

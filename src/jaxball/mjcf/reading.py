@@ -1,0 +1,270 @@
+"""MJCF as a scenario: a ball or a disk with mechanisms, on a plane."""
+
+import xml.etree.ElementTree as ET
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from ..interface.arguments import require
+from ..numerics.arrays import Numbers, to_array
+from ..physics.body import Ball, Disk, System
+from ..physics.contact.law import Contact
+from ..physics.contact.released import ReleasedState, released
+from ..physics.ground import Ground
+from ..physics.resistance import Resistance
+from ..physics.state import BallState, DiskState
+from ..scenario import Scenario
+from .drives import read_actuators
+from .elements import MJCFError, called, number, numbers, refuse_others, refuse_values
+from .frames import Angles, Frame, Inertial, frame_of, inertial_of
+from .inside import IN_BODY, Inside, read_inside, touches
+from .writing import ROOT
+
+TOP = ("compiler", "option", "worldbody", "actuator", "keyframe", "contact", "sensor")
+UNREAD = ("size", "visual", "statistic", "asset", "custom")
+IN_WORLD = ("geom", "body", "light", "camera", "site")
+IN_SHELL = (*IN_BODY, "freejoint")
+FLUID = ("density", "viscosity", "wind", "magnetic")
+CHANGED = ("boundmass", "boundinertia", "settotalmass")
+ROLLS = 1e-9  # relative to √(g r): a slip velocity, and to r: a height, up to which the body rolls
+LEAST_FRICTION = 1e-5  # MuJoCo's mjMINMU
+FRICTION = (1.0, 0.005, 0.0001)
+TIMES = tuple(np.linspace(0.0, 10.0, 101))
+
+
+class OwnFrame(NamedTuple):
+    """The inertia of the shell, and the frame of the ball in that of the shell's element."""
+
+    inertial: Inertial
+    frame: Frame
+
+    @property
+    def inverse(self) -> Frame:
+        """The frame of the element in that of the ball."""
+        turn = self.frame.turn.T
+        return Frame(turn, -turn @ self.frame.shift)
+
+
+class Surface(NamedTuple):
+    """The friction of a geom: of how many dimensions, and its coefficients of sliding, spinning and rolling."""
+
+    condim: float
+    friction: Float[np.ndarray, "3"]
+
+
+def from_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Scenario:
+    """The scenario of a ball or a disk with mechanisms that an MJCF file describes.
+
+    The file must have a plane; one body on it with a free joint (for a disk, two slides and a hinge), a sphere and an
+    inertia; and in it bodies on hinges and slides, with inertias of their own and no contacts. The first keyframe, if
+    there is one, is the initial state, and its controls are kept. Sensors are not read.
+
+    **Arguments:**
+
+    - ``text``: of the file.
+    - ``times``: the save times, increasing, in the units of the file; 0 to 10 by 0.1 if not given.
+    - ``contact``: whether the body may slip and fly, with MuJoCo's coefficient of friction; otherwise only one that
+      does not start by rolling may, and all others always roll.
+
+    **Raises:** :class:`MJCFError` for anything else, with the name of the element.
+
+    **Example:**
+
+    >>> from jaxball import load_scenario
+    >>> from jaxball.mjcf import from_mjcf, to_mjcf
+    >>> again = from_mjcf(to_mjcf(load_scenario("three-rotors")).text)
+    >>> len(again.system.mechanisms), again.state.Omega
+    (3, Array([0., 0., 0.], dtype=float64))
+    """
+    require("text", text, str, "the text of an MJCF file")
+    try:
+        root = ET.fromstring(text)
+    except ET.ParseError as error:
+        raise MJCFError(f"The file must be XML, but it is not: {error}.") from None
+    if root.tag != "mujoco":
+        raise MJCFError(f"The file must have <mujoco> as its root, but it has {called(root)}.")
+    refuse_others(root, (*TOP, *UNREAD), "it has no counterpart here")
+    angles, world = _angles(root), _only(root, "worldbody", "the file")
+    refuse_others(world, IN_WORLD, "only geoms and one body are read")
+    shell = _only(world, "body", "the world")
+    refuse_others(shell, IN_SHELL, "it has no counterpart here")
+    plane, sphere = _touching(world, "plane"), _touching(shell, "sphere")
+    if not _is_at(frame_of(plane, angles), np.eye(3), 2):
+        raise MJCFError(f"Element {called(plane)} must be the plane z = 0, but it is elsewhere; tilt gravity instead.")
+    key = root.find("keyframe/key")
+    actuators = [element for group in root.findall("actuator") for element in group]
+    controls = np.zeros(len(actuators))
+    controls = controls if key is None else numbers(key, "ctrl", controls)
+    own = _own_frame(shell, sphere, angles)
+    inside = read_inside(shell, own.inverse, angles, read_actuators(actuators, controls))
+    surface = _surface(plane, sphere)
+    system = _system(shell, sphere, own, angles, inside, surface, _gravity(root))
+    state = _state(system, shell, own, angles, key, inside.joints)
+    rolls = not contact and _rolls(system, state)
+    law = None if rolls else Contact(sliding=surface.friction[0])
+    start = state.body if rolls else state
+    return Scenario(root.get("model", ""), system, start, np.asarray(times, dtype=float), contact=law)
+
+
+def _angles(root: ET.Element) -> Angles:
+    unit, sequence = np.pi / 180, "XYZ"
+    for compiler in root.findall("compiler"):
+        refuse_values(compiler, CHANGED, "inertias must be those that the file states")
+        if compiler.get("balanceinertia") == "true" or compiler.get("inertiafromgeom") == "true":
+            raise MJCFError("Element <compiler> must leave inertias as the file states them, but it changes them.")
+        unit = 1.0 if compiler.get("angle") == "radian" else unit
+        sequence = compiler.get("eulerseq", "xyz").swapcase()
+    return Angles(unit, sequence)
+
+
+def _gravity(root: ET.Element) -> Float[np.ndarray, "3"]:
+    gravity = np.array([0.0, 0.0, -9.81])
+    for option in root.findall("option"):
+        refuse_values(option, FLUID, "a medium has no counterpart here; add `resistance` to the scenario")
+        gravity = numbers(option, "gravity", gravity)
+    return gravity
+
+
+def _only(parent: ET.Element, tag: str, where: str) -> ET.Element:
+    found = parent.findall(tag)
+    if len(found) != 1:
+        raise MJCFError(
+            f"There must be one <{tag}> in {where}, the robot itself in the world, but there are {len(found)}."
+        )
+    return found[0]
+
+
+def _touching(parent: ET.Element, kind: str) -> ET.Element:
+    """The one geom of an element that others touch."""
+    found = [geom for geom in parent.findall("geom") if touches(geom)]
+    if len(found) != 1 or found[0].get("type", "sphere") != kind:
+        which = ", ".join(f"{called(geom)} of type {geom.get('type', 'sphere')}" for geom in found) or "none"
+        raise MJCFError(
+            f"Element {called(parent)} must have one geom that others touch, a {kind}, but it has {which}; the others "
+            "must have contype and conaffinity 0."
+        )
+    return found[0]
+
+
+def _surface(plane: ET.Element, sphere: ET.Element) -> Surface:
+    """The larger friction of the two, as MuJoCo has it."""
+    given = [numbers(geom, "friction") if geom.get("friction") else np.zeros(0) for geom in (plane, sphere)]
+    pair = [np.append(values, FRICTION[len(values) :])[:3] for values in given]
+    condim = max(number(geom, "condim", 3.0) for geom in (plane, sphere))
+    friction = np.maximum(*pair)
+    if condim >= 4 and friction[1] > LEAST_FRICTION:
+        raise MJCFError(
+            f"The friction of {called(plane)} and {called(sphere)} against spinning must be 0, because it has no "
+            f"counterpart here, but it is {friction[1]:g}."
+        )
+    return Surface(condim, friction)
+
+
+def _own_frame(shell: ET.Element, sphere: ET.Element, angles: Angles) -> OwnFrame:
+    """The frame of the ball in that of the element: at the centre of the sphere, along the principal axes."""
+    found = inertial_of(shell, angles)
+    if found is None:
+        raise MJCFError(f"Element {called(shell)} must have an <inertial>, but it has none.")
+    return OwnFrame(found, Frame(found.axes.turn, numbers(sphere, "pos", np.zeros(3))))
+
+
+def _system(
+    shell: ET.Element,
+    sphere: ET.Element,
+    own: OwnFrame,
+    angles: Angles,
+    inside: Inside,
+    surface: Surface,
+    gravity: Float[np.ndarray, "3"],
+) -> System:
+    radius, g = float(numbers(sphere, "size")[0]), float(np.linalg.norm(gravity))
+    dry = surface.friction[2] if surface.condim == 6 else 0.0
+    given: dict[str, Any] = {
+        "mass": own.inertial.mass,
+        "radius": radius,
+        "gravity": g,
+        "offset": own.inverse.of_point(own.inertial.axes.shift),
+        "masses": inside.masses,
+        "mechanisms": inside.mechanisms,
+        "ground": _ground(gravity, g),
+        "resistance": Resistance(dry=dry / radius) if dry > LEAST_FRICTION else None,
+    }
+    if shell.find("freejoint") is not None:
+        return Ball(inertia=own.inertial.moments, **given)
+    _check_disk(shell, own, angles)
+    return Disk(inertia=own.inertial.moments[1], **given)
+
+
+def _ground(gravity: Float[np.ndarray, "3"], g: float) -> Ground | None:
+    across = float(np.hypot(*gravity[:2]))
+    if across == 0 and gravity[2] <= 0:
+        return None
+    if gravity[2] >= 0:
+        raise MJCFError(f"Gravity must pull towards the plane, but it is {gravity.tolist()}.")
+    return Ground(angle=np.arctan2(across, -gravity[2]), heading=np.arctan2(gravity[1], gravity[0]))
+
+
+def _check_disk(shell: ET.Element, own: OwnFrame, angles: Angles) -> None:
+    """Raises unless the joints of the shell are those of a disk."""
+    joints = [
+        (joint.get("type", "hinge"), tuple(numbers(joint, "axis", (0.0, 0.0, 1.0)))) for joint in shell.findall("joint")
+    ]
+    if joints != [(root["type"], root["axis"]) for root in ROOT.values()]:
+        raise MJCFError(
+            f"Element {called(shell)} must have a <freejoint>, or, for a disk, slides along x and z and a hinge about "
+            "−y in this order, but it does not."
+        )
+    still = _is_at(frame_of(shell, angles), np.eye(3), 1) and _is_at(own.frame, np.eye(3), 0, 1, 2)
+    if not still:
+        raise MJCFError(
+            f"Element {called(shell)} of a disk must have the axes of the world, and its sphere and inertia the same, "
+            "but it is turned or shifted."
+        )
+
+
+def _is_at(frame: Frame, turn: Float[np.ndarray, "3 3"], *axes: int) -> bool:
+    """Whether a frame has an orientation, and no position along some axes."""
+    return bool(np.array_equal(frame.turn, turn) and np.all(frame.shift[list(axes)] == 0))
+
+
+def _state(
+    system: System,
+    shell: ET.Element,
+    own: OwnFrame,
+    angles: Angles,
+    key: ET.Element | None,
+    joints: tuple[str, ...],
+) -> ReleasedState:
+    """The state of the first keyframe, or at rest where the file has its bodies."""
+    placed, radius = frame_of(shell, angles), float(system.radius)
+    n = len(joints)
+    if isinstance(system, Disk):
+        qpos, qvel = np.zeros(3 + n), np.zeros(3 + n)
+    else:
+        quat = np.roll(Rotation.from_matrix(placed.turn).as_quat(), 1)
+        qpos, qvel = np.concatenate([placed.shift, quat, np.zeros(n)]), np.zeros(6 + n)
+    if key is not None:
+        qpos, qvel = numbers(key, "qpos", qpos), numbers(key, "qvel", qvel)
+    theta, thetadot = qpos[len(qpos) - n :], qvel[len(qvel) - n :]
+    if isinstance(system, Disk):
+        x, height = placed.shift[0] + qpos[0], placed.shift[2] + qpos[1] - radius
+        disk = DiskState(phi=qpos[2], phidot=qvel[2], z=x, theta=theta, thetadot=thetadot)
+        return ReleasedState(disk, V=(qvel[0], 0.0, qvel[1]), height=height)
+    q = qpos[3:7] / np.linalg.norm(qpos[3:7])
+    turn = Rotation.from_quat(np.roll(q, -1))
+    arm = turn.apply(own.frame.shift)
+    centre, V = qpos[:3] + arm, qvel[:3] + np.cross(turn.apply(qvel[3:6]), arm)
+    if not np.array_equal(own.frame.turn, np.eye(3)):
+        q = np.roll((turn * Rotation.from_matrix(own.frame.turn)).as_quat(), 1)
+    Omega = own.frame.turn.T @ qvel[3:6]
+    body = BallState(q=q, Omega=Omega, z=centre[:2], theta=theta, thetadot=thetadot)
+    return ReleasedState(body, V=V, height=centre[2] - radius)
+
+
+def _rolls(system: System, state: ReleasedState) -> bool:
+    r = float(system.radius)
+    slip = np.asarray(released(system, to_array(0.0), state.body).V - state.V)
+    slowest, lowest = ROLLS * np.sqrt(float(system.gravity) * r), ROLLS * r
+    return bool(np.all(np.abs(slip) <= slowest)) and abs(float(state.height)) <= lowest

@@ -1,0 +1,241 @@
+"""A scenario as MJCF: the world, the shell and its start, with what is inside, and sensors."""
+
+import xml.etree.ElementTree as ET
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..interface.arguments import require
+from ..numerics.arrays import to_array
+from ..physics.body import Ball, Disk, System
+from ..physics.contact.law import Contact
+from ..physics.contact.released import ReleasedState, released
+from ..physics.mechanisms import AbstractMechanism, EndStops, JointForces
+from ..physics.resistance import Resistance
+from ..physics.schedules import ConstantRate
+from ..physics.state import BallState, DiskState, RotationState
+from ..physics.system import AbstractState
+from ..scenario import Scenario
+from .drives import LIMITS, Control, control_values
+from .elements import MJCFError, add
+from .links import SHOWN, Links, write_links
+from .sensors import write_sensors
+
+TIMESTEP = 0.002  # MuJoCo's own
+STICKING = 1.0  # the coefficient of friction of a body that always rolls: MuJoCo's own
+TABLE = 100.0  # the radius of a turntable, in radii of the body
+FLYWHEEL = 1e9  # the moment of inertia of a turntable, in those of the body
+ROOT = {
+    "x": {"type": "slide", "axis": (1.0, 0.0, 0.0)},
+    "z": {"type": "slide", "axis": (0.0, 0.0, 1.0)},
+    "phi": {"type": "hinge", "axis": (0.0, -1.0, 0.0)},
+}
+
+
+class Exported(NamedTuple):
+    """A robot as MJCF.
+
+    - ``text``: the file.
+    - ``notes``: a sentence for each thing that MuJoCo does in another way.
+    - ``signals``: the control of each actuator over time, in the order of MuJoCo's ``ctrl``.
+    """
+
+    text: str
+    notes: tuple[str, ...]
+    signals: tuple[Control, ...]
+
+    @property
+    def controls(self) -> tuple[str, ...]:
+        """The names of the actuators, in the order of MuJoCo's ``ctrl``."""
+        return tuple(control.actuator for control in self.signals)
+
+    def controls_at(self, times: Float[np.ndarray, " T"]) -> Float[np.ndarray, "T controls"]:
+        """The controls at some times, with which the actuators exert what the drives of the scenario do."""
+        return control_values(self.signals, np.asarray(times, dtype=float))
+
+
+def to_mjcf(scenario: Scenario, *, timestep: float = TIMESTEP) -> Exported:
+    """A scenario with a ball or a disk as MJCF, with the same equations of motion in free flight.
+
+    A link of a mechanism is a body, and each mass a body fixed in it. Hinges and sliders are those of MuJoCo, a
+    carriage on a circle is the hinge about its axis and one in a tube a slider. A prescribed joint or mass has a servo,
+    as stiff as ``timestep`` allows. The keyframe ``start`` has the initial state. Contact is left to MuJoCo, where a
+    body always slips a little.
+
+    **Arguments:**
+
+    - ``scenario``: a :class:`~jaxball.Scenario` of a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
+    - ``timestep``: of MuJoCo, in the units of the scenario.
+
+    **Raises:** :class:`MJCFError` for what MJCF cannot express: laws, forces that are functions, curved rails of free
+    joints, external forces, viscous resistance and a plane that moves.
+
+    **Example:**
+
+    >>> from jaxball import load_scenario
+    >>> from jaxball.mjcf import to_mjcf
+    >>> exported = to_mjcf(load_scenario("pendulum"))
+    >>> exported.text.splitlines()[2]
+    '  <option timestep="0.002" gravity="0 0 -1" integrator="implicitfast" cone="elliptic" impratio="100" />'
+    """
+    require("scenario", scenario, Scenario, "a Scenario, such as load_scenario returns")
+    system = scenario.system
+    if not isinstance(system, Ball | Disk):
+        raise MJCFError(
+            f"Key `kind` must be a ball or a disk to be written as MJCF, but the system is a {type(system).__name__}."
+        )
+    _check(system)
+    root = ET.Element("mujoco", model=scenario.title or system.title)
+    add(root, "compiler", angle="radian", autolimits="true")
+    up = np.array([0.0, 0.0, 1.0]) if system.ground is None else np.asarray(system.ground.up())
+    gravity = -float(system.gravity) * up
+    style = {"integrator": "implicitfast", "cone": "elliptic", "impratio": "100"}
+    add(root, "option", timestep=timestep, gravity=gravity, **style)
+    world, actuators, sensors = (ET.Element(tag) for tag in ("worldbody", "actuator", "sensor"))
+    links = Links(actuators, timestep, SHOWN * float(system.radius))
+    _add_plane(world, system, scenario.contact)
+    shell = _add_shell(world, system, scenario.contact)
+    write_links(system, shell, links)
+    write_sensors(scenario.sensors, shell, sensors, links.shifts)
+    root.append(world)
+    root.extend(element for element in (actuators, sensors) if len(element))
+    t = to_array(float(scenario.times[0]))
+    _add_keyframe(root, system, t, scenario.state, links)
+    ET.indent(root)
+    text = ET.tostring(root, encoding="unicode") + "\n"
+    return Exported(text, _notes(system, scenario.contact, links), tuple(links.controls))
+
+
+def _check(system: System) -> None:
+    """Raises a :class:`MJCFError` for what acts on a body and has no counterpart in MJCF."""
+    if system.force is not None:
+        raise MJCFError(
+            "Key `force` must be left out to be written as MJCF, which has no forces that are given in time."
+        )
+    ground, resistance = system.ground, system.resistance
+    if ground is not None and ground.motion is not None:
+        raise MJCFError("Key `ground.motion` must be left out to be written as MJCF, where the plane stays at rest.")
+    table = None if ground is None else ground.turntable
+    if table is not None and not isinstance(table.turning, ConstantRate):
+        raise MJCFError(
+            "Key `ground.turntable.turning` must be a constant rate to be written as MJCF, where a heavy disk turns "
+            f"freely, but it is a {type(table.turning).__name__}."
+        )
+    if resistance is None:
+        return
+    if not isinstance(resistance, Resistance):
+        raise MJCFError(
+            "Key `resistance` must be coefficients of jaxball's own to be written as MJCF, but it is a "
+            f"{type(resistance).__name__}."
+        )
+    for name in ("rolling", "spinning", "drag", "rotational_drag"):
+        if float(getattr(resistance, name)) != 0:
+            raise MJCFError(
+                f"Key `resistance.{name}` must be 0 to be written as MJCF, whose resistance to rolling is dry, but it "
+                f"is {float(getattr(resistance, name)):g}; leave it out, or give `resistance.dry`."
+            )
+
+
+def _notes(system: System, contact: Contact | None, links: Links) -> tuple[str, ...]:
+    notes = []
+    if contact is None:
+        notes.append(
+            "The body always rolls here; in MuJoCo it rolls as far as friction with the coefficient "
+            f"{STICKING:g} holds it, and creeps."
+        )
+    else:
+        notes.append(
+            "MuJoCo has one coefficient of friction, for which the kinetic one is written, and no coefficient of "
+            "restitution: its contacts are springs with dampers."
+        )
+    if any(schedule is not None for schedule in links.schedules.values()):
+        notes.append("Prescribed motions are kept by servos, with the controls of `controls_at`, or of --controls.")
+    if any(_has_stops(mechanism) for mechanism in system.mechanisms):
+        notes.append(f"End stops are the ranges of joints: {LIMITS}.")
+    return tuple(notes)
+
+
+def _has_stops(mechanism: AbstractMechanism) -> bool:
+    forces = [drive.terms if isinstance(drive, JointForces) else (drive,) for drive in mechanism.drives]
+    return any(isinstance(force, EndStops) for terms in forces for force in terms)
+
+
+def _surface(system: System, contact: Contact | None) -> dict[str, Any]:
+    """The friction of both surfaces: sliding, and rolling where there is dry resistance to it."""
+    sliding = STICKING if contact is None else float(contact.sliding)
+    resistance = system.resistance
+    if not isinstance(resistance, Resistance) or resistance.dry is None:
+        return {"condim": "3", "friction": (sliding, 0.0, 0.0)}
+    return {"condim": "6", "friction": (sliding, 0.0, float(resistance.dry) * float(system.radius))}
+
+
+def _add_plane(world: ET.Element, system: System, contact: Contact | None) -> None:
+    surface, r = _surface(system, contact), float(system.radius)
+    ground = system.ground
+    if ground is None or ground.turntable is None:
+        add(world, "geom", name="plane", type="plane", size=(0.0, 0.0, 0.1 * r), **surface)
+        return
+    centre = np.asarray(ground.turntable.centre)
+    table = add(world, "body", name="turntable", pos=(*centre, -r))
+    add(table, "joint", name="turntable", type="hinge", axis=(0.0, 0.0, 1.0))
+    heavy = FLYWHEEL * float(system.total_mass) * r**2
+    add(table, "inertial", pos=np.zeros(3), mass=system.total_mass, diaginertia=(heavy,) * 3)
+    add(table, "geom", name="turntable", type="cylinder", size=(TABLE * r, r), **surface)
+
+
+def _add_shell(world: ET.Element, system: System, contact: Contact | None) -> ET.Element:
+    r = float(system.radius)
+    shell = add(world, "body", name="shell", pos=(0.0, 0.0, r))
+    if isinstance(system, Disk):
+        for name, attributes in ROOT.items():
+            add(shell, "joint", name=name, **attributes)
+        inertia = (float(system.inertia),) * 3
+    else:
+        add(shell, "freejoint", name="shell")
+        inertia = system.inertia
+    add(shell, "inertial", pos=system.offset, mass=system.mass, diaginertia=inertia)
+    add(shell, "geom", name="shell", type="sphere", size=r, rgba="0.4 0.6 0.8 0.3", **_surface(system, contact))
+    return shell
+
+
+def _add_keyframe(root: ET.Element, system: System, t: Any, state: AbstractState | ReleasedState, links: Links) -> None:
+    if not isinstance(state, ReleasedState):
+        if not isinstance(state, BallState | RotationState | DiskState):
+            raise MJCFError(
+                "The initial state must have a position to be written as MJCF, but it is a "
+                f"{type(state).__name__}; use a BallState."
+            )
+        state = released(system, t, state)
+    body, rise = state.body, float(state.height)
+    qpos, qvel = [], []
+    if system.ground is not None and system.ground.turntable is not None:
+        angle, rate, _ = system.ground.turntable.turning.derivatives(t)
+        qpos, qvel = [float(angle)], [float(rate)]
+    if isinstance(body, DiskState):
+        qpos += [float(body.z), rise, float(body.phi)]
+        qvel += [float(state.V[0]), float(state.V[2]), float(body.phidot)]
+    else:
+        placed = body.in_space()
+        qpos += [*np.asarray(placed.z), float(system.radius) + rise, *np.asarray(placed.q)]
+        qvel += [*np.asarray(state.V), *np.asarray(placed.Omega)]
+    angles, rates = _of_joints(root, system, t, body, links)
+    ctrl = control_values(links.controls, np.asarray([float(t)]))[0] if links.controls else None
+    places, velocities = (*qpos, *angles), (*qvel, *rates)
+    add(ET.SubElement(root, "keyframe"), "key", name="start", time=float(t), qpos=places, qvel=velocities, ctrl=ctrl)
+
+
+def _of_joints(
+    root: ET.Element, system: System, t: Any, body: BallState | RotationState | DiskState, links: Links
+) -> tuple[list[float], list[float]]:
+    """θ and θ̇ of the joints in the order of the file, in which MuJoCo has them."""
+    of_state = zip(np.asarray(body.theta), np.asarray(body.thetadot), strict=True)
+    own = dict(zip(system.coordinates, of_state, strict=True))
+    pairs = []
+    for joint in root.iter("joint"):
+        name = joint.get("name", "")
+        if name not in links.schedules:  # those of the disk itself, and of a turntable
+            continue
+        schedule = links.schedules[name]
+        pairs.append(own[name] if schedule is None else tuple(map(float, schedule.derivatives(t)[:2])))
+    return [float(theta) for theta, _ in pairs], [float(rate) for _, rate in pairs]
