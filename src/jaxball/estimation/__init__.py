@@ -16,6 +16,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         chi2_bounds as chi2_bounds,
     )
     from .filter import ErrorStateFilter as ErrorStateFilter
+    from .fitting import Fit as Fit, Log as Log, fit as fit
     from .output_feedback import OutputFeedback as OutputFeedback
 else:
     from ..interface.names import lazy_interface

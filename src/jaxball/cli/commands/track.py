@@ -162,7 +162,10 @@ def _disturbed(options: argparse.Namespace, scenario: "Scenario") -> "list[Scena
     settings = settings_of(scenario)
     starts = options.disturb or [settings.start]
     for start in starts:  # known before anything is simulated
-        by_name("disturb", start, SampledSystem.of(robot_of(scenario), 1.0, settings.inputs).directions)
+        try:
+            by_name("disturb", start, SampledSystem.of(robot_of(scenario), 1.0, settings.inputs).directions)
+        except ValueError as error:
+            raise BadInputError(str(error)) from None
     if starts == [{}] and not settings.pushes:
         starts = [{"phidot" if isinstance(scenario.system, Disk) else "Omega": ON_RATES}]
     return [dataclasses.replace(scenario, feedback=dataclasses.replace(settings, start=start)) for start in starts]
