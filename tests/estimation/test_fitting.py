@@ -95,7 +95,10 @@ def rolling(values):
 
 
 def test_what_a_log_does_not_tell_is_named_and_the_rest_is_in_closed_form():
-    """A disk on a level plane rolls at a constant rate, whatever its mass: σ²/K is the variance of K readings of it."""
+    """A disk on a level plane rolls at a constant rate, whatever its mass: σ²/K is the variance of K readings of it.
+
+    The search ends where a step gains 1e-9 of the sum of squares, 74: within 3e-4 deviations, 6e-6, of the mean.
+    """
     gyro = {"gyro": Gyroscope(errors=SensorErrors(noise=0.1))}
     times = np.linspace(0.0, 1.0, 26)
     run = jaxball.simulate(Disk(mass=1.0, inertia=0.5), times, DiskState(phidot=-1.0))
@@ -105,7 +108,7 @@ def test_what_a_log_does_not_tell_is_named_and_the_rest_is_in_closed_form():
     found = fit(Log(times, {"gyro": readings}), rolling, {"mass": 2.0}, DiskState(), gyro, spread=spread)
     assert found.unidentifiable == ("mass", "z")
     assert found.deviations == {"mass": np.inf, "phidot": pytest.approx(0.1 / 5), "z": np.inf}
-    assert float(found.state.phidot) == pytest.approx(-np.nanmean(readings[:, 1]), abs=1e-8)
+    assert float(found.state.phidot) == pytest.approx(-np.nanmean(readings[:, 1]), abs=6e-6)
     assert np.isnan(found.residuals["gyro"][3]).all()
     assert (found.degrees, found.parameters["mass"]) == (3 * 25 - 1, 2.0)
     assert "the log does not tell mass" in str(found)
