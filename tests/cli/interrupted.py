@@ -45,6 +45,7 @@ COMMANDS = {
     ("sweep", "plot", "done.zarr", "--out", "drawn"): 10,
     ("sweep", "status", "done.zarr"): 5,
     ("periodic", "roboball", "--after", "20", "--period", "3", "--plot", "multipliers.png"): 25,
+    ("track", "ball.toml", "--sample", "0.1", "--plot", "held"): 40,
     ("validate", "ball.toml", "study.toml"): 8,
     ("reproduce", "--out", "out"): 25,
     ("reproduce", "--solvers", "--out", "out"): 25,

@@ -8,6 +8,7 @@ import pytest
 from jaxball.design.files import PLANE, constraints_of, objectives_of
 from jaxball.scenario import ScenarioError
 from jaxball.scenario.body import SENSORS
+from jaxball.scenario.feedback import FEEDBACK
 from jaxball.scenario.mechanisms import JOINT_FORCES, JOINTS
 from jaxball.scenario.motions import RAILS, SCHEDULES
 from tests.support import corpus
@@ -43,7 +44,8 @@ def check(name, document, seed):
 
 def test_every_kind_is_among_the_files_that_are_mutated():
     """So that one which is added to a registry is put there, too."""
-    registries = (RAILS, SCHEDULES, JOINTS, JOINT_FORCES, SENSORS, objectives_of(PLANE), constraints_of(PLANE))
+    required = objectives_of(PLANE), constraints_of(PLANE)
+    registries = (RAILS, SCHEDULES, JOINTS, JOINT_FORCES, SENSORS, FEEDBACK, *required)
     assert {kind for family in registries for kind in family} <= corpus.kinds()
 
 

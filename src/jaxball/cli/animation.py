@@ -76,6 +76,11 @@ def check_span(options: argparse.Namespace, scenario: "Scenario") -> None:
             f"Argument `--animate` must be left out for a {scenario.system.title}, which has no shell to draw, but it "
             f'is "{options.animate}"; use --plot or --out.'
         )
+    if scenario.feedback is not None:
+        raise OutputError(
+            "Argument `--animate` must be left out for a scenario with feedback, whose states are known at its samples "
+            f'alone, but it is "{options.animate}"; use --view.'
+        )
     start, end = float(scenario.times[0]), float(scenario.times[-1])
     first, last = _span(options, scenario)
     if not start <= first < last <= end:

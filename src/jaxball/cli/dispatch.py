@@ -23,6 +23,7 @@ COMMANDS = {
     "chaos": "Lyapunov exponents, charts of them and Poincaré maps of a scenario",
     "stability": "steady motions of a scenario's ball, and their stability",
     "periodic": "periodic motions of a scenario, their stability, and charts of it",
+    "track": "hold a scenario's motion by feedback, and see which disturbed starts come back",
     "verify": "check the laws of mechanics on a run",
     "sweep": "run a study: a scenario with other numbers in each row",
     "design": "find a design by gradients through the simulation",

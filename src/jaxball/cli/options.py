@@ -172,18 +172,20 @@ def sentence(error: Exception) -> str:
     return re.sub(r"Argument `(\w+)`", on_command_line, str(error)).replace("replace=True", "--force")
 
 
-def chart_axes(options: argparse.Namespace) -> tuple[ChartAxis, ChartAxis]:
-    """The two axes of --chart.
+def chart_axes(
+    options: argparse.Namespace, option: str = "chart", example: str = "initial.Omega[0]=0:3:30"
+) -> tuple[ChartAxis, ChartAxis]:
+    """The two axes of --chart, or of another ``option``, with an ``example`` of one.
 
     **Raises:** :class:`BadInputError` for a malformed axis, and for the same number twice.
     """
-    first, second = map(_chart_axis, options.chart)
+    first, second = (_chart_axis(text, option, example) for text in getattr(options, option))
     if first[0] == second[0]:
-        raise BadInputError(f"Argument `--chart` must name two numbers, but it names `{first[0]}` twice.")
+        raise BadInputError(f"Argument `--{option}` must name two numbers, but it names `{first[0]}` twice.")
     return first, second
 
 
-def _chart_axis(text: str) -> ChartAxis:
+def _chart_axis(text: str, option: str, example: str) -> ChartAxis:
     path, _, values = text.partition("=")
     parts = values.split(":")
     try:
@@ -192,8 +194,8 @@ def _chart_axis(text: str) -> ChartAxis:
         low, high, count = math.nan, math.nan, 0
     if len(parts) != 3 or not math.isfinite(low + high) or low == high or not 2 <= count <= MOST_VALUES:
         raise BadInputError(
-            f"Argument `--chart` must be {CHART_AXIS}, with two different numbers and a count from 2 to "
-            f"{MOST_VALUES:,}, such as 'initial.Omega[0]=0:3:30', but it is \"{text}\"."
+            f"Argument `--{option}` must be {CHART_AXIS}, with two different numbers and a count from 2 to "
+            f"{MOST_VALUES:,}, such as '{example}', but it is \"{text}\"."
         )
     return path.strip(), low, high, count
 

@@ -7,14 +7,19 @@ may be found by :mod:`jaxball.design.control`, which is optimal control by collo
 no files: :mod:`jaxball.plot` draws the results.
 """
 
-from ..interface.names import interface as _interface
-from .basins import Basin as Basin, basin as basin
-from .feedback import AbstractFeedback as AbstractFeedback, Feedforward as Feedforward
-from .loop import ClosedLoop as ClosedLoop, closed_loop as closed_loop
-from .nominal import NominalMotion as NominalMotion
-from .prediction import PredictiveControl as PredictiveControl, mpc as mpc
-from .push import Push as Push
-from .sampled import Linear as Linear, SampledSystem as SampledSystem
-from .track import Track as Track, tvlqr as tvlqr
+TYPE_CHECKING = False
 
-__all__, __dir__ = _interface(globals())
+if TYPE_CHECKING:  # for type checkers and editors, the same interface
+    from .basins import Basin as Basin, basin as basin
+    from .feedback import AbstractFeedback as AbstractFeedback, Feedforward as Feedforward
+    from .history import FeedbackHistory as FeedbackHistory
+    from .loop import ClosedLoop as ClosedLoop, closed_loop as closed_loop
+    from .nominal import NominalMotion as NominalMotion
+    from .prediction import PredictiveControl as PredictiveControl, mpc as mpc
+    from .push import Push as Push
+    from .sampled import Linear as Linear, SampledSystem as SampledSystem
+    from .track import Track as Track, tvlqr as tvlqr
+else:
+    from ..interface.names import lazy_interface
+
+    __all__, __dir__, __getattr__ = lazy_interface(__name__)

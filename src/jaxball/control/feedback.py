@@ -31,6 +31,10 @@ class AbstractFeedback(Printed):
     def __call__(self, k: Int[Array, ""], state: PlacedState, memory: Any) -> tuple[Float[Array, " m"], Any]:
         """δu of sample ``k`` at ``state``, before limits, and what it remembers of it."""
 
+    def estimated(self, times: Float[Array, " T"], memory: Any) -> Any:
+        """What it has estimated at the samples of a run and its end, by what it remembers then; None if nothing."""
+        return None
+
     def deviation(self, k: Int[Array, ""], state: PlacedState) -> Float[Array, " n"]:
         """ξ: the local coordinates of ``state`` around that of the motion at sample ``k``."""
         return self.nominal.state(k).difference(state)

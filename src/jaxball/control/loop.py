@@ -17,10 +17,10 @@ from ..numerics import programs
 from ..numerics.arrays import Numbers, is_traced, to_array
 from ..physics.body import System
 from ..physics.force import AbstractWrench
-from ..physics.hybrid import NO_HISTORY
 from ..physics.system import require_one_state
 from ..simulation.trajectory import Trajectory
 from .feedback import AbstractFeedback
+from .history import FeedbackHistory, until_end
 from .inputs import recorded
 from .push import Wrenches
 from .sampled import PlacedState, SampledSystem
@@ -66,9 +66,19 @@ class ClosedLoop(Printed):
         reached = self.times[jnp.sum(jnp.all(jnp.isfinite(self.xi), axis=1)) - 1]
         status = jnp.where(reached == self.times[-1], int(Status.SUCCESS), int(Status.SOLVER_FAILED))
         start, none = jax.tree.map(lambda leaf: leaf[0], self.states), jnp.zeros_like(status)
+        steps = none + self.u.shape[0]
         return Trajectory.of(
-            system, self.times, self.states, reached, status, none + self.u.shape[0], none, None, {}, start, NO_HISTORY
+            system, self.times, self.states, reached, status, steps, none, None, {}, start, self.history
         )
+
+    @property
+    def history(self) -> FeedbackHistory:
+        """The motion, the inputs and what was estimated, as ``run`` has them."""
+        count, nominal = len(self.times), self.feedback.nominal
+        numbered = jnp.minimum(jnp.arange(count), nominal.samples)
+        states = jax.tree.map(lambda leaf: leaf[numbered], nominal.states)
+        estimate = self.feedback.estimated(self.times, self.memory)
+        return FeedbackHistory(states, until_end(self.u, count), estimate, self.plant.inputs)
 
     def __repr__(self) -> str:
         if is_traced(self.u):

@@ -12,14 +12,12 @@ from jaxtyping import Array, Float
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, default_dtype, numbers
 from ..physics.body import System
-from ..physics.state import BallState, DiskState, RotationState
+from ..physics.state import PlacedState
 from ..simulation.defaults import DEFAULT_TOLERANCE
 from ..simulation.simulate import simulate
 from .inputs import Place, held, limits_of, places_of, with_inputs
 
 MOST_STEPS = 256  # in one sample
-
-PlacedState = BallState | RotationState | DiskState
 
 
 class Linear(NamedTuple):
@@ -99,6 +97,12 @@ class SampledSystem(Printed):
     def inputs(self) -> tuple[str, ...]:
         """The names of the inputs, in the order of u."""
         return tuple(place.name for place in self.places)
+
+    @property
+    def directions(self) -> tuple[str, ...]:
+        """The names of the local coordinates of a state."""
+        none = jnp.zeros(len(self.system.coordinates), default_dtype())
+        return self.system.state_type(theta=none, thetadot=none).directions
 
     def held(self, u: Float[Array, " m"]) -> System:
         """The body while its inputs are ``u``."""

@@ -362,7 +362,7 @@ def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlF
     system, state = scenario.system, scenario.state
     if not isinstance(system, Ball | Disk):
         raise key_error("scenario.kind", "ball or disk", system.title.lower())
-    rolling_state(state, scenario.contact, "optimal control is", DesignError)
+    rolling_state(scenario, "optimal control is", DesignError)
     assert isinstance(state, BallState | DiskState)
     control = read_table(given[TABLE], TABLE, _control_keys(plane_of(system).place))
     (objectives, constraints), errors = _requirements(given, system)

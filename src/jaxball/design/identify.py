@@ -1,8 +1,6 @@
 """System identification: the parameters of a ball from its recorded path, with their uncertainties."""
 
 import dataclasses
-import functools
-from collections.abc import Callable
 from statistics import NormalDist
 
 import diffrax
@@ -10,10 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.optimize import least_squares
 
 from ..interface.arguments import require
 from ..numerics.arrays import to_numpy
+from ..numerics.fitting import Residuals, determined, fitted, where_finite
 from ..physics.body import Disk
 from .problem.plane import places
 from .problem.run import Solve, run_of
@@ -21,12 +19,6 @@ from .problem.space import DesignError, DesignSpace
 
 # A combination of parameters that is uncertain by this fraction of its scale counts as undetermined.
 UNCERTAIN = 0.5
-# Directions to which the data are less sensitive than to the best one by this factor, the square root of rounding, are
-# unseen.
-UNSEEN = 1e-7
-# The search ends when a step gains less than this fraction of the sum of squares, or is shorter than this fraction of
-# |y|.
-GAIN, STEP, EVALUATIONS = 1e-9, 1e-9, 60
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,31 +100,15 @@ def identify(space: DesignSpace, path: Float[np.ndarray, "T *d"]) -> Identificat
     path = np.asarray(places("path")(path))
     evaluate = _residuals(space, path)
 
-    def determined_jacobian(y: Float[np.ndarray, " n"]) -> Float[np.ndarray, "residuals n"]:
-        """The Jacobian without directions that the data do not determine, along which no step is taken."""
-        U, s, Vt = np.linalg.svd(evaluate(tuple(y))[1], full_matrices=False)
-        return (U * np.where(s > UNSEEN * s[0], s, 0.0)) @ Vt
-
     if not np.all(np.isfinite(evaluate(tuple(space.start))[0])):
         raise DesignError(
             "The scenario must be simulated to its end at the start of the identification, but it is not."
         )
-    fit = least_squares(
-        lambda y: evaluate(tuple(y))[0],
-        space.start,
-        determined_jacobian,  # pyright: ignore[reportArgumentType]
-        x_scale="jac",
-        ftol=GAIN,
-        xtol=STEP,
-        gtol=None,  # pyright: ignore[reportArgumentType]
-        max_nfev=EVALUATIONS,
-    )
-    return _identified(space, fit.x, *evaluate(tuple(fit.x)), fit.success)
+    y, converged = fitted(evaluate, space.start)
+    return _identified(space, y, *evaluate(tuple(y)), converged)
 
 
-def _residuals(
-    space: DesignSpace, path: Float[np.ndarray, "T 2"]
-) -> Callable[[tuple[float, ...]], tuple[Float[np.ndarray, " residuals"], Float[np.ndarray, "residuals n"]]]:
+def _residuals(space: DesignSpace, path: Float[np.ndarray, "T 2"]) -> Residuals:
     """The residuals at given unknowns and their Jacobian, by one program; NaN where either is not finite."""
     solve = Solve.of(space.scenario, diffrax.ForwardMode())
 
@@ -141,26 +117,21 @@ def _residuals(
 
     both = jax.jit(lambda y: (residuals(y), jax.jacfwd(residuals)(y)))
 
-    @functools.lru_cache(maxsize=1)
-    def evaluate(y: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-        r, J = map(np.asarray, both(jnp.asarray(y)))
-        return (r, J) if np.all(np.isfinite(J)) else (np.full_like(r, np.nan), J)
-
-    return evaluate
+    return where_finite(lambda y: both(jnp.asarray(y)))
 
 
 def _identified(space: DesignSpace, y: np.ndarray, r: np.ndarray, J: np.ndarray, converged: bool) -> Identification:
     """The estimates at the unknowns y, with their errors from the Jacobian J."""
     _, s, Vt = np.linalg.svd(J, full_matrices=False)
-    determined = s > UNSEEN * s[0]
+    seen = determined(s)
     rows = int(np.sum(np.any(np.abs(J.reshape(-1, 2, len(y))) > 0, axis=(0, 2)))) * len(r) // 2
-    noise = float(np.sqrt(r @ r / max(rows - int(np.sum(determined)), 1)))
-    covariance = noise**2 * (Vt[determined].T / s[determined] ** 2) @ Vt[determined]
+    noise = float(np.sqrt(r @ r / max(rows - int(np.sum(seen)), 1)))
+    covariance = noise**2 * (Vt[seen].T / s[seen] ** 2) @ Vt[seen]
     numbers = jax.jit(lambda y: (space.numbers(y), jax.jacfwd(space.numbers)(y)))
     x, slopes = (np.asarray(a) for a in numbers(jnp.asarray(y)))
     slope = np.diag(slopes)
     deviations = np.abs(slope) * np.sqrt(np.diag(covariance))
-    undetermined = np.asarray(np.any(np.abs(Vt[~determined]) > 1e-3, axis=0))
+    undetermined = np.asarray(np.any(np.abs(Vt[~seen]) > 1e-3, axis=0))
     size = np.sqrt(np.where(np.diag(covariance) > 0, np.diag(covariance), 1.0))
     correlations = covariance / size[:, None] / size[None]
     correlations = np.where(undetermined[:, None] | undetermined[None], np.eye(len(y)), correlations)
@@ -171,7 +142,7 @@ def _identified(space: DesignSpace, y: np.ndarray, r: np.ndarray, J: np.ndarray,
         correlations=correlations,
         noise=noise,
         singular_values=s,
-        unseen=Vt[~determined],
-        uncertain=Vt[determined & (noise > UNCERTAIN * s)],
+        unseen=Vt[~seen],
+        uncertain=Vt[seen & (noise > UNCERTAIN * s)],
         converged=converged,
     )

@@ -6,9 +6,19 @@ motion by such estimates. No figures and no files: :mod:`jaxball.plot` draws the
 path are in :mod:`jaxball.design`.
 """
 
-from ..interface.names import interface as _interface
-from .estimate import Estimate as Estimate, chi2_bounds as chi2_bounds
-from .filter import ErrorStateFilter as ErrorStateFilter
-from .output_feedback import OutputFeedback as OutputFeedback
+TYPE_CHECKING = False
 
-__all__, __dir__ = _interface(globals())
+if TYPE_CHECKING:  # for type checkers and editors, the same interface
+    from .estimate import (
+        AbstractEstimate as AbstractEstimate,
+        Estimate as Estimate,
+        LoopEstimate as LoopEstimate,
+        chi2_bounds as chi2_bounds,
+    )
+    from .filter import ErrorStateFilter as ErrorStateFilter
+    from .fitting import Fit as Fit, Log as Log, fit as fit
+    from .output_feedback import OutputFeedback as OutputFeedback
+else:
+    from ..interface.names import lazy_interface
+
+    __all__, __dir__, __getattr__ = lazy_interface(__name__)

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..control.sampled import PlacedState
+from ..physics.state import PlacedState
 
 # Of a covariance scaled to a diagonal of 1, an eigenvalue below which a combination is known, but for rounding.
 KNOWN = 1e-12

@@ -2,18 +2,18 @@
 
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
-from scipy.stats import chi2
+from jaxtyping import Array, Bool, Float, Int
 
-from ..control.sampled import PlacedState
 from ..interface.arguments import refusal
 from ..interface.printing import Printed
 from ..interface.wording import counted
 from ..numerics import programs
 from ..numerics.arrays import is_traced
+from ..physics.state import PlacedState
 from .belief import Belief, inverse, is_uncertain
 
 
@@ -39,8 +39,93 @@ class Filtered(NamedTuple):
     there: Bool[Array, "K m"]
 
 
-class Estimate(Printed):
+class AbstractEstimate(Printed):
     """The state of a robot at each sample, as far as its sensors tell, and how sure that is.
+
+    - ``times``: of the samples, shape (K,).
+    - ``state``: the estimated states, with the samples as leading axis.
+    - ``covariance``: of the errors of local coordinates and biases, in the order of ``directions`` and ``biases``,
+      shape (K, n, n).
+    - ``bias``: the estimated biases of sensors, by name.
+    - ``nis``: the normalised innovation squared νᵀS⁻¹ν: distributed as χ², with as many degrees as were ``read``; NaN
+      where nothing was.
+    - ``read``: how many numbers were read.
+    - ``directions``: the local coordinates of a state, by name.
+    - ``biases``: the estimated biases, by name.
+    """
+
+    times: eqx.AbstractVar[Float[Array, " K"]]
+    state: eqx.AbstractVar[PlacedState]
+    covariance: eqx.AbstractVar[Float[Array, "K n n"]]
+    bias: eqx.AbstractVar[dict[str, Float[Array, " K"]]]
+    nis: eqx.AbstractVar[Float[Array, " K"]]
+    read: eqx.AbstractVar[Int[Array, " K"]]
+    directions: eqx.AbstractVar[tuple[str, ...]]
+    biases: eqx.AbstractVar[tuple[str, ...]]
+
+    @property
+    def deviations(self) -> dict[str, Float[Array, " K"]]:
+        """The standard deviation of each error, by name."""
+        size = jnp.sqrt(jnp.diagonal(self.covariance, axis1=1, axis2=2))
+        return {name: size[:, k] for k, name in enumerate((*self.directions, *self.biases))}
+
+    def errors(self, truth: PlacedState) -> Float[Array, "K directions"]:
+        """The local coordinates of the true states around the estimated ones.
+
+        **Arguments:**
+
+        - ``truth``: the states at the samples, of the same kind, as a simulation has them.
+
+        **Raises:** ``TypeError`` for another kind of state, ``ValueError`` for another number of them.
+        """
+        if type(truth) is not type(self.state):
+            raise refusal("truth", f"the states at the samples, a {type(self.state).__name__}", truth)
+        counts = [jax.tree.leaves(states)[0].shape[0] for states in (truth, self.state)]
+        if counts[0] != counts[1]:
+            raise ValueError(
+                f"Argument `truth` must have {counts[1]} states, one for each sample, but it has {counts[0]}."
+            )
+        return jax.vmap(lambda estimated, true: estimated.difference(true))(self.state, truth)
+
+    def nees(self, truth: PlacedState) -> Float[Array, " K"]:
+        """The normalised estimation error squared ξᵀP⁻¹ξ: distributed as χ², with ``degrees`` degrees, if P is right.
+
+        **Arguments** and **raises:** as :meth:`errors`.
+        """
+        n = len(self.directions)
+        return jax.vmap(_weighted)(self.covariance[:, :n, :n], self.errors(truth))
+
+    @property
+    def degrees(self) -> int:
+        """How many directions of the last estimated state are uncertain."""
+        n, known = len(self.directions), jnp.isfinite(self.covariance[:, 0, 0])
+        last = self.covariance[jnp.sum(known) - 1]
+        return int(jnp.sum(is_uncertain(last[:n, :n])))
+
+
+class LoopEstimate(AbstractEstimate):
+    """What a filter in a closed loop estimated, at the samples and the end of the run, where nothing was read: NaN.
+
+    Fields as of an :class:`AbstractEstimate`; ``bias_values`` are the biases, shape (K, biases).
+    """
+
+    times: Float[Array, " K"]
+    state: PlacedState
+    bias_values: Float[Array, "K biases"]
+    covariance: Float[Array, "K n n"]
+    nis: Float[Array, " K"]
+    read: Int[Array, " K"]
+    directions: tuple[str, ...] = eqx.field(static=True)
+    biases: tuple[str, ...] = eqx.field(static=True)
+
+    @property
+    def bias(self) -> dict[str, Float[Array, " K"]]:
+        """The estimated biases of sensors, by name."""
+        return {name: self.bias_values[:, k] for k, name in enumerate(self.biases)}
+
+
+class Estimate(AbstractEstimate):
+    """What a filter has found, as an :class:`AbstractEstimate`, with the whole pass of the filter.
 
     - ``times``: of the samples, shape (K,).
     - ``filtered``: the whole pass of the filter.
@@ -69,12 +154,6 @@ class Estimate(Printed):
         return self.filtered.P
 
     @property
-    def deviations(self) -> dict[str, Float[Array, " K"]]:
-        """The standard deviation of each error, by name."""
-        size = jnp.sqrt(jnp.diagonal(self.filtered.P, axis1=1, axis2=2))
-        return {name: size[:, k] for k, name in enumerate((*self.directions, *self.biases))}
-
-    @property
     def innovations(self) -> Float[Array, "K m"]:
         """Each reading less what was expected of it, divided by its standard deviation; NaN where nothing was read."""
         size = jnp.sqrt(jnp.diagonal(self.filtered.S, axis1=1, axis2=2))
@@ -84,39 +163,12 @@ class Estimate(Printed):
     def nis(self) -> Float[Array, " K"]:
         """The normalised innovation squared νᵀS⁻¹ν: distributed as χ², with as many degrees as were read."""
         found = jax.vmap(_weighted)(self.filtered.S, self.filtered.innovation)
-        return jnp.where(jnp.any(self.filtered.there, axis=1), found, jnp.nan)
-
-    def errors(self, truth: PlacedState) -> Float[Array, "K directions"]:
-        """The local coordinates of the true states around the estimated ones.
-
-        **Arguments:**
-
-        - ``truth``: the states at the samples, of the same kind, as a simulation has them.
-
-        **Raises:** ``TypeError`` for another kind of state, ``ValueError`` for another number of them.
-        """
-        if type(truth) is not type(self.state):
-            raise refusal("truth", f"the states at the samples, a {type(self.state).__name__}", truth)
-        counts = [jax.tree.leaves(states)[0].shape[0] for states in (truth, self.state)]
-        if counts[0] != counts[1]:
-            raise ValueError(
-                f"Argument `truth` must have {counts[1]} states, one for each sample, but it has {counts[0]}."
-            )
-        return jax.vmap(lambda estimated, true: estimated.difference(true))(self.state, truth)
-
-    def nees(self, truth: PlacedState) -> Float[Array, " K"]:
-        """The normalised estimation error squared ξᵀP⁻¹ξ: distributed as χ², with ``degrees`` degrees, if P is right.
-
-        **Arguments** and **raises:** as :meth:`errors`.
-        """
-        n = len(self.directions)
-        return jax.vmap(_weighted)(self.filtered.P[:, :n, :n], self.errors(truth))
+        return jnp.where(self.read > 0, found, jnp.nan)
 
     @property
-    def degrees(self) -> int:
-        """How many directions of the last state are uncertain."""
-        n = len(self.directions)
-        return int(jnp.sum(is_uncertain(self.filtered.P[-1, :n, :n])))
+    def read(self) -> Int[Array, " K"]:
+        """How many numbers were read at each sample."""
+        return jnp.sum(self.filtered.there, axis=1)
 
     def smoothed(self) -> "Estimate":
         """The estimates with all readings, also those after each sample: by Rauch's, Tung's and Striebel's smoother."""
@@ -125,7 +177,7 @@ class Estimate(Printed):
     def __repr__(self) -> str:
         if is_traced(self.times):
             return "Estimate, traced"
-        read = int(np.sum(np.asarray(self.filtered.there)))
+        read = int(np.sum(np.asarray(self.read)))
         lines = [f"Estimate at {counted(len(self.times), 'sample')}, from {counted(read, 'reading')}"]
         for name, size in self.deviations.items():
             lines.append(f"  {name}: ±{float(size[0]):.3g} at the start, ±{float(size[-1]):.3g} at the end")
@@ -141,6 +193,8 @@ def chi2_bounds(degrees: int, runs: int = 1, confidence: float = 0.95) -> tuple[
     - ``runs``: how many are averaged.
     - ``confidence``: the probability.
     """
+    from scipy.stats import chi2  # here, because it takes longer than all of jaxball's own modules
+
     tail = (1 - confidence) / 2
     low, high = (chi2.ppf(p, degrees * runs) / runs for p in (tail, 1 - tail))
     return float(low), float(high)

@@ -121,7 +121,7 @@ class ErrorStateFilter(Printed):
     ) -> "ErrorStateFilter":
         """The filter of a sampled system; arguments as for :meth:`of`."""
         measurement = measurement_of(sensors, sampled.system)
-        directions = sampled.system.default_state().directions
+        directions = sampled.directions
         rates = to_array(by_name("process", process or {}, directions), "process")
         require_not_negative("process", rates)
         spread = {name: 0.0 for name, sensor in sensors.items() if _wanders(sensor)} | dict(biases or {})
@@ -162,13 +162,11 @@ class ErrorStateFilter(Printed):
         """
         require_one_state(self.sampled.system, start)
         require("spread", spread, Mapping, 'a dictionary of standard deviations by name, such as {"Omega": 0.1}')
-        directions = start.directions
-        deviations = to_array(by_name("spread", spread, directions), "spread")
-        require_not_negative("spread", deviations)
+        deviations = self.deviations(spread)
         read = self._aligned(readings)
         count, first = len(read.y), to_array(t0, "t0")
         filtered = _filtered(self, read, start, deviations, self._inputs(u, count - 1), first)
-        return Estimate(self.times(first, count), filtered, directions, self._names_of_biases(start))
+        return Estimate(self.times(first, count), filtered, start.directions, self.names_of_biases(start))
 
     def unobservable(
         self, start: PlacedState, samples: int, *, u: Numbers | None = None, t0: Numbers = 0.0
@@ -185,12 +183,21 @@ class ErrorStateFilter(Printed):
         - ``u``, ``t0``: as for the estimate itself.
         """
         require_one_state(self.sampled.system, start)
-        names = (*start.directions, *self._names_of_biases(start))
+        names = (*start.directions, *self.names_of_biases(start))
         F, H = _linearised(self, start, self._inputs(u, samples - 1), to_array(t0, "t0"))
         # The dual of what inputs reach: the flow backwards, transposed.
         F, H = (np.swapaxes(np.asarray(x), 1, 2)[::-1] for x in (F, H))
         seen = reached(np.concatenate([np.eye(len(names))[None], F]), H)
         return in_words(unreached_by(seen), names)
+
+    def deviations(self, spread: Mapping[str, Numbers]) -> Float[Array, " n"]:
+        """The standard deviation of each local coordinate, given by name.
+
+        **Raises:** ``ValueError`` for unknown names and negative numbers.
+        """
+        found = to_array(by_name("spread", spread, self.sampled.directions), "spread")
+        require_not_negative("spread", found)
+        return found
 
     def _inputs(self, u: Numbers | None, count: int) -> Float[Array, "samples inputs"]:
         """The inputs of each sample but the last.
@@ -319,7 +326,8 @@ class ErrorStateFilter(Printed):
             [jnp.full((size,), number(sensors[name].errors)) for name, size in self.sizes(state).items()]
         )
 
-    def _names_of_biases(self, state: PlacedState) -> tuple[str, ...]:
+    def names_of_biases(self, state: PlacedState) -> tuple[str, ...]:
+        """The estimated biases, by name."""
         sizes = self._bias_sizes(state)
         return tuple(f"{name}[{k}]" if size > 1 else name for name, size in sizes.items() for k in range(size))
 

@@ -10,11 +10,9 @@ from ..interface.printing import Printed
 from ..numerics.arrays import is_traced
 from ..physics.body import System
 from ..physics.observables import movement
-from ..physics.state import BallState, DiskState, RotationState
+from ..physics.state import PlacedState, RotationState
 from ..sensors import AbstractSensor
 from ..sensors.base import require_sensors
-
-PlacedState = BallState | RotationState | DiskState
 
 
 class Measurement(Printed):

@@ -3,21 +3,23 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..control.feedback import AbstractFeedback
+from ..control.history import until_end
 from ..control.loop import plant_of
 from ..control.nominal import NominalMotion
 from ..control.sampled import SampledSystem
-from ..control.weights import by_name
 from ..interface.arguments import require
-from ..numerics.arrays import Numbers, default_dtype, to_array
+from ..numerics.arrays import Numbers, default_dtype
 from ..physics.body import System
 from ..sensors import AbstractSensor
 from ..sensors.errors import with_errors
 from .belief import Belief
-from .filter import ErrorStateFilter, Reading, require_not_negative
+from .estimate import LoopEstimate
+from .filter import ErrorStateFilter, Reading
 
 
 class Remembered(NamedTuple):
@@ -26,15 +28,24 @@ class Remembered(NamedTuple):
     - ``belief``: what is known of the state before the next reading.
     - ``u``: the inputs that act.
     - ``inner``: what the regulator remembers.
-    - ``xi``, ``deviations``: the estimated deviations from the motion at each sample so far, and the standard
-      deviations of their errors, shape (N, n).
+    - ``xi``, ``bias``: the estimated deviations from the motion at each sample so far, and biases of sensors.
+    - ``P``: the covariances of the errors of both.
+    - ``nis``, ``read``: the normalised innovation squared, and how many numbers were read.
     """
 
     belief: Belief
     u: Float[Array, " m"]
     inner: Any
     xi: Float[Array, "samples n"]
-    deviations: Float[Array, "samples n"]
+    bias: Float[Array, "samples biases"]
+    P: Float[Array, "samples whole whole"]
+    nis: Float[Array, "samples"]
+    read: Int[Array, "samples"]
+
+    @property
+    def deviations(self) -> Float[Array, "samples n"]:
+        """The standard deviations of the errors of ``xi``."""
+        return jnp.sqrt(jnp.diagonal(self.P, axis1=1, axis2=2))[:, : self.xi.shape[1]]
 
 
 class OutputFeedback(AbstractFeedback):
@@ -108,15 +119,14 @@ class OutputFeedback(AbstractFeedback):
                     f"Argument `sensors[{name!r}].errors.delay` must be 0 for feedback, which waits for no reading, "
                     f"but it is {sensor.errors.delay:g}."
                 )
-        deviations = to_array(by_name("spread", spread, nominal.state(0).directions), "spread")
-        require_not_negative("spread", deviations)
-        wrong = _errors(known, nominal, key)
-        return cls(sampled, nominal, feedback, known, plant_of(feedback, system, None, None), deviations, wrong)
+        plant, wrong = plant_of(feedback, system, None, None), _errors(known, nominal, key)
+        return cls(sampled, nominal, feedback, known, plant, known.deviations(spread), wrong)
 
     def begin(self) -> Remembered:
-        rows = jnp.zeros((self.nominal.samples, self.spread.size), self.spread.dtype)
         belief = self.known.start(self.nominal.state(0), self.spread)
-        return Remembered(belief, self.nominal.input(0), self.feedback.begin(), rows, rows)
+        rows = [jnp.zeros((self.nominal.samples, *shape), belief.P.dtype) for shape in _shapes(belief)]
+        read = jnp.zeros(self.nominal.samples, int)
+        return Remembered(belief, self.nominal.input(0), self.feedback.begin(), *rows, read)
 
     def __call__(self, k, state, memory):
         nominal, known = self.nominal, self.known
@@ -124,14 +134,33 @@ class OutputFeedback(AbstractFeedback):
         wrong = self.wrong[jnp.minimum(k, len(self.wrong) - 1)]
         y = known.measurement(self.plant.held(memory.u), t, state) + wrong
         there = jnp.isfinite(wrong)
-        belief, *_ = known.updated(t, memory.belief, memory.u, Reading(jnp.where(there, y, 0.0), there))
+        reading = Reading(jnp.where(there, y, 0.0), there)
+        belief, innovation, S = known.updated(t, memory.belief, memory.u, reading)
         added, inner = self.feedback(k, belief.state, memory.inner)
         limits = self.plant.limits
         u = jnp.clip(nominal.input(k) + added, -limits, limits)
-        size = jnp.sqrt(jnp.diagonal(belief.P))[: self.spread.size]
-        xi = memory.xi.at[k].set(self.deviation(k, belief.state), mode="drop")
-        deviations = memory.deviations.at[k].set(size, mode="drop")
-        return added, Remembered(known.predicted(t, belief, u)[0], u, inner, xi, deviations)
+        nis = innovation @ jnp.linalg.solve(S, innovation)
+        found = self.deviation(k, belief.state), belief.bias, belief.P, nis, jnp.sum(there)
+        before = memory.xi, memory.bias, memory.P, memory.nis, memory.read
+        rows = (kept.at[k].set(one, mode="drop") for kept, one in zip(before, found, strict=True))
+        return added, Remembered(known.predicted(t, belief, u)[0], u, inner, *rows)
+
+    def estimated(self, times: Float[Array, " T"], memory: Remembered) -> LoopEstimate:
+        count, samples = len(times), min(len(times) - 1, self.nominal.samples)
+        nominal = jax.tree.map(lambda leaf: leaf[:samples], self.nominal.states)
+        states = jax.vmap(lambda state, xi: state.retract(xi))(nominal, memory.xi[:samples])
+        read = jnp.zeros(count, memory.read.dtype).at[:samples].set(memory.read[:samples])
+        found = (states, memory.bias[:samples], memory.P[:samples], memory.nis[:samples])
+        state, bias, P, nis = jax.tree.map(lambda rows: until_end(rows, count), found)
+        known, first = self.known, self.nominal.state(0)
+        biases = known.names_of_biases(first)
+        return LoopEstimate(times, state, bias, P, jnp.where(read > 0, nis, jnp.nan), read, first.directions, biases)
+
+
+def _shapes(belief: Belief) -> tuple[tuple[int, ...], ...]:
+    """The shapes of deviations, biases, covariances and normalised innovations."""
+    biases, whole = belief.bias.size, belief.P.shape
+    return (whole[0] - biases,), (biases,), whole, ()
 
 
 def _errors(known: ErrorStateFilter, nominal: NominalMotion, key: Any) -> Float[Array, "samples_and_end components"]:

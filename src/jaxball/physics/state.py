@@ -324,7 +324,8 @@ class DiskState(AbstractBodyState):
         )
 
 
-State = BallState | RotationState | ReducedState | DiskState
+PlacedState = BallState | RotationState | DiskState  # which has the position of the body
+State = PlacedState | ReducedState
 
 
 def rolling_velocity(Lambda: Float[Array, "3 3"], Omega: Float[Array, "3"], r: Float[Array, ""]) -> Float[Array, "2"]:

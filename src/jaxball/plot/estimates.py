@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from scipy.stats import chi2
 
 from ..control.sampled import PlacedState
-from ..estimation import Estimate
+from ..estimation.estimate import AbstractEstimate
 from ..simulation.variables import STATE
 from .over_time import Series, over_time
 from .palette import COMPONENTS, DASH_DOTTED, DASHED, INK, SOLID
@@ -21,7 +21,7 @@ ATTITUDE = r"\varphi"
 LOOKS = [(colour, dashes) for dashes in (SOLID, DASHED, DASH_DOTTED) for colour in COMPONENTS]
 
 
-def estimate(estimate: Estimate, truth: PlacedState | None = None, confidence: float = 0.95) -> Figure:
+def estimate(estimate: AbstractEstimate, truth: PlacedState | None = None, confidence: float = 0.95) -> Figure:
     """Errors of an estimate over time, the biases of sensors, and in the last panel the normalised innovations.
 
     Bands show where errors, and around their estimates biases, lie with this probability if the filter is right; where
@@ -29,7 +29,7 @@ def estimate(estimate: Estimate, truth: PlacedState | None = None, confidence: f
 
     **Arguments:**
 
-    - ``estimate``: what a filter or a smoother has found.
+    - ``estimate``: what a filter or a smoother has found, also in a closed loop.
     - ``truth``: the states at the samples, as a simulation has them.
     - ``confidence``: the probability.
 
@@ -61,7 +61,7 @@ def _groups(names: Sequence[str]) -> dict[str, list[int]]:
 
 def _draw_errors(
     ax: Axes,
-    estimate: Estimate,
+    estimate: AbstractEstimate,
     group: str,
     places: Sequence[int],
     errors: Float[np.ndarray, "K directions"] | None,
@@ -85,9 +85,9 @@ def _draw_errors(
     over_time(None, times, series, f"${symbol}$", ax)
 
 
-def _draw_innovations(ax: Axes, estimate: Estimate, confidence: float) -> None:
+def _draw_innovations(ax: Axes, estimate: AbstractEstimate, confidence: float) -> None:
     times, found = np.asarray(estimate.times), np.asarray(estimate.nis)
-    degrees = np.sum(np.asarray(estimate.filtered.there), axis=1)
+    degrees = np.asarray(estimate.read)
     bounds = [np.where(degrees > 0, chi2.ppf(p, np.maximum(degrees, 1)), np.nan) for p in _tails(confidence)]
     over_time(None, times, [Series(found, "", COMPONENTS[0])], r"$\nu^\top S^{-1}\nu$", ax)
     for bound in bounds:

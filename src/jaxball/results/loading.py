@@ -14,6 +14,7 @@ from ..numerics.arrays import to_array
 from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario, ScenarioError, read_scenario
 from ..simulation.trajectory import Trajectory
+from .feedback import INPUTS, read_feedback
 from .files import CONTENTS, UNKNOWN_SOLVER, RunError, attribute_of, no_run, refused, saved_attributes, saved_text
 from .variables import read_history
 
@@ -59,6 +60,11 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
     with refused(path):
         arrays = CONTENTS[path.suffix](path, arrays=True)
     state = _state(arrays, system, path)
+    under_feedback = INPUTS in about
+    if scenario is not None and scenario.feedback is not None and under_feedback:
+        from ..scenario.closed_loop import system_of_run  # here, because other runs are read without solvers
+
+        system = system_of_run(scenario, arrays["inputs"])
     attribute = functools.partial(attribute_of, path, about)
     friction = None if scenario is None or scenario.contact is None else scenario.contact.friction
     try:
@@ -70,8 +76,10 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
             status=jnp.asarray(int(attribute("status", lambda name: Status[str(name)]))),
             steps=jnp.asarray(attribute("steps", int)),
             rejected=jnp.asarray(attribute("rejected_steps", int)),
-            start=None if scenario is None else scenario.state,
-            history=read_history(about, arrays, attribute, state, friction),
+            start=None if scenario is None or under_feedback else scenario.state,
+            history=read_feedback(about, arrays, state)
+            if under_feedback
+            else read_history(about, arrays, attribute, state, friction),
         )
     except KeyError as error:
         raise no_run(path, f"it has no {error}") from None

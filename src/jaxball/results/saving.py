@@ -24,6 +24,7 @@ from .variables import (
     Variables,
     described_fields,
     history_attributes,
+    history_labels,
     history_values,
     labels,
     measured_values,
@@ -111,7 +112,8 @@ def to_dataset(
     angles belong to the state, by their numbers, or, with joints among them, all by name) and those of vectors:
     ``axis``, ``direction`` in the plane, ``component`` of a versor. All are counted from 0. Attributes say how the
     solve ended, and hold the scenario's file. A run with a law of contact has its modes too, and its switches between
-    them along ``switch``.
+    them along ``switch``. One under feedback has the motion that it holds (``nominal_…``), its ``inputs`` and
+    ``deviation``, and what was estimated (``estimate_…``).
 
     **Arguments:**
 
@@ -141,7 +143,7 @@ def to_dataset(
             sizes |= zip((leading, *variable.dimensions), array.shape, strict=True)
     sizes.pop("time")
     times = ("time", np.asarray(trajectory.times), {"units": "time", "long_name": "time"})
-    coordinates = {"time": times, **labels(trajectory.system, sizes)}
+    coordinates = {"time": times, **labels(trajectory.system, sizes), **history_labels(trajectory.history)}
     return xarray.Dataset(variables, coordinates, attributes(trajectory, scenario, sensors))
 
 
@@ -207,7 +209,9 @@ def _with_sensors(
 
 def _over_time(trajectory: Trajectory[Any, Any], sensors: Sensors) -> Variables:
     """Every variable over time, with its array."""
-    return values(trajectory) | history_values(trajectory.history) | measured_values(trajectory, sensors)
+    return (
+        values(trajectory) | history_values(trajectory.history, trajectory.state) | measured_values(trajectory, sensors)
+    )
 
 
 def _of_switches(trajectory: Trajectory[Any, Any]) -> Variables:

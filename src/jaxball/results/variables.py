@@ -115,13 +115,13 @@ RELEASED = {name: HISTORY[name] for name in ("V", "height")}
 
 
 @functools.singledispatch
-def history_values(history: AbstractHistory) -> Variables:
-    """The variables over time of a history, besides the states."""
+def history_values(history: AbstractHistory, states: Any) -> Variables:
+    """The variables over time of a history, besides the ``states``."""
     return {}
 
 
 @history_values.register
-def _of_contact(history: ContactHistory) -> Variables:
+def _of_contact(history: ContactHistory, states: Any) -> Variables:
     return {name: (variable, np.asarray(getattr(history, name))) for name, variable in HISTORY.items()}
 
 
@@ -169,7 +169,13 @@ def _kept(switches: Switches, variables: Mapping[str, tuple[Variable, Array]]) -
 
 
 @functools.singledispatch
-def history_attributes(history: AbstractHistory) -> dict[str, int | float]:
+def history_labels(history: AbstractHistory) -> dict[str, np.ndarray]:
+    """The coordinates along the dimensions that a history adds, where these are not numbers."""
+    return {}
+
+
+@functools.singledispatch
+def history_attributes(history: AbstractHistory) -> dict[str, Any]:
     """The numbers of a history: how many switches there were and how many are kept, the coefficients of a law."""
     return {}
 

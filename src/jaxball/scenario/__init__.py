@@ -7,6 +7,12 @@ TYPE_CHECKING = False
 
 if TYPE_CHECKING:  # for type checkers and editors, the same interface
     from .errors import ScenarioError as ScenarioError
+    from .feedback import (
+        EstimatorSettings as EstimatorSettings,
+        FeedforwardSettings as FeedforwardSettings,
+        PredictiveSettings as PredictiveSettings,
+        RegulatorSettings as RegulatorSettings,
+    )
     from .files import (
         load_scenario as load_scenario,
         read_document as read_document,

@@ -4,7 +4,7 @@ import functools
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -59,6 +59,9 @@ from .values import (
     shown,
     unread,
 )
+
+if TYPE_CHECKING:
+    from .scenario import Scenario
 
 _NONE = Key(Numbers(), 0.0)
 RESISTANCE = Module(
@@ -136,20 +139,23 @@ def read_contact(values: Any, path: str) -> Contact:
     return contact
 
 
-def rolling_state(
-    state: AbstractState | ReleasedState, contact: Contact | None, what: str, error: type[ScenarioError] = ScenarioError
-) -> AbstractState:
-    """The state of a scenario, for ``what`` (with its verb), which is for bodies that always roll.
+def rolling_state(scenario: "Scenario", what: str, error: type[ScenarioError] = ScenarioError) -> AbstractState:
+    """The state of a scenario, for ``what`` (with its verb), which is for bodies that always roll, without feedback.
 
-    **Raises:** ``error`` where the scenario has a law of contact.
+    **Raises:** ``error`` where the scenario has a law of contact, or feedback.
     """
-    if contact is not None:
+    if scenario.contact is not None:
         raise error(
             f"Key `contact` must be left out here, because {what} for bodies that always roll; `jaxball simulate` and "
             "studies accept it."
         )
-    assert not isinstance(state, ReleasedState)  # which exists only with a law
-    return state
+    if scenario.feedback is not None:
+        raise error(
+            f"Key `feedback` must be left out here, because {what} for runs without sampled feedback; `jaxball "
+            "simulate` and `jaxball track` accept it."
+        )
+    assert not isinstance(scenario.state, ReleasedState)  # which exists only with a law
+    return scenario.state
 
 
 _MOTION = Nested(lambda values, path: read_motion(*read_one_of(values, path, MOTIONS)), write_motion, tables=MOTIONS)

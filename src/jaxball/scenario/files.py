@@ -34,6 +34,16 @@ from .body import (
 from .checks import check_confined, check_start
 from .classical import CLASSICAL, INITIAL as CLASSICAL_INITIAL, read_classical, write_classical
 from .errors import each_of, raise_first, tried
+from .feedback import (
+    ESTIMATOR,
+    KEYS as FEEDBACK_KEYS,
+    EstimatorSettings,
+    FeedforwardSettings,
+    Fixed,
+    check_feedback,
+    read_feedback,
+    write_settings,
+)
 from .imports import is_python_name
 from .initial import INITIAL, balanced, initial_state, read_initial, released_from, write_initial
 from .mechanisms import (
@@ -77,6 +87,7 @@ KEYS = {
     "mechanisms": Key(unread(tables={"": MECHANISM}), []),
     "actuation": Key(unread(tables=keys_of(FORMS)), None),
     "initial": Key(unread(tables=INITIAL), None),
+    **FEEDBACK_KEYS,
 }
 CLASSICAL_KEYS = {
     **_SHARED,
@@ -151,13 +162,14 @@ class Contents(NamedTuple):
     times: SaveTimes
     solve: dict[str, Any]
     sensors: dict[str, AbstractSensor]
+    feedback: FeedforwardSettings | None = None
+    estimator: EstimatorSettings | None = None
 
     def scenario(self) -> Scenario:
         """The scenario, whose numbers must be known."""
         times = self.times.array(self.times.count)
-        return Scenario(
-            self.title, self.system, self.state, times, **self.solve, contact=self.contact, sensors=self.sensors
-        )
+        others = {name: getattr(self, name) for name in ("contact", "sensors", "feedback", "estimator")}
+        return Scenario(self.title, self.system, self.state, times, **self.solve, **others)
 
 
 def read_contents(document: dict[str, Any]) -> Contents:
@@ -181,12 +193,14 @@ def read_contents(document: dict[str, Any]) -> Contents:
         "mechanisms": lambda: read_mechanisms(document.get("mechanisms", []), "mechanisms"),
         "initial": lambda: read_initial(document.get("initial", {}), "initial", kind),
         "sensors": lambda: read_sensors(document.get("sensors", {}), "sensors"),
+        "feedback": lambda: read_feedback(document["feedback"], "feedback") if "feedback" in document else None,
+        "estimator": lambda: ESTIMATOR.read(document["estimator"], "estimator") if "estimator" in document else None,
     }
     read, errors = tried(*readers.values())
     parts = dict(zip(readers, read, strict=True))
     if all(parts[name] is not None for name in ("table", "shell", "times", "masses", "mechanisms", "initial")):
         # Errors elsewhere must not hide errors in the body.
-        made, later = tried(lambda: _contents(kind, "contact" in document, **parts))
+        made, later = tried(lambda: _contents(kind, document, **parts))
         if not errors and not later:
             return made[0]
         errors += later
@@ -196,7 +210,7 @@ def read_contents(document: dict[str, Any]) -> Contents:
 
 def _contents(
     kind: str,
-    has_contact_law: bool,
+    document: Mapping[str, Any],
     *,
     table: Any,
     shell: Any,
@@ -208,11 +222,10 @@ def _contents(
     mechanisms: Any,
     initial: Any,
     sensors: Any,
+    feedback: Any,
+    estimator: Any,
 ) -> Contents:
-    """The contents of a file whose parts fit together; None stands for a part that cannot be read or is missing.
-
-    ``has_contact_law`` says whether there is a law of contact, read or not.
-    """
+    """The contents of a file whose parts fit together; None stands for a part that cannot be read or is missing."""
     start, surroundings = times.start, surroundings or {}
     shell_and_ground = {**shell, "ground": surroundings.get("ground")}
     masses = balanced(masses, mechanisms, shell_and_ground, initial, "initial", kind, start)
@@ -229,14 +242,17 @@ def _contents(
     )
     state = initial_state(initial, "initial", kind, system.coordinates, actuated.targets, start)
     span = namespace(times.start, times.end).stack([times.start, times.end])
-    *_, first_state = each_of(
+    fixed = Fixed(system, contact, times, solve or {})
+    *_, first_state, _ = each_of(
         lambda: solve and check_dae(system, contact, solve["solver"], solve["dae"]),
         lambda: check_confined(system, span, state),
         lambda: check_start(system, start, state),
         lambda: sensors is None or check_sensors(sensors, "sensors", system),
-        lambda: released_from(initial, "initial", state, contact) if contact or not has_contact_law else state,
+        # Unless there is a law of contact that cannot be read.
+        lambda: released_from(initial, "initial", state, contact) if contact or "contact" not in document else state,
+        lambda: solve and sensors is not None and check_feedback(feedback, estimator, sensors, fixed, document),
     )
-    return Contents(table["title"], system, first_state, contact, times, solve, sensors)
+    return Contents(table["title"], system, first_state, contact, times, solve, sensors, feedback, estimator)
 
 
 def _read_classical(document: dict[str, Any]) -> Contents:
@@ -275,6 +291,7 @@ def write_scenario(scenario: Scenario) -> str:
         "time": write_times(scenario.times),
         "solve": write_table({name: getattr(scenario, name) for name in SOLVE}, "solve", SOLVE),
         "sensors": write_sensors({name: sensors[name] for name in scenario.sensors}, "sensors"),
+        **write_settings(scenario.feedback, scenario.estimator),
     }
     return tomli_w.dumps({name: value for name, value in tables.items() if value not in ({}, [], "")})
 

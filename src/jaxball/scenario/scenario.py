@@ -14,14 +14,17 @@ from ..physics.contact.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem
 from ..sensors import AbstractSensor
 from ..simulation.defaults import DEFAULT_TOLERANCE
+from .errors import ScenarioError
 from .solve import check_dae
 from .solvers import SOLVERS
 
 if TYPE_CHECKING:
     import diffrax
 
+    from ..control.loop import ClosedLoop
     from ..simulation.events import AbstractEvent
     from ..simulation.trajectory import Trajectory
+    from .feedback import EstimatorSettings, FeedforwardSettings
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -38,6 +41,9 @@ class Scenario:
     - ``contact``: the :class:`~jaxball.Contact`, the law by which a ball or a disk may slip, fly and bounce; None for
       one that always rolls.
     - ``sensors``: those of :mod:`jaxball.sensors` whose readings are saved and drawn with a run, by name.
+    - ``feedback``: a :class:`FeedforwardSettings`, or one of its subclasses, with which a run is a closed loop along
+      the motion that the scenario has without it, sampled at the save times; None for a run without feedback.
+    - ``estimator``: the :class:`EstimatorSettings` of feedback from what the sensors read; None for that of the state.
 
     **Example:**
 
@@ -61,12 +67,15 @@ class Scenario:
     project: bool = False
     contact: Contact | None = None
     sensors: Mapping[str, AbstractSensor] = dataclasses.field(default_factory=dict)
+    feedback: "FeedforwardSettings | None" = None
+    estimator: "EstimatorSettings | None" = None
 
     def __repr__(self) -> str:
         span = f"{len(self.times)} times from {self.times[0]:g} to {self.times[-1]:g}"
         head = f"Scenario {self.title!r}: {span}, {self.solver} at rtol {self.rtol:g}"
         parts = [str(self.system), shown(self.state), *([] if self.contact is None else [str(self.contact)])]
         parts += [f"{name}: {sensor}" for name, sensor in self.sensors.items()]
+        parts += [str(part) for part in (self.feedback, self.estimator) if part is not None]
         return "\n  ".join([head, *"\n".join(parts).splitlines()])
 
     def simulate(
@@ -83,7 +92,10 @@ class Scenario:
     ) -> "Trajectory[Any, Any]":
         """The trajectory, with the scenario's own settings unless others are given; both are saved with it.
 
-        **Raises:** as :func:`jaxball.simulate`, and :class:`ScenarioError` where the solver does not support ``dae``.
+        With ``feedback`` it is that of the closed loop, whose history has the motion and what was estimated.
+
+        **Raises:** as :func:`jaxball.simulate`, and :class:`ScenarioError` where the solver does not support ``dae``,
+        and for dense output, events or another solver with ``feedback``.
         """
         # Imported here, because reading a scenario needs no solver, and these take long to import.
         from ..simulation.simulate import simulate
@@ -95,6 +107,9 @@ class Scenario:
         check_dae(self.system, self.contact, solver, self.dae, named)
         given = {"solver": solver, "rtol": rtol, "atol": atol, "max_steps": max_steps}
         used = dataclasses.replace(self, **{name: value for name, value in given.items() if value is not None})
+        if used.feedback is not None:
+            trajectory = used._held(dense or bool(events))
+            return trajectory.raise_if_failed() if throw else trajectory
         trajectory = simulate(
             self.system,
             self.times,
@@ -112,3 +127,31 @@ class Scenario:
             progress=progress,
         ).made_by(used)
         return trajectory.raise_if_failed() if throw else trajectory
+
+    def closed_loop(self) -> "ClosedLoop":
+        """The closed loop of a scenario with ``feedback``: what :func:`jaxball.control.closed_loop` returns.
+
+        **Raises:** :class:`ScenarioError` without feedback, and where it does not fit;
+        :class:`~jaxball.SolveError` where the motion that it holds cannot be simulated.
+        """
+        from . import closed_loop  # here, as above
+
+        feedback = closed_loop.feedback_along(self, closed_loop.nominal_run(self).raise_if_failed())
+        return closed_loop.loop_along(self, closed_loop.with_estimator(self, feedback))
+
+    def _held(self, asks_for_more: bool) -> "Trajectory[Any, Any]":
+        """The run of the closed loop, or of the motion where that fails."""
+        from . import closed_loop
+        from .feedback import check_solver
+
+        check_solver(self.solver)
+        if asks_for_more:
+            raise ScenarioError(
+                "A scenario with `feedback` has no dense output and no events, because its samples are solved one by "
+                "one; simulate without them."
+            )
+        run = closed_loop.nominal_run(self)
+        if not run.ok:
+            return run.made_by(self)
+        feedback = closed_loop.feedback_along(self, run)
+        return closed_loop.loop_along(self, closed_loop.with_estimator(self, feedback)).run.made_by(self)

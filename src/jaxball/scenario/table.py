@@ -1,8 +1,10 @@
 """Tables of a scenario file: their keys, read and written by the same description."""
 
+import contextlib
 import functools
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import Any
@@ -109,8 +111,21 @@ def read_table(values: Any, path: str, keys: Keys) -> dict[str, Any]:
     return dict(zip(keys, read, strict=True))
 
 
+_KEEPS_DEFAULTS: ContextVar[bool] = ContextVar("_KEEPS_DEFAULTS", default=False)
+
+
+@contextlib.contextmanager
+def keeping_defaults() -> Iterator[None]:
+    """Tables that are written within have their defaults too, so that each of their numbers has a path."""
+    token = _KEEPS_DEFAULTS.set(True)
+    try:
+        yield
+    finally:
+        _KEEPS_DEFAULTS.reset(token)
+
+
 def write_table(contents: Mapping[str, Any], path: str, keys: Keys) -> dict[str, Any]:
-    """The table with the values ``contents``; defaults are left out."""
+    """The table with the values ``contents``; defaults are left out, unless :func:`keeping_defaults`."""
     table = {}
     for name, key in keys.items():
         value = None if contents[name] is None else key.kind.write(contents[name], join(path, name))
@@ -219,6 +234,6 @@ def refuse_unknown(values: Any, path: str, known: Iterable[str]) -> None:
 
 def _is_default(value: Any, key: Key) -> bool:
     """By the digits, which distinguish 0.0 from -0.0."""
-    if key.default is REQUIRED or key.default is None:
+    if key.default is REQUIRED or key.default is None or _KEEPS_DEFAULTS.get():
         return False
     return repr(value) == repr(key.kind.write(key.default, ""))

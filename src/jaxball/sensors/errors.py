@@ -82,11 +82,11 @@ class SensorErrors(Printed):
         white = self.noise * jax.random.normal(of_noise, exact.shape, exact.dtype)
         bias = self.bias[0] if self.bias.size == 1 else self.bias[None]
         lost = jax.random.uniform(of_losses, times.shape, times.dtype) < self.missing
-        place, arrives = self._arrivals(times)
+        place, arrives = self.arrivals(times)
         there = (arrives & ~lost).reshape(roots.shape)
         return jnp.where(there, (exact + bias + wandered + white)[place], jnp.nan)
 
-    def _arrivals(self, times: Float[Array, " T"]) -> tuple[Int[Array, " T"], Bool[Array, " T"]]:
+    def arrivals(self, times: Float[Array, " T"]) -> tuple[Int[Array, " T"], Bool[Array, " T"]]:
         """For each time, whether a reading arrives then, and the place of the time at which it was taken."""
         close = CLOSE * (times[-1] - times[0])
         taken = times - self.delay

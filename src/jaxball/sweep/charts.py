@@ -104,7 +104,7 @@ class _Cells:
             check_number(document, axis.path)
         self.document, self.axes = document, axes
         self.template: Scenario = read_document(dict(document))
-        rolling_state(self.template.state, self.template.contact, what)
+        rolling_state(self.template, what)
         rows = math.prod(axis.size for axis in axes)
         study = Study("", dict(document), axes, chunk=rows)
         cells = study.rows_of(0)

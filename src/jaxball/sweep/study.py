@@ -271,7 +271,13 @@ def _template(value: Any, folder: Path) -> tuple[dict[str, Any], Scenario]:
     """The document of the scenario that a study contains or names, and its contents."""
     document = scenario_document(value, folder, StudyError)
     with naming_scenario(value, "study", StudyError):
-        return document, read_document(document)
+        template = read_document(document)
+        if template.feedback is not None:
+            raise ScenarioError(
+                "Key `feedback` must be left out in a study, whose rows are single solves; `jaxball track --basin` "
+                "simulates many closed loops."
+            )
+        return document, template
 
 
 def _check_contact(table: dict[str, Any], template: Scenario) -> None:

@@ -43,7 +43,7 @@ class Case:
     @property
     def state(self) -> AbstractState:
         """The initial state."""
-        return rolling_state(self.scenario.state, self.scenario.contact, "the laws of a verification are")
+        return rolling_state(self.scenario, "the laws of a verification are")
 
     @property
     def tolerance(self) -> float:

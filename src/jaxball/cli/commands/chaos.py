@@ -82,7 +82,7 @@ def _exponents(options: argparse.Namespace) -> int:
     from ..files import report
 
     scenario = scenario_of(document, options.scenario)
-    state = rolling_state(scenario.state, scenario.contact, "Lyapunov exponents are")
+    state = rolling_state(scenario, "Lyapunov exponents are")
     end = scenario.times[-1] if options.end is None else options.end
     if end <= scenario.times[0]:
         raise BadInputError(f"Argument `--end` must be after the start, {scenario.times[0]:g}, but it is {end:g}.")
@@ -140,7 +140,7 @@ def _poincare(options: argparse.Namespace) -> int:
     from ..files import report
 
     scenario = scenario_of(document, options.scenario)
-    state = rolling_state(scenario.state, scenario.contact, "a Poincaré map is")
+    state = rolling_state(scenario, "a Poincaré map is")
     state = phase_point(scenario.system, state)
     known = _components(state)
     path = _checked(path, known)

@@ -127,7 +127,7 @@ def _motion(options: argparse.Namespace, document: dict[str, Any], period: float
     from ..files import motion_content, report, save_motions
 
     scenario = scenario_of(document, options.scenario)
-    state = rolling_state(scenario.state, scenario.contact, "periodic motions are")
+    state = rolling_state(scenario, "periodic motions are")
     start = float(scenario.times[0])
     if options.after is not None:
         if options.after <= start:

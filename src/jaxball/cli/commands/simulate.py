@@ -84,6 +84,7 @@ def run(options: argparse.Namespace) -> int:
     check_animation(options)
     document = scenario_document(options, options.end)
     set_up_jax()
+    from ...scenario.feedback import check_solver
     from ...scenario.solve import check_dae
     from ..files import check_figures
 
@@ -92,6 +93,8 @@ def run(options: argparse.Namespace) -> int:
     document = _with_contact(document, options.contact)
     scenario = dataclasses.replace(scenario_of(document, options.scenario), **changes)
     if options.solver is not None:
+        if scenario.feedback is not None:
+            check_solver(options.solver)
         check_dae(scenario.system, scenario.contact, options.solver, scenario.dae, "Argument `--solver`")
     check_span(options, scenario)
     check_figures(options, scenario)
@@ -107,7 +110,7 @@ def _simulate(options: argparse.Namespace, scenario: "Scenario") -> int:
     from ...scenario.checks import message_in_keys
     from ..files import write_json
 
-    rolls = isinstance(scenario.system, AbstractBody) and scenario.contact is None
+    rolls = isinstance(scenario.system, AbstractBody) and scenario.contact is None and scenario.feedback is None
     # Of what shows how close the ball came to slipping or leaving the plane.
     shown = not options.quiet or any(getattr(options, name) is not None for name in ("out", "json", "plot"))
     events = _events(options, scenario)
@@ -201,6 +204,11 @@ def _events(options: argparse.Namespace, scenario: "Scenario") -> "dict[str, Abs
             "Arguments `--friction` and `--detachment` must be left out where the scenario has a law of contact, with "
             "which the body slips and flies instead of the run ending."
         )
+    if scenario.feedback is not None and events:
+        raise ScenarioError(
+            "Arguments `--friction` and `--detachment` must be left out where the scenario has feedback, whose samples "
+            "are solved one by one; the figures show the friction that each needs."
+        )
     return events
 
 
@@ -212,6 +220,8 @@ def _checks(trajectory: "Trajectory[Any, Any]") -> list[str]:
     if trajectory.contact is not None:
         return []  # they are among the trajectory's own lines
     if isinstance(trajectory.system, AbstractBody):
+        if trajectory.interpolant is None:  # of a closed loop, which is known at its samples
+            return []
         return [f"  {line}" for line in str(contact_extremes(trajectory)).splitlines()]
     changes = (f"{name} {change:.1e}" for name, change in _law_changes(trajectory).items())
     return ["  change of conserved quantities: " + ", ".join(changes)]

@@ -72,7 +72,7 @@ def _motions(options: argparse.Namespace, scenario: "Scenario") -> "Sequence[Ste
 
     system = scenario.system
     t = float(scenario.times[0]) if options.time is None else options.time
-    rolling_state(scenario.state, scenario.contact, "the stability of steady motions is")
+    rolling_state(scenario, "the stability of steady motions is")
     if not isinstance(system, AbstractBody):
         raise ValueError(
             f"Steady motions are searched for only for a ball or a disk, but the scenario is of a {system.title}; use "

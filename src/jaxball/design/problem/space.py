@@ -198,7 +198,7 @@ class DesignSpace:
             raise DesignError(
                 f"Key `kind` must be ball or disk to be designed, but it is {self.scenario.system.title.lower()}."
             )
-        rolling_state(self.scenario.state, self.scenario.contact, "a design is", DesignError)
+        rolling_state(self.scenario, "a design is", DesignError)
         self.variables = tuple(one for variable in variables for one in expanded(variable, self.document))
         self._paths = tuple(path for variable in self.variables for path in variable.paths)
         _check_paths(self._paths, self.document)

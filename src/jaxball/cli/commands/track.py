@@ -1,0 +1,365 @@
+"""``jaxball track``: the motion of a scenario held by feedback, from disturbed starts."""
+
+import argparse
+import dataclasses
+import functools
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from ...interface.output import check_destination
+from ...results.files import READ_BACK
+from ...scenario.errors import ScenarioError
+from ..input import add_scenario, scenario_document, scenario_of
+from ..jax_setup import compiled_for, set_up_jax
+from ..options import (
+    CHART_AXIS,
+    FAILED_SOLVE,
+    BadInputError,
+    ChartAxis,
+    add_formats,
+    add_output,
+    add_replacing,
+    chart_axes,
+    check_figures_folder,
+    check_json,
+    positive,
+    say,
+    working,
+    written_line,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ...control import Basin, ClosedLoop, Track
+    from ...control.feedback import AbstractFeedback
+    from ...scenario import Scenario
+    from ...scenario.feedback import RegulatorSettings
+
+WITHIN = 0.05
+ON_RATES = 0.1  # of the default disturbance, rad/time
+WITHOUT, HELD, SEEING = "without feedback", "with feedback", "from sensors"
+NAMED = "NUMBER|NAME=NUMBER,..."
+
+
+class Held(NamedTuple):
+    """A disturbed start: its words, and its closed loops without and with feedback."""
+
+    start: str
+    loops: "dict[str, ClosedLoop]"
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    parser.description = (
+        "Finds the linear quadratic regulator along the motion of a scenario, or what its table [feedback] describes, "
+        "and simulates disturbed starts without and with feedback, and with an estimator if the scenario has one. The "
+        "save times are the samples."
+    )
+    add_scenario(parser)
+    parser.add_argument("--Q", type=_named, metavar=NAMED, help="weights of deviations, as in z=9,theta=1 (default: 1)")
+    parser.add_argument("--R", type=_named, metavar=NAMED, help="weights of inputs (default: 1)")
+    parser.add_argument("--sample", type=positive, metavar="T", help="the time between samples, instead of save times")
+    parser.add_argument("--delay", type=_not_negative, metavar="N", help="samples before feedback takes effect")
+    parser.add_argument("--limits", type=_named, metavar=NAMED, help="largest magnitudes of inputs, instead of motors'")
+    parser.add_argument(
+        "--disturb",
+        type=_deviation,
+        action="append",
+        metavar="NAME=NUMBER,...",
+        help="deviation of a start in local coordinates, as in 'z=0.1,Omega[0]=0.3'; can be given several times",
+    )
+    parser.add_argument(
+        "--basin",
+        nargs=2,
+        metavar=CHART_AXIS,
+        help="also find which starts of a grid come back, as in 'Omega[0]=-1:1:21' 'Omega[1]=-1:1:21'",
+    )
+    parser.add_argument(
+        "--within", type=positive, metavar="D", help=f"how close a start must come back (default: {WITHIN})"
+    )
+    parser.add_argument("--out", type=Path, metavar="FILE", help="save the run of the first start: .nc or .npz")
+    parser.add_argument("--plot", type=Path, metavar="FOLDER", help="draw paths, inputs, gains and so on")
+    add_formats(parser, "--plot-format")
+    add_replacing(parser)
+    add_output(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    check_json(options)
+    if options.out is not None:
+        check_destination(options.out, READ_BACK, "--out")
+    check_figures_folder(options, "plot", "plot_format")
+    if options.basin is None and options.within is not None:
+        raise BadInputError("Argument `--within` is for a grid of starts; give --basin with it.")
+    axes = None if options.basin is None else chart_axes(options, "basin", "Omega[0]=-1:1:21")
+    document = _with_feedback(options, scenario_document(options))
+    set_up_jax()
+    scenario = scenario_of(document, options.scenario)
+    with compiled_for(scenario):
+        return _track(options, scenario, axes)
+
+
+def _with_feedback(options: argparse.Namespace, document: dict[str, Any]) -> dict[str, Any]:
+    """The document with the table [feedback] that the options ask for."""
+    given = document.get("feedback", {"kind": "tvlqr", "Q": 1.0, "R": 1.0})
+    if not isinstance(given, dict):
+        return document  # which its reader refuses
+    if given.get("kind") == "feedforward":
+        raise ScenarioError(
+            'Key `feedback.kind` must be "tvlqr" or "mpc" to hold a motion, but it is "feedforward"; change it with '
+            "--set feedback.kind=tvlqr, --Q and --R."
+        )
+    changes = {name: getattr(options, name) for name in ("Q", "R", "delay", "limits")}
+    feedback = given | {name: value for name, value in changes.items() if value is not None}
+    times = document.get("time")
+    if options.sample is not None and isinstance(times, dict):
+        at = times.get("at")
+        ends = {"start": at[0], "end": at[-1]} if isinstance(at, list) and at else times
+        times = {name: ends[name] for name in ("start", "end") if name in ends} | {"step": options.sample}
+    return document | {"feedback": feedback} | ({} if times is None else {"time": times})
+
+
+def _track(options: argparse.Namespace, scenario: "Scenario", axes: tuple[ChartAxis, ChartAxis] | None) -> int:
+    from ... import results
+    from ...scenario.checks import message_in_keys
+    from ...scenario.closed_loop import feedback_along, nominal_run
+    from ..files import write_json
+
+    disturbed = _disturbed(options, scenario)
+    with working(options, "simulating the motion"):
+        motion = nominal_run(scenario)
+    if not motion.ok:
+        print(f"jaxball: The motion that is to be held fails. {message_in_keys(motion)}", file=sys.stderr)
+        return FAILED_SOLVE
+    with working(options, "linearising along the motion"):
+        feedback = feedback_along(scenario, motion)
+    held = [_simulated(options, one, feedback) for one in disturbed]
+    basin = None if axes is None else _basin(options, scenario, feedback, axes)
+    written = []
+    if options.out is not None:
+        with working(options, "evaluating and saving"):
+            results.save(_last(held[0]).run.made_by(disturbed[0]), options.out, disturbed[0])
+        written.append(str(options.out))
+    if options.plot is not None:
+        with working(options, "drawing"):
+            written.append(_draw(options, scenario, feedback, held, basin))
+    deviations = _Deviations.of(scenario, feedback)
+    write_json(options, _content(scenario, deviations, held, basin))
+    lines = [_track_of(feedback), *_table(deviations, held), *([] if basin is None else [_basin_line(basin)])]
+    say(options, scenario.title, *lines, written_line(written))
+    return 0 if all(loop.ok for one in held for loop in one.loops.values()) else FAILED_SOLVE
+
+
+def _disturbed(options: argparse.Namespace, scenario: "Scenario") -> "list[Scenario]":
+    """The scenario from each disturbed start: those of --disturb, its own, or else another angular velocity."""
+    from ...control import SampledSystem
+    from ...control.weights import by_name
+    from ...physics.body import Disk
+    from ...scenario.closed_loop import robot_of, settings_of
+
+    settings = settings_of(scenario)
+    starts = options.disturb or [settings.start]
+    for start in starts:  # known before anything is simulated
+        try:
+            by_name("disturb", start, SampledSystem.of(robot_of(scenario), 1.0, settings.inputs).directions)
+        except ValueError as error:
+            raise BadInputError(str(error)) from None
+    if starts == [{}] and not settings.pushes:
+        starts = [{"phidot" if isinstance(scenario.system, Disk) else "Omega": ON_RATES}]
+    return [dataclasses.replace(scenario, feedback=dataclasses.replace(settings, start=start)) for start in starts]
+
+
+def _simulated(options: argparse.Namespace, scenario: "Scenario", feedback: "AbstractFeedback") -> Held:
+    from ...control import Feedforward
+    from ...scenario.closed_loop import loop_along, settings_of, with_estimator
+
+    settings = settings_of(scenario)
+    kinds = {WITHOUT: Feedforward(feedback.sampled, feedback.nominal), HELD: feedback}
+    if scenario.estimator is not None:
+        kinds[SEEING] = with_estimator(scenario, feedback)
+    loops = {}
+    for name, kind in kinds.items():
+        with working(options, f"simulating {name}"):
+            loops[name] = loop_along(scenario, kind)
+    start = ", ".join(f"{name} = {value:g}" for name, value in settings.start.items())
+    pushed = f"{len(settings.pushes)} pushes" if len(settings.pushes) > 1 else "a push" if settings.pushes else ""
+    return Held(" and ".join(filter(None, [start, pushed])), loops)
+
+
+def _basin(
+    options: argparse.Namespace, scenario: "Scenario", feedback: "AbstractFeedback", axes: tuple[ChartAxis, ChartAxis]
+) -> "Basin":
+    """Which starts of the grid come back, by feedback of the state."""
+    import numpy as np
+
+    from ...control import basin
+    from ...scenario.closed_loop import robot_of
+    from ...scenario.feedback import in_keys
+
+    settings = _regulator(scenario)
+    starts = {name: np.linspace(low, high, count) for name, low, high, count in axes}
+    with working(options, f"simulating {axes[0][3] * axes[1][3]:,} starts"), in_keys():
+        return basin(
+            feedback,
+            starts,
+            Q=settings.Q,
+            within=options.within or WITHIN,
+            system=robot_of(scenario),
+            limits=settings.limits,
+            delay=settings.delay,
+        )
+
+
+def _regulator(scenario: "Scenario") -> "RegulatorSettings":
+    from ...scenario.feedback import RegulatorSettings
+
+    assert isinstance(scenario.feedback, RegulatorSettings)
+    return scenario.feedback
+
+
+def _track_of(feedback: "AbstractFeedback") -> "Track":
+    """The regulator, also of predictive control."""
+    from ...control import PredictiveControl, Track
+
+    track = feedback.track if isinstance(feedback, PredictiveControl) else feedback
+    assert isinstance(track, Track)
+    return track
+
+
+def _last(held: Held) -> "ClosedLoop":
+    return held.loops.get(SEEING, held.loops[HELD])
+
+
+class _Deviations(NamedTuple):
+    """The measure of deviations, √(ξ·Q ξ / tr Q)."""
+
+    weights: "np.ndarray"
+
+    @classmethod
+    def of(cls, scenario: "Scenario", feedback: "AbstractFeedback") -> "_Deviations":
+        from ...control.weights import weight_matrix
+
+        return cls(weight_matrix("Q", _regulator(scenario).Q, _track_of(feedback).directions))
+
+    def along(self, loop: "ClosedLoop") -> "np.ndarray":
+        import numpy as np
+
+        xi = np.asarray(loop.xi)
+        return np.sqrt(np.einsum("ki,ij,kj->k", xi, self.weights, xi) / np.trace(self.weights))
+
+
+def _numbers(deviations: _Deviations, loop: "ClosedLoop") -> dict[str, float]:
+    import numpy as np
+
+    along, u, seen = deviations.along(loop), np.abs(np.asarray(loop.u)), loop.run.observables
+    return {
+        "start": float(along[0]),
+        "largest": float(np.max(along)),
+        "end": float(along[-1]),
+        "largest_input": float(np.max(u)),
+        "friction": float(np.max(np.asarray(seen.friction_ratio))),
+    }
+
+
+def _table(deviations: _Deviations, held: list[Held]) -> list[str]:
+    width = len(WITHOUT) + 10
+    columns = ("at first", "largest", "at last", "input", "|f| / N")
+    lines = [f"{'deviation, weighted by Q':<{width}}" + "".join(f"{name:>10}" for name in columns)]
+    for one in held:
+        lines.append(f"from {one.start}" if one.start else "from the motion")
+        for name, loop in one.loops.items():
+            numbers = _numbers(deviations, loop)
+            lines.append(f"  {name:<{width - 2}}" + "".join(f"{value:>10.4g}" for value in numbers.values()))
+    return lines
+
+
+def _basin_line(basin: "Basin") -> str:
+    assert basin.grid is not None
+    return f"{basin} to within {basin.within:g}, over {' and '.join(basin.grid.names)}"
+
+
+def _content(scenario: "Scenario", deviations: _Deviations, held: list[Held], basin: "Basin | None") -> dict[str, Any]:
+    """The summary as JSON."""
+    content: dict[str, Any] = {"title": scenario.title, "starts": []}
+    for one in held:
+        loops = {name: _numbers(deviations, loop) | {"ok": loop.ok} for name, loop in one.loops.items()}
+        content["starts"].append({"start": one.start, "loops": loops})
+    if basin is not None:
+        data = basin.dataset()
+        axes = {str(name): data[name].values for name in data["returned"].dims}
+        content["basin"] = {"share": basin.share, "within": basin.within, **axes, "returned": data["returned"].values}
+    return content
+
+
+def _draw(
+    options: argparse.Namespace,
+    scenario: "Scenario",
+    feedback: "AbstractFeedback",
+    held: list[Held],
+    basin: "Basin | None",
+) -> str:
+    """Draws what there is to see, and returns how many figures and where."""
+    from ... import plot
+    from ...interface.wording import counted
+    from ...plot.files import run_mark, save_figures
+    from ...plot.style import caption
+    from ..files import figure_name, suffixes
+
+    first, last = held[0].loops, _last(held[0])
+    drawings: dict[str, Callable[[], Any]] = {
+        "paths": lambda: plot.held_paths(first),
+        "inputs": lambda: plot.held_inputs({name: loop for name, loop in first.items() if name != WITHOUT}),
+        "gains": lambda: plot.gains(_track_of(feedback)),
+    }
+    if basin is not None:
+        drawings["basin"] = lambda: plot.basin_map(basin)
+    estimate = last.history.estimate
+    if estimate is not None:
+        drawings["estimate"] = lambda: plot.estimate(estimate, last.states)
+    begin = figure_name(options.scenario, scenario)
+
+    def captioned(draw: Callable[[], Any]) -> Any:
+        drawn = draw()
+        caption(getattr(drawn, "figure", None) or drawn, scenario.system, scenario.title)
+        return drawn
+
+    named = [(f"{begin}_{name}", functools.partial(captioned, draw)) for name, draw in drawings.items()]
+    paths = save_figures(
+        named,
+        options.plot,
+        run_mark(last.run.made_by(scenario)),
+        suffixes(options.plot_format),
+        svg_text=options.svg_text,
+        replace=options.force,
+    )
+    return f"{counted(len(paths), 'figure')} in {options.plot}"
+
+
+def _named(text: str) -> float | dict[str, float]:
+    """A number, or numbers by name."""
+    try:
+        return float(text)
+    except ValueError:
+        return _deviation(text)
+
+
+def _deviation(text: str) -> dict[str, float]:
+    """Numbers by name."""
+    found = {}
+    for part in text.split(","):
+        name, equals, value = part.rpartition("=")
+        try:
+            found[name.strip()] = float(value)
+        except ValueError:
+            equals = ""
+        if not equals:
+            raise argparse.ArgumentTypeError(f"it must be NAME=NUMBER,..., as in z=0.1,Omega[0]=0.3, but it is {text}")
+    return found
+
+
+def _not_negative(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"it must be a whole number of samples, 0 or more, but it is {text}")
+    return int(text)

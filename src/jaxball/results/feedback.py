@@ -1,0 +1,88 @@
+"""A run under feedback in a file: the motion that it holds, its inputs, and what was estimated."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..control.history import FeedbackHistory
+from ..estimation import LoopEstimate
+from ..numerics.arrays import to_array
+from ..simulation.variables import Variable
+from .variables import Variables, described_fields, history_attributes, history_labels, history_values
+
+INPUTS, BIASES = "feedback_inputs", "estimate_biases"  # attributes that tell such runs, with names one after the other
+BETWEEN = ", "
+OF_FEEDBACK = {
+    "inputs": Variable(("input",), "of effort or acceleration", "input from this time on"),
+    "deviation": Variable(("coordinate",), "of the state", "local coordinate of the state around the motion"),
+}
+OF_ESTIMATE = {
+    "covariance": Variable(("error", "error_beside"), "of the errors", "covariance of the errors of the estimate"),
+    "bias": Variable(("bias",), "of the reading", "estimated bias of a sensor"),
+    "nis": Variable((), "1", "normalised innovation squared"),
+    "read": Variable((), "1", "number of readings"),
+    "nees": Variable((), "1", "normalised estimation error squared"),
+}
+
+
+@history_values.register
+def _of_feedback(history: FeedbackHistory, states: Any) -> Variables:
+    found = _of_states("nominal", "of the motion", history.nominal)
+    found["inputs"] = OF_FEEDBACK["inputs"], np.asarray(history.u)
+    found["deviation"] = OF_FEEDBACK["deviation"], np.asarray(history.deviations(states))
+    if history.estimate is None:
+        return found
+    estimate = history.estimate
+    arrays = {"covariance": estimate.covariance, "bias": estimate.bias_values}
+    arrays |= {"nis": estimate.nis, "read": estimate.read, "nees": estimate.nees(states)}
+    found |= _of_states("estimate", "as estimated", estimate.state)
+    return found | {
+        f"estimate_{name}": (OF_ESTIMATE[name], np.asarray(array)) for name, array in arrays.items() if array.size
+    }
+
+
+def _of_states(prefix: str, words: str, states: Any) -> Variables:
+    known = described_fields(states)
+    return {
+        f"{prefix}_{name}": (known[name]._replace(meaning=f"{known[name].meaning}, {words}"), np.asarray(leaf))
+        for name, leaf in vars(states).items()
+    }
+
+
+@history_attributes.register
+def _names(history: FeedbackHistory) -> dict[str, Any]:
+    names: dict[str, Any] = {INPUTS: BETWEEN.join(history.inputs)}
+    return names if history.estimate is None else names | {BIASES: BETWEEN.join(history.estimate.biases)}
+
+
+@history_labels.register
+def _labels(history: FeedbackHistory) -> dict[str, np.ndarray]:
+    labels = {"input": history.inputs, "coordinate": history.directions}
+    if history.estimate is not None:
+        errors = (*history.estimate.directions, *history.estimate.biases)
+        labels |= {"error": errors, "error_beside": errors, "bias": history.estimate.biases}
+    return {name: np.asarray(names) for name, names in labels.items() if names}
+
+
+def read_feedback(about: Mapping[str, Any], arrays: Mapping[str, np.ndarray], states: Any) -> FeedbackHistory:
+    """The history of a run under feedback in a file, whose attributes ``about`` has, with its ``states``."""
+
+    def of(prefix: str) -> Any:
+        return type(states)(**{name: to_array(arrays[f"{prefix}_{name}"]) for name in vars(states)})
+
+    history = FeedbackHistory(of("nominal"), to_array(arrays["inputs"]), None, names_in(about, INPUTS))
+    if BIASES not in about:
+        return history
+    times, biases = to_array(arrays["time"]), names_in(about, BIASES)
+    found = {name: arrays.get(f"estimate_{name}", np.zeros((times.size, 0))) for name in OF_ESTIMATE}
+    bias, P, nis = (to_array(found[name]) for name in ("bias", "covariance", "nis"))
+    read = jnp.asarray(found["read"], dtype=int)
+    estimate = LoopEstimate(times, of("estimate"), bias, P, nis, read, history.directions, biases)
+    return FeedbackHistory(history.nominal, history.u, estimate, history.inputs)
+
+
+def names_in(about: Mapping[str, Any], attribute: str) -> tuple[str, ...]:
+    """The names in an attribute."""
+    return tuple(name for name in str(about[attribute]).split(BETWEEN) if name)

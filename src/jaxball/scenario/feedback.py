@@ -1,0 +1,403 @@
+"""Feedback and estimators in a scenario file: what holds the motion of the scenario, and what it knows of the state."""
+
+import contextlib
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..control.push import Push
+from ..physics.body import System
+from ..physics.contact.law import Contact
+from ..sensors import AbstractSensor
+from .errors import ScenarioError, each_of, key_error, shown
+from .paths import check_number, with_numbers
+from .solve import SaveTimes
+from .table import Family, Key, Module, join, keys_of, read_family, read_list, write_family
+from .values import (
+    FINITE,
+    NOT_NEGATIVE,
+    POSITIVE,
+    TIME,
+    Integer,
+    Nested,
+    Numbers,
+    Rule,
+    any_traced,
+    unread,
+)
+
+if TYPE_CHECKING:
+    from ..control.feedback import AbstractFeedback
+    from ..control.sampled import SampledSystem
+    from ..simulation.trajectory import Trajectory
+
+Named = Mapping[str, float]
+SOLVER = "dopri8"  # of the samples of a closed loop
+PENALTY = 1e3
+OF_MODEL = ("body", "force", "ground", "resistance", "masses", "mechanisms", "actuation")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FeedforwardSettings:
+    """A run with the inputs of a motion alone, without feedback; what all kinds of feedback have.
+
+    The motion is that of the scenario, and the samples are its save times.
+
+    - ``inputs``: the names of the inputs, None for all that a schedule, a law or a motor moves.
+    - ``limits``: the largest magnitude of each input, a number or by name; None for those of the motors.
+    - ``delay``: how many samples pass before what feedback adds takes effect.
+    - ``start``: by how much the run starts beside the motion, in local coordinates by name.
+    - ``pushes``: further forces on the robot, each a :class:`~jaxball.control.Push`.
+    - ``model``: numbers of the scenario, by their paths, that the motion and the feedback take for others: the robot
+      has those of the scenario.
+    """
+
+    inputs: tuple[str, ...] | None = None
+    limits: float | Named | None = None
+    delay: int = 0
+    start: Named = field(default_factory=dict)
+    pushes: tuple[Push, ...] = ()
+    model: Named = field(default_factory=dict)
+
+    def along(self, run: "Trajectory[Any, Any]", sample: float, rtol: float, atol: float) -> "AbstractFeedback":
+        """The feedback along a run of the model."""
+        from ..control.feedback import Feedforward
+        from ..control.nominal import nominal_of, samples_in
+        from ..control.sampled import SampledSystem
+
+        sampled = SampledSystem.of(run.system, sample, self.inputs, rtol, atol)
+        return Feedforward(sampled, nominal_of(run, sampled, samples_in(run.times, sample)))
+
+    def check(self, sampled: "SampledSystem") -> None:
+        """Raises a ``ValueError`` for names and sizes that do not fit the robot."""
+        from ..control.loop import limits_of
+        from ..control.weights import by_name
+
+        by_name("start", self.start, sampled.directions)
+        if self.limits is not None:
+            limits_of(sampled, self.limits)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RegulatorSettings(FeedforwardSettings):
+    """The linear quadratic regulator along the motion of a scenario, of :func:`jaxball.control.tvlqr`.
+
+    - ``Q``, ``R``, ``Qf``: its weights: a number, numbers by name, a row or a matrix.
+    - The others: as of :class:`FeedforwardSettings`.
+    """
+
+    Q: Any
+    R: Any
+    Qf: Any = None
+
+    def along(self, run, sample, rtol, atol):
+        from ..control.track import tvlqr
+
+        return tvlqr(run, self.Q, self.R, self.Qf, sample=sample, inputs=self.inputs, rtol=rtol, atol=atol)
+
+    def check(self, sampled):
+        from ..control.weights import require_positive, weight_matrix
+
+        def of_inputs() -> None:
+            require_positive("R", weight_matrix("R", self.R, sampled.inputs), strictly=True)
+
+        each_of(
+            lambda: _in_keys(super(RegulatorSettings, self).check, sampled),
+            lambda: _in_keys(weight_matrix, "Q", self.Q, sampled.directions),
+            lambda: _in_keys(of_inputs),
+            lambda: self.Qf is None or _in_keys(weight_matrix, "Qf", self.Qf, sampled.directions),
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PredictiveSettings(RegulatorSettings):
+    """Predictive control along the motion of a scenario, of :func:`jaxball.control.mpc`.
+
+    - ``horizon``: the number of samples that it looks ahead.
+    - ``friction``: the coefficient μ that it keeps to; None for any.
+    - ``penalty``: the cost of exceeding a limit by its own size, per time.
+    - The others: as of :class:`RegulatorSettings`.
+    """
+
+    horizon: int
+    friction: float | None = None
+    penalty: float = PENALTY
+
+    def along(self, run, sample, rtol, atol):
+        from ..control.prediction import mpc
+
+        track = super().along(run, sample, rtol, atol)
+        return mpc(track, self.horizon, limits=self.limits, friction=self.friction, penalty=self.penalty)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EstimatorSettings:
+    """The error-state filter of a closed loop: the feedback acts on what sensors of the scenario read.
+
+    - ``spread``: the standard deviations of local coordinates at the start, by name; 0 for others.
+    - ``process``: how much the motion differs from that of the model, of :class:`jaxball.estimation.ErrorStateFilter`.
+    - ``biases``: the standard deviations of biases of sensors at the start, by the sensors' names.
+    - ``sensors``: the names of the sensors that are read; None for all of the scenario.
+    """
+
+    spread: Named
+    process: Named = field(default_factory=dict)
+    biases: Named = field(default_factory=dict)
+    sensors: tuple[str, ...] | None = None
+
+    def chosen(self, sensors: Mapping[str, AbstractSensor]) -> dict[str, AbstractSensor]:
+        """The sensors that are read, of those of the scenario."""
+        return {name: sensors[name] for name in (sensors if self.sensors is None else self.sensors)}
+
+
+@dataclass(frozen=True)
+class _Names:
+    """Names, one or more."""
+
+    words: str = "a list of names"
+
+    def read(self, value: Any, path: str) -> tuple[str, ...]:
+        if not isinstance(value, list) or not value or not all(isinstance(name, str) for name in value):
+            raise key_error(path, self.words, shown(value))
+        return tuple(value)
+
+    def write(self, value: Any, path: str) -> list[str]:
+        return list(value)
+
+
+@dataclass(frozen=True)
+class _ByName:
+    """Numbers by name in a table; or a number, or lists of numbers of some of the ``shapes``."""
+
+    rule: Rule = FINITE
+    shapes: tuple[tuple[None, ...], ...] = ()
+
+    @property
+    def words(self) -> str:
+        table = f"a table of {Numbers(rule=self.rule).words.removeprefix('a ')}s by name"
+        return " or ".join([*(Numbers(shape, self.rule).words for shape in self.shapes), table])
+
+    def read(self, value: Any, path: str) -> Any:
+        if isinstance(value, dict):
+            number = Numbers(rule=self.rule)
+            return {name: number.read(item, join(path, name)) for name, item in value.items()}
+        for shape in self.shapes:
+            if np.ndim(value) == len(shape):
+                return Numbers(shape, self.rule).read(value, path)
+        raise key_error(path, self.words, shown(value))
+
+    def write(self, value: Any, path: str) -> Any:
+        if isinstance(value, Mapping):
+            return {name: float(item) for name, item in value.items()} or None
+        return np.asarray(value, dtype=float).tolist()
+
+
+_PUSH = Module(
+    Push,
+    {
+        "force": Key(Numbers((3,))),
+        "start": Key(Numbers(dimension=TIME)),
+        "duration": Key(Numbers(rule=POSITIVE, dimension=TIME)),
+        "torque": Key(Numbers((3,)), (0.0, 0.0, 0.0)),
+    },
+)
+
+
+def _read_pushes(values: Any, path: str) -> tuple[Push, ...]:
+    return tuple(read_list(values, path, _PUSH.read, empty=True))
+
+
+def _write_pushes(pushes: tuple[Push, ...], path: str) -> list[dict[str, Any]] | None:
+    return [_PUSH.write(push, f"{path}[{k}]") for k, push in enumerate(pushes)] or None
+
+
+_NAMED = Key(_ByName(), None)
+_SIZES = Key(_ByName(NOT_NEGATIVE), None)
+_WEIGHTS = _ByName(shapes=((), (None,), (None, None)))
+_FEEDFORWARD = {
+    "inputs": Key(_Names(), None),
+    "limits": Key(_ByName(NOT_NEGATIVE, shapes=((),)), None),
+    "delay": Key(Integer(0, 10**6), 0),
+    "start": _NAMED,
+    "pushes": Key(Nested(_read_pushes, _write_pushes, "a list of tables", {"": _PUSH.keys}), ()),
+    "model": _NAMED,
+}
+_REGULATOR = {"Q": Key(_WEIGHTS), "R": Key(_WEIGHTS), "Qf": Key(_WEIGHTS, None), **_FEEDFORWARD}
+_PREDICTIVE = {
+    **_REGULATOR,
+    "horizon": Key(Integer(1, 10**6)),
+    "friction": Key(Numbers(rule=POSITIVE), None),
+    "penalty": Key(Numbers(rule=POSITIVE), PENALTY),
+}
+FEEDBACK: Family = {
+    "feedforward": Module(FeedforwardSettings, _FEEDFORWARD),
+    "tvlqr": Module(RegulatorSettings, _REGULATOR),
+    "mpc": Module(PredictiveSettings, _PREDICTIVE),
+}
+ESTIMATOR = Module(
+    EstimatorSettings,
+    {"spread": Key(_ByName(NOT_NEGATIVE)), "process": _SIZES, "biases": _SIZES, "sensors": Key(_Names(), None)},
+)
+KEYS = {
+    "feedback": Key(unread(tables=keys_of(FEEDBACK)), None),
+    "estimator": Key(unread(tables={"": ESTIMATOR.keys}), None),
+}
+
+
+class Fixed(NamedTuple):
+    """The parts of a scenario that feedback must fit."""
+
+    system: System
+    contact: Contact | None
+    times: SaveTimes
+    solve: Mapping[str, Any]
+
+
+def read_feedback(values: Any, path: str) -> FeedforwardSettings:
+    """What holds the motion of the scenario."""
+    return read_family(values, path, FEEDBACK)
+
+
+def write_settings(
+    feedback: FeedforwardSettings | None, estimator: EstimatorSettings | None
+) -> dict[str, dict[str, Any]]:
+    """The tables [feedback] and [estimator], where there are such."""
+    tables = {} if feedback is None else {"feedback": write_family(feedback, "feedback", FEEDBACK)}
+    return tables if estimator is None else tables | {"estimator": ESTIMATOR.write(estimator, "estimator")}
+
+
+def check_feedback(
+    feedback: FeedforwardSettings | None,
+    estimator: EstimatorSettings | None,
+    sensors: Mapping[str, AbstractSensor],
+    fixed: Fixed,
+    document: Mapping[str, Any],
+) -> None:
+    """Raises where feedback or an estimator does not fit the rest of the scenario."""
+    if feedback is None:
+        if estimator is not None:
+            raise ScenarioError(
+                "Key `estimator` needs a table [feedback], whose samples it reads; give one, such as `feedback = { "
+                'kind = "feedforward" }` for a motion without feedback.'
+            )
+        return
+    if any_traced(tuple(fixed)):
+        return
+    each_of(
+        lambda: _check_solve(fixed.contact, fixed.solve),
+        lambda: sample_of(fixed.times.array(fixed.times.count)),
+        lambda: check_model(feedback.model, document),
+        lambda: _check_fit(feedback, estimator, fixed.system, sensors),
+    )
+
+
+def _check_solve(contact: Contact | None, solve: Mapping[str, Any]) -> None:
+    if contact is not None:
+        raise ScenarioError(
+            "Key `contact` must be left out with `feedback`, which is for bodies that always roll; the friction that "
+            "is needed is among the observables of the run."
+        )
+    check_solver(solve["solver"])
+    for name in ("dae", "project"):
+        if solve[name]:
+            raise key_error(f"solve.{name}", "false with `feedback`", "true")
+
+
+def check_solver(solver: str) -> None:
+    """Raises for another solver than that of the samples of a closed loop."""
+    if solver != SOLVER:
+        raise key_error("solve.solver", f'"{SOLVER}" with `feedback`, whose samples it solves', shown(solver))
+
+
+def sample_of(times: np.ndarray) -> float:
+    """The time between samples: the save times of a scenario with feedback, which must be equally spaced."""
+    even = np.linspace(times[0], times[-1], times.size)
+    if np.any(np.abs(times - even) > 1e-9 * (times[-1] - times[0])):
+        raise ScenarioError(
+            "Key `time.at` must have equally spaced times with `feedback`, because they are its samples, but it has "
+            "not; give `start`, `end` and `step`."
+        )
+    return float(times[-1] - times[0]) / (times.size - 1)
+
+
+def check_model(model: Named, document: Mapping[str, Any]) -> None:
+    """Raises for a path of a model that is none of a number of the robot, and for numbers that no robot can have."""
+    from .files import read_contents  # which reads this table
+
+    for path in model:
+        if re.split(r"[.\[]", path)[0] not in OF_MODEL:
+            raise ScenarioError(
+                f"Key `feedback.model` must have paths of numbers of the robot as keys, in {', '.join(OF_MODEL)}, but "
+                f"one is {shown(path)}."
+            )
+        try:
+            check_number(document, path)
+        except ScenarioError as error:
+            raise ScenarioError(f"Key `feedback.model` has a wrong path: {error}") from None
+    if model:
+        others = {name: table for name, table in document.items() if name not in KEYS}
+        try:
+            read_contents(with_numbers(others, model))
+        except ScenarioError as error:
+            raise ScenarioError(f"Key `feedback.model` makes an impossible robot: {error}") from None
+
+
+def _check_fit(
+    feedback: FeedforwardSettings,
+    estimator: EstimatorSettings | None,
+    system: System,
+    sensors: Mapping[str, AbstractSensor],
+) -> None:
+    from ..control.sampled import SampledSystem
+
+    sampled = _in_keys(SampledSystem.of, system, 1.0, feedback.inputs)
+    each_of(
+        lambda: _in_keys(feedback.check, sampled),
+        lambda: estimator is None or _check_estimator(estimator, sampled, sensors),
+    )
+
+
+def _check_estimator(
+    estimator: EstimatorSettings, sampled: "SampledSystem", sensors: Mapping[str, AbstractSensor]
+) -> None:
+    from ..estimation import ErrorStateFilter
+
+    for name in estimator.sensors or ():
+        if name not in sensors:
+            known = f"they are {', '.join(sensors)}" if sensors else "there are none"
+            raise key_error("estimator.sensors", f"names of sensors of the scenario; {known}", shown(name))
+    chosen = estimator.chosen(sensors)
+    with in_keys("estimator"):
+        ErrorStateFilter.for_sampled(sampled, chosen, estimator.process, estimator.biases).deviations(estimator.spread)
+    for name, sensor in chosen.items():
+        if sensor.errors is not None and sensor.errors.delay:
+            raise key_error(
+                f"sensors.{name}.errors.delay", "0 for an estimator of feedback", f"{sensor.errors.delay:g}"
+            )
+
+
+@contextlib.contextmanager
+def in_keys(path: str = "feedback") -> Iterator[None]:
+    """Turns errors of arguments within this block into those of the keys of the table at ``path``."""
+    try:
+        yield
+    except (ValueError, TypeError) as error:
+        if isinstance(error, ScenarioError):
+            raise
+        raise ScenarioError(_sentence(str(error), path)) from None
+
+
+def _in_keys(function: Any, *arguments: Any) -> Any:
+    with in_keys():
+        return function(*arguments)
+
+
+def _sentence(text: str, path: str) -> str:
+    text = re.sub(r"Argument `sensors\['(\w+)'\](\.?[\w.]*)`", r"Key `sensors.\1\2`", text)
+    text = text.replace("Argument `sensors`", "Key `sensors`").replace(
+        "Argument `run` must be", "Key `feedback` is for"
+    )
+    return re.sub(r"Argument `([^`]+)`", rf"Key `{path}.\1`", text)

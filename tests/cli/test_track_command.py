@@ -1,0 +1,72 @@
+"""``jaxball track``, against the closed loops that Python makes of the same scenario."""
+
+import json
+import os
+
+import numpy as np
+import pytest
+
+import jaxball
+from jaxball.cli import main
+from jaxball.control import basin
+from tests.support.corpus import UNDER_FEEDBACK
+
+
+@pytest.fixture(autouse=True)
+def folder(monkeypatch, tmp_path):
+    """The command line sets XLA_FLAGS; other tests must not see it."""
+    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "disk.toml").write_text(UNDER_FEEDBACK)
+    return tmp_path
+
+
+@pytest.mark.slow
+def test_disturbed_starts_are_held_and_saved(folder, capsys):
+    """The numbers are those of the closed loops, and the saved run is that of the first start, from sensors."""
+    grid = ["phi=-0.4:0.4:3", "phidot=-0.5:0.5:2"]
+    files = ["--out", "held.npz", "--plot", "figures", "--json", "-"]
+    assert main(["track", "disk.toml", "--basin", *grid, "--within", "0.3", *files]) == 0
+    captured = capsys.readouterr()
+    found = json.loads(captured.out)
+    assert "Track of a disk with 1 mechanism\n  20 samples of 0.05, from 0 to 1\n" in captured.err
+    assert "from phi = 0.2, z = -0.2 and a push" in captured.err
+    scenario = jaxball.load_scenario("disk.toml")
+    seeing = scenario.closed_loop()
+    track = seeing.feedback.feedback
+    loops = found["starts"][0]["loops"]
+    assert list(loops) == ["without feedback", "with feedback", "from sensors"]
+    xi = np.asarray(seeing.xi)
+    weighted = np.sqrt((xi[:, 0] ** 2 + xi[:, 3] ** 2) / 2)
+    assert loops["from sensors"]["start"] == pytest.approx(0.2 / np.sqrt(2))
+    assert loops["from sensors"]["end"] == pytest.approx(weighted[-1], abs=1e-9)
+    assert loops["from sensors"]["largest_input"] == pytest.approx(float(np.max(np.abs(seeing.u))), abs=1e-9)
+    assert loops["without feedback"]["largest_input"] == pytest.approx(0.0, abs=1e-12)
+    starts = {"phi": np.linspace(-0.4, 0.4, 3), "phidot": np.linspace(-0.5, 0.5, 2)}
+    push, Q = scenario.feedback.pushes[0], {"phi": 1.0, "theta": 1.0}
+    again = basin(track, starts, Q=Q, within=0.3, limits=0.5, delay=1, push=push, system=scenario.system)
+    np.testing.assert_array_equal(np.ravel(found["basin"]["returned"]), again.returned)
+    assert found["basin"]["share"] == again.share
+    saved = jaxball.load_run("held.npz")
+    np.testing.assert_allclose(saved.state.z, seeing.states.z, rtol=0, atol=1e-9)
+    names = {"paths", "inputs", "gains", "basin", "estimate"}
+    assert {path.name for path in (folder / "figures").iterdir()} == {f"disk_{name}.png" for name in names}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["disk.toml", "--Q", "pih=1"], "Key `feedback.Q` must have names as keys, but one is 'pih'"),
+        (
+            ["disk.toml", "--sample", "0.3"],
+            "Key `time.step` must be the span from 0.0 to 1.0 divided by a whole number",
+        ),
+        (["disk.toml", "--disturb", "y=1"], "Argument `--disturb` must have names as keys, but one is 'y'"),
+        (["disk.toml", "--set", "feedback.kind=feedforward"], 'Key `feedback.kind` must be "tvlqr" or "mpc"'),
+        (["heavy-top"], "Key `feedback` is not known"),
+        (["bowling-ball"], "Key `contact` must be left out with `feedback`"),
+    ],
+)
+def test_bad_input_gets_a_sentence(arguments, sentence, capsys):
+    assert main(["track", *arguments]) == 2
+    assert sentence in capsys.readouterr().err

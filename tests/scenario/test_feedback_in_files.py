@@ -1,0 +1,180 @@
+"""Feedback in a scenario file: the closed loop that it describes, its saved runs, and what is wrong in words."""
+
+import re
+import tomllib
+
+import jax
+import numpy as np
+import pytest
+import tomli_w
+
+import jaxball
+from jaxball.control import Push, closed_loop, tvlqr
+from jaxball.estimation import OutputFeedback
+from jaxball.scenario import ScenarioError, read_document, read_scenario, write_scenario
+from jaxball.scenario.closed_loop import model_of
+from jaxball.sensors import Gyroscope, Position, SensorErrors
+from jaxball.sweep import read_study
+from jaxball.verify import verify
+from tests.support.corpus import PREDICTIVE, UNDER_FEEDBACK
+
+FEEDFORWARD = re.sub(r"kind = \"tvlqr\"\nQ = .*\nR = .*\nQf = .*", 'kind = "feedforward"', UNDER_FEEDBACK)
+STUDY = {"format": 1, "axes": [{"path": "body.mass", "values": [1.0]}]}
+FEEDFORWARD = re.sub(r"\n\[estimator\].*(?=\n\[time\])", "", FEEDFORWARD, flags=re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return read_scenario(UNDER_FEEDBACK)
+
+
+@pytest.fixture(scope="module")
+def run(scenario):
+    return scenario.simulate(throw=True)
+
+
+def robot(mass):
+    pendulum = jaxball.planar_pendulum(0.5, 0.6, drive=jaxball.Motor(0.0))
+    return jaxball.Disk(mass=mass, inertia=0.5, gravity=2.0, mechanisms=[pendulum])
+
+
+@pytest.mark.thorough
+def test_a_run_is_the_closed_loop_that_the_file_describes(run):
+    """The regulator and the filter know another mass; both solve with the same tolerances, in another program."""
+    motion = jaxball.simulate(robot(0.9), np.linspace(0.0, 1.0, 21))
+    track = tvlqr(motion, Q={"phi": 1.0, "theta": 1.0}, R=1.0, Qf=1.0, sample=0.05)
+    sensors = {
+        "camera": Position(errors=SensorErrors(noise=0.01, missing=0.2)),
+        "gyro": Gyroscope(errors=SensorErrors(noise=0.02, bias=0.05, random_walk=0.01)),
+    }
+    push = Push((0.2, 0.0, 0.0), start=0.21, duration=0.1, torque=(0.0, 0.1, 0.0))
+    pushed = jaxball.Disk(**{**robot(1.0).arguments, "force": push})
+    spread = {"phi": 0.2, "z": 0.2, "thetadot": 0.1}
+    seeing = OutputFeedback.of(
+        track, sensors, spread=spread, process={"phidot": 0.05}, biases={"gyro": 0.1}, system=pushed
+    )
+    loop = closed_loop(seeing, {"phi": 0.2, "z": -0.2}, system=pushed, limits=0.5, delay=1)
+    for name in ("phi", "phidot", "z", "theta", "thetadot"):
+        np.testing.assert_allclose(getattr(run.state, name), getattr(loop.states, name), rtol=0, atol=1e-8)
+    np.testing.assert_allclose(run.history.u[:-1], loop.u, rtol=0, atol=1e-8)
+    estimated = run.history.estimate
+    np.testing.assert_allclose(estimated.covariance[:-1], loop.memory.P, rtol=0, atol=1e-8)
+    held = jax.vmap(lambda nominal, state: nominal.difference(state))(run.history.nominal, estimated.state)
+    np.testing.assert_allclose(held[:-1], loop.memory.xi, rtol=0, atol=1e-8)
+
+
+@pytest.mark.thorough
+def test_what_its_filter_notes_is_what_its_sensors_read(run, scenario):
+    """Seven numbers or four at each sample, as the camera sees the disk or not; χ² of these but for a wrong model."""
+    estimate, camera = run.history.estimate, np.asarray(run.measured(scenario.sensors)["camera"])
+    np.testing.assert_array_equal(estimate.read[:-1], np.where(np.isnan(camera[:-1, 0]), 3, 6))
+    assert int(estimate.read[-1]) == 0
+    assert np.isnan(estimate.nis[-1])
+    assert 2.0 < np.mean(estimate.nis[:-1]) < 12.0
+    errors = run.history.estimate.errors(run.state)[:-1]
+    assert np.all(np.abs(errors[:, 2]) < 4 * np.asarray(estimate.deviations["z"])[:-1] + 1e-12)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("suffix", ["nc", "npz"])
+def test_a_saved_run_is_read_again(run, tmp_path, suffix):
+    """States, motion, inputs and estimates bit for bit; observables are those of the inputs that acted."""
+    again = jaxball.load_run(jaxball.save(run, tmp_path / f"run.{suffix}"))
+    for one, other in zip(jax.tree.leaves(again.history), jax.tree.leaves(run.history), strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert again.history.inputs == run.history.inputs
+    assert again.history.estimate.biases == ("gyro[0]", "gyro[1]", "gyro[2]")
+    np.testing.assert_allclose(again.observables.joint_efforts, run.observables.joint_efforts, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(run.observables.joint_efforts[:-1], run.history.u[:-1], rtol=0, atol=1e-12)
+    assert str(again) == str(run)
+    data = run.to_dataset()
+    assert data.estimate_covariance.sel(error="z", error_beside="z").dims == ("time",)
+    assert data.deviation.sel(coordinate="z")[0] == pytest.approx(-0.2)
+
+
+@pytest.mark.slow
+def test_feedforward_is_the_motion_with_pushes_and_another_start():
+    """Whose inputs are 0, the robot at the start of the file; a run of it with that push, at tolerances of 1e-10."""
+    known = read_scenario(FEEDFORWARD)
+    run = known.simulate(throw=True)
+    start = jaxball.DiskState(phi=0.2, z=-0.2, theta=[0.0], thetadot=[0.0])
+    pushed = jaxball.Disk(**{**robot(1.0).arguments, "force": known.feedback.pushes[0]})
+    free = jaxball.simulate(pushed, known.times, start)
+    np.testing.assert_allclose(run.state.z, free.state.z, rtol=0, atol=1e-8)
+    assert run.history.estimate is None
+
+
+@pytest.mark.parametrize("text", [UNDER_FEEDBACK, PREDICTIVE, FEEDFORWARD])
+def test_a_written_scenario_is_read_again(text):
+    written = write_scenario(read_scenario(text))
+    assert write_scenario(read_scenario(written)) == written
+    for table in ("feedback", "estimator"):
+        assert tomllib.loads(written).get(table) == tomllib.loads(text).get(table)
+
+
+def test_a_model_may_differ_in_what_has_its_default_in_the_robot():
+    """As long as the file has the number."""
+    document = tomllib.loads(PREDICTIVE)
+    document["body"]["offset"] = [0.0, 0.0, 0.0]
+    document["feedback"]["model"] = {"body.offset[2]": -0.1, "mechanisms[0].masses[0].mass": 0.4}
+    model = model_of(read_document(document))
+    np.testing.assert_array_equal(model.system.offset, [0.0, 0.0, -0.1])
+    assert float(model.system.mechanisms[0].mass[0]) == 0.4
+    assert model.feedback is None
+
+
+def changed(old, new):
+    assert old in UNDER_FEEDBACK
+    return UNDER_FEEDBACK.replace(old, new)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (changed('"tvlqr"', '"tvlq"'), 'Key `feedback.kind` cannot be "tvlq"; did you mean "tvlqr"?'),
+        (
+            changed("{ phi = 1.0, theta", "{ pih = 1.0, theta"),
+            "Key `feedback.Q` must have names as keys, but one is 'pih'",
+        ),
+        (changed("R = 1.0", "R = 0.0"), "Key `feedback.R` must have eigenvalues that are positive"),
+        (changed("R = 1.0", ""), "Key `feedback.R` must be a finite number or a list"),
+        (changed('inputs = ["mech', 'inputs = ["mach'), 'did you mean "mechanisms[0].joints[0]"?'),
+        (changed("delay = 1", "delay = -1"), "Key `feedback.delay` must be a whole number from 0"),
+        (changed("z = -0.2 }", "y = -0.2 }"), "Key `feedback.start` must have names as keys, but one is 'y'"),
+        (changed("duration = 0.1", "duration = 0.0"), "Key `feedback.pushes[0].duration` must be a positive number"),
+        (changed('"body.mass" = 0.9', '"body.mas" = 0.9'), "Key `feedback.model` has a wrong path"),
+        (changed('"body.mass" = 0.9', '"time.end" = 0.9'), "must have paths of numbers of the robot as keys"),
+        (changed('"body.mass" = 0.9', '"body.mass" = -0.9'), "impossible robot: Key `body.mass` must be a positive"),
+        (changed("z = 0.2, thetadot", "x = 0.2, thetadot"), "Key `estimator.spread` must have names as keys"),
+        (changed("gyro = 0.1", "gyr = 0.1"), "Key `estimator.biases` names 'gyr', which is no sensor; did you mean"),
+        (changed('["camera", "gyro"]', '["radar"]'), "names of sensors of the scenario; they are camera, gyro"),
+        (changed("noise = 0.01, ", ""), "Key `sensors.camera` must have noise"),
+        (changed("missing = 0.2", "delay = 0.1"), "Key `sensors.camera.errors.delay` must be 0 for an estimator"),
+        (changed("start = 0.0\nend = 1.0\nstep = 0.05", "at = [0.0, 0.1, 1.0]"), "must have equally spaced times"),
+        (changed("[time]", '[solve]\nsolver = "gauss16"\n\n[time]'), '`solve.solver` must be "dopri8" with `feedback`'),
+        (changed("[time]", "[contact]\nsliding = 0.2\n\n[time]"), "Key `contact` must be left out with `feedback`"),
+        (
+            changed(', force = { kind = "motor", signal = 0.0 }', "").replace(
+                'inputs = ["mechanisms[0].joints[0]"]', ""
+            ),
+            "Key `feedback` is for a motion with inputs, masses or joints that schedules, laws or motors move",
+        ),
+        (re.sub(r"\[feedback\].*(?=\[estimator\])", "", UNDER_FEEDBACK, flags=re.DOTALL), "needs a table [feedback]"),
+    ],
+)
+def test_what_is_wrong_gets_a_sentence(text, sentence):
+    with pytest.raises(ScenarioError, match=re.escape(sentence)):
+        read_scenario(text)
+
+
+def test_what_cannot_be_done_with_feedback_gets_a_sentence(scenario):
+    with pytest.raises(ScenarioError, match="Key `feedback` must be left out in a study"):
+        read_study(tomli_w.dumps(STUDY | {"scenario": tomllib.loads(UNDER_FEEDBACK)}))
+    with pytest.raises(ScenarioError, match="Key `feedback` must be left out here, because the laws"):
+        verify(scenario)
+    with pytest.raises(ScenarioError, match="has no dense output and no events"):
+        scenario.simulate(dense=True)
+    with pytest.raises(ScenarioError, match='must be "dopri8" with `feedback`'):
+        scenario.simulate(solver="tsit5")
+    with pytest.raises(ScenarioError, match=r"must have a table \[feedback\], but it has none"):
+        model_of(scenario).closed_loop()
