@@ -17,11 +17,6 @@ os.environ["JAXBALL_NO_CACHE"] = "1"  # where pytest has no folder for programs;
 jax.config.update("jax_enable_x64", X64)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
-jaxtyping.install_import_hook(checked.modules(), "beartype.beartype")
-
-import jaxball  # noqa: E402
-from tests.support import programs  # noqa: E402
-from tests.support.paper import paper_ball, paper_disk  # noqa: E402
 
 # Compiling counts as part of an example's time, and a test must give the same answer each time.
 hypothesis.settings.register_profile("compiled", deadline=None, derandomize=True, database=None)
@@ -37,9 +32,23 @@ gc.set_threshold(50_000, 50, 50)
 SECONDS = np.linspace(0.0, 20.0, 21)
 
 
+def _checks_shapes(config) -> bool:
+    """Shapes are checked wherever the default tests run, not where others alone do: it takes a fifth of their time.
+
+    The process that hands tests out to others runs none.
+    """
+    with_default_tests = not config.option.markexpr or config.option.markexpr.startswith("not ")
+    hands_out = getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput")
+    return with_default_tests and not hands_out
+
+
 def pytest_configure(config):
     """Compiling takes most of the default run; only long studies gain more from optimised programs than they cost."""
     unoptimised = "not slow" in config.option.markexpr
+    if _checks_shapes(config):
+        jaxtyping.install_import_hook(checked.modules(), "beartype.beartype")
+    from tests.support import programs
+
     jax.config.update("jax_disable_most_optimizations", unoptimised)
     os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = str(int(unoptimised))  # of examples and commands
     programs.compile_quickly()
@@ -51,6 +60,8 @@ def pytest_configure(config):
 
 
 def pytest_runtest_teardown(item, nextitem):
+    from tests.support import programs
+
     programs.forget_if_many(module_ends=nextitem is None or nextitem.path != item.path)
 
 
@@ -72,10 +83,16 @@ def no_type_checks():
 @pytest.fixture(scope="session")
 def ball_trajectory():
     """The paper's ball at t = 0, 1, ..., 20, at the tolerance of the paper."""
+    import jaxball
+    from tests.support.paper import paper_ball
+
     return jaxball.simulate(paper_ball(), SECONDS, rtol=1e-10, atol=1e-10, step_to_times=True).raise_if_failed()
 
 
 @pytest.fixture(scope="session")
 def disk_trajectory():
     """The paper's disk at t = 0, 1, ..., 20, at tolerance 1e-12."""
+    import jaxball
+    from tests.support.paper import paper_disk
+
     return jaxball.simulate(paper_disk(), SECONDS, rtol=1e-12, atol=1e-12, step_to_times=True).raise_if_failed()

@@ -9,7 +9,6 @@ import pytest
 from matplotlib import pyplot
 
 import jaxball
-from jaxball import BallState, Contact, ReleasedState
 
 matplotlib.use("Agg")
 
@@ -28,7 +27,7 @@ def bare_trajectory():
     """A ball without point masses, whose shell is off its centre, spun so fast that it leaves the plane."""
     ball = jaxball.Ball(mass=1.0, inertia=(0.9, 1.0, 1.1), offset=(0.0, 0.0, -0.4))
     times = np.linspace(0.0, 2.0, 41)
-    return jaxball.simulate(ball, times, BallState(Omega=(0.0, 4.0, 0.0)), rtol=1e-6, atol=1e-6)
+    return jaxball.simulate(ball, times, jaxball.BallState(Omega=(0.0, 4.0, 0.0)), rtol=1e-6, atol=1e-6)
 
 
 @pytest.fixture(scope="session")
@@ -57,7 +56,7 @@ def reduced_trajectory():
 def thrown_trajectory():
     """A homogeneous ball that is thrown with backspin: it bounces from t = 1 on, slides, and rolls at the end."""
     ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4))
-    thrown = ReleasedState(BallState(Omega=(0.0, -8.0, 0.0)), V=(2.0, 0.5, 0.0), height=0.5)
-    contact = Contact(sliding=0.3, static=0.35, restitution=0.6, slowest=0.05)
+    thrown = jaxball.ReleasedState(jaxball.BallState(Omega=(0.0, -8.0, 0.0)), V=(2.0, 0.5, 0.0), height=0.5)
+    contact = jaxball.Contact(sliding=0.3, static=0.35, restitution=0.6, slowest=0.05)
     times = np.linspace(0.0, 11.0, 111)
     return jaxball.simulate(ball, times, thrown, contact=contact, rtol=1e-8, atol=1e-8)
