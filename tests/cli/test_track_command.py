@@ -49,6 +49,7 @@ def test_disturbed_starts_are_held_and_saved(folder, capsys):
     assert found["basin"]["share"] == again.share
     saved = jaxball.load_run("held.npz")
     np.testing.assert_allclose(saved.state.z, seeing.states.z, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(saved.history.u[:-1], seeing.u, rtol=0, atol=1e-9)
     names = {"paths", "inputs", "gains", "basin", "estimate"}
     assert {path.name for path in (folder / "figures").iterdir()} == {f"disk_{name}.png" for name in names}
 

@@ -9,8 +9,9 @@ import numpy as np
 from ..control.history import FeedbackHistory
 from ..estimation import LoopEstimate
 from ..numerics.arrays import to_array
+from ..physics.hybrid import AbstractHistory
 from ..simulation.variables import Variable
-from .variables import Variables, described_fields, history_attributes, history_labels, history_values
+from .variables import Variables, described_fields, history_attributes, history_values
 
 INPUTS, BIASES = "feedback_inputs", "estimate_biases"  # attributes that tell such runs, with names one after the other
 BETWEEN = ", "
@@ -57,8 +58,10 @@ def _names(history: FeedbackHistory) -> dict[str, Any]:
     return names if history.estimate is None else names | {BIASES: BETWEEN.join(history.estimate.biases)}
 
 
-@history_labels.register
-def _labels(history: FeedbackHistory) -> dict[str, np.ndarray]:
+def feedback_labels(history: AbstractHistory) -> dict[str, np.ndarray]:
+    """The names along the dimensions of feedback."""
+    if not isinstance(history, FeedbackHistory):
+        return {}
     labels = {"input": history.inputs, "coordinate": history.directions}
     if history.estimate is not None:
         errors = (*history.estimate.directions, *history.estimate.biases)

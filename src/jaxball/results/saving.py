@@ -19,12 +19,12 @@ from ..scenario.paths import entries
 from ..sensors import AbstractSensor
 from ..simulation.extremes import always_rolls, contact_extremes
 from ..simulation.trajectory import Trajectory
+from .feedback import feedback_labels
 from .files import FORMAT, SUFFIXES, UNKNOWN_SOLVER
 from .variables import (
     Variables,
     described_fields,
     history_attributes,
-    history_labels,
     history_values,
     labels,
     measured_values,
@@ -143,7 +143,7 @@ def to_dataset(
             sizes |= zip((leading, *variable.dimensions), array.shape, strict=True)
     sizes.pop("time")
     times = ("time", np.asarray(trajectory.times), {"units": "time", "long_name": "time"})
-    coordinates = {"time": times, **labels(trajectory.system, sizes), **history_labels(trajectory.history)}
+    coordinates = {"time": times, **labels(trajectory.system, sizes), **feedback_labels(trajectory.history)}
     return xarray.Dataset(variables, coordinates, attributes(trajectory, scenario, sensors))
 
 

@@ -169,12 +169,6 @@ def _kept(switches: Switches, variables: Mapping[str, tuple[Variable, Array]]) -
 
 
 @functools.singledispatch
-def history_labels(history: AbstractHistory) -> dict[str, np.ndarray]:
-    """The coordinates along the dimensions that a history adds, where these are not numbers."""
-    return {}
-
-
-@functools.singledispatch
 def history_attributes(history: AbstractHistory) -> dict[str, Any]:
     """The numbers of a history: how many switches there were and how many are kept, the coefficients of a law."""
     return {}

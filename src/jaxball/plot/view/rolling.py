@@ -20,6 +20,7 @@ from ..palette import TAKEN, mass_colour
 from ..record import Record, drawn_run, finite_rows, known_rows, record, require_one
 from ..shapes import rails_of
 from ..time_series import height, of_contact, slip_speed
+from .feedback import feedback_numbers
 from .scene import (
     BLUE,
     PAIR,
@@ -128,6 +129,7 @@ def body_numbers(one: Shown, plane: float) -> dict[str, Numbers]:
             "slip": Numbers(np.asarray(history.slip)[rows, :2]),
             "taken": Numbers(np.stack([history.rubbed, history.struck], axis=1)[rows]),
         }
+    numbers |= feedback_numbers(one.trajectory, setting, r, r - plane)
     if one.angles:
         numbers["mass_angles"] = Numbers(np.stack(list(one.angles.values()), axis=1))
     if system.mechanisms:

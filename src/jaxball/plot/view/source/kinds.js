@@ -3,6 +3,7 @@
 import { Arrows } from "./arrows.js";
 import { Body } from "./body.js";
 import { largest, row } from "./data.js";
+import { Estimate, Ghost } from "./ghost.js";
 import { Ground } from "./ground.js";
 import { Box, Particle, Velocity } from "./particle.js";
 import { RigidBody, Vectors } from "./rigid.js";
@@ -53,9 +54,16 @@ export function partsOf(view) {
   const herpolhodes = bodies.map((run) =>
     kind === "rigid" ? new Trace(run, turned(run, ends(run.arrays)), palette.spin, 1.6, THIN) : null,
   );
+  const ghosts = bodies.map((run) =>
+    run.arrays.nominal_centre ? new Ghost(run, contactPoints(run, axes, run.arrays.nominal_centre)) : null,
+  );
+  const up = axes.map((line) => line[2]);
+  const estimates = bodies.map((run) => (run.arrays.estimate ? new Estimate(run, up, palette.momentum) : null));
   return {
     kind,
     shapes,
+    ghosts,
+    estimates,
     arrows: shapes.map((shape) => new Vectors(shape, view, scales)),
     traces,
     herpolhodes: herpolhodes.filter(Boolean),

@@ -21,6 +21,8 @@ export function layersOf({ bodies, friction, cone, palette }, stage) {
       ["Centre of mass", parts("centreOfMass"), true],
       ["Contact point", arrows("contact"), true],
       ["Trace", stage.traces, true, trail, "line"],
+      ["Motion that is held, dashed", stage.ghosts.filter(Boolean), true],
+      ["Estimate, 95 % ellipse", stage.estimates.filter(Boolean), true, palette.momentum, "line"],
       ["Target path", [stage.ground.wanted].filter(Boolean), true],
       ["Obstacles", [stage.ground.obstacles].filter(Boolean), true],
       ["Rails", hasRails ? parts("rails") : [], true],

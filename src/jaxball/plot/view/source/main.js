@@ -170,6 +170,9 @@ window.jaxball = {
     centre: stage.bodies[i].position.toArray(),
     quaternion: stage.bodies[i].quaternion.toArray(),
     masses: stage.bodies[i].masses.map((mass) => mass.position.toArray()),
+    ghost: stage.ghosts[i]?.outline.position.toArray() ?? null,
+    estimate: stage.estimates[i]?.position.toArray() ?? null,
+    ellipse: stage.estimates[i]?.ellipse.matrix.elements.slice(0, 8) ?? null,
     centreOfMass: stage.bodies[i].centreOfMass?.position.toArray() ?? null,
   }),
 };

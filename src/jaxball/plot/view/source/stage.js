@@ -22,13 +22,14 @@ export class Stage {
     this.labels = new Labels(layer);
     this.canvas = canvas;
     this.radius = Math.max(...view.bodies.map((body) => body.radius));
-    const { kind, shapes, arrows, traces, herpolhodes, ground, box } = partsOf(view);
-    Object.assign(this, { kind, bodies: shapes, arrows, traces, herpolhodes, ground, box });
+    const { kind, shapes, arrows, traces, herpolhodes, ghosts, estimates, ground, box } = partsOf(view);
+    Object.assign(this, { kind, bodies: shapes, arrows, traces, herpolhodes, ghosts, estimates, ground, box });
     this.followed = this.bodies.length - 1;
     this.margin = 0;
     this.spaceAxes = axesOf(view);
     this.world = new Group();
-    this.moving = shapes.map((_, i) => [shapes, arrows, traces, herpolhodes].map((all) => all[i]).filter(Boolean));
+    const all = [shapes, arrows, traces, herpolhodes, ghosts, estimates];
+    this.moving = shapes.map((_, i) => all.map((parts) => parts[i]).filter(Boolean));
     this.world.add(...this.moving.flat(), ...[ground, box, this.spaceAxes].filter(Boolean));
     this.scene = new Scene();
     this.scene.add(this.world);

@@ -54,11 +54,11 @@ export class Trail extends Group {
   }
 }
 
-export function contactPoints({ arrays, times, radius: r }, axes) {
+export function contactPoints({ arrays, times, radius: r }, axes, centres = arrays.centre) {
   const up = axes.map((line) => line[2]);
   const points = [];
   for (let k = 0; k < times.length; k++) {
-    const [centre, moved] = [row(arrays.centre, k), row(arrays.moved, k, STILL)];
+    const [centre, moved] = [row(centres, k), row(arrays.moved, k, STILL)];
     for (let j = 0; j < 3; j++) points.push(centre[j] - moved[j] - (r - 0.004 * r) * up[j]);
   }
   return points;

@@ -1,0 +1,64 @@
+"""What a run under feedback shows besides its body: the motion that is held, and the estimate with its ellipse."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from ...control.history import FeedbackHistory
+from ...simulation.trajectory import Trajectory
+from ..floor import Setting
+from ..record import finite_rows
+from .scene import Numbers, continuous
+
+CONFIDENCE = 0.95
+
+
+def feedback_numbers(
+    trajectory: Trajectory[Any, Any], setting: Setting, radius: float, lift: float
+) -> dict[str, Numbers]:
+    """The pose of the motion, the place of the estimate on the plane, and the two half axes of its ellipse.
+
+    In axes of the page; ``lift`` is how far the centre of a body lies above that of the first of all. Where nothing was
+    estimated, at the end, the last estimate goes on.
+    """
+    history = trajectory.history
+    if not isinstance(history, FeedbackHistory):
+        return {}
+    rows, up = finite_rows(trajectory), setting.page[:, 2]
+    raised = setting.moved + lift * up
+    nominal = setting.page @ np.asarray(history.nominal.Lambda)[rows]
+    found = {
+        "nominal_centre": Numbers(_centres(history.nominal)[rows] @ setting.page.T + raised, radius),
+        "nominal_quaternion": Numbers(continuous(Rotation.from_matrix(nominal).as_quat()), 1.0),
+    }
+    estimate = history.estimate
+    if estimate is None:
+        return found
+    known = np.flatnonzero(np.isfinite(np.asarray(estimate.covariance)[:, 0, 0]))
+    last = np.minimum(rows, known[-1])
+    place = _centres(estimate.state)[last] @ setting.page.T + raised - radius * up
+    planes = [k for k, name in enumerate(estimate.directions) if name.partition("[")[0] == "z"]
+    axes = half_axes(np.asarray(estimate.covariance)[last][:, planes][:, :, planes]) @ setting.page.T
+    return found | {
+        "estimate": Numbers(place, radius),
+        "ellipse": Numbers(axes.reshape(len(rows), -1), radius),
+    }
+
+
+def half_axes(covariances: Float[np.ndarray, "T d d"]) -> Float[np.ndarray, "T 2 3"]:
+    """The half axes, in space axes, of the ellipses in which places lie with 95 % probability; of a line, one is 0."""
+    size, d = np.sqrt(chi2.ppf(CONFIDENCE, covariances.shape[1])), covariances.shape[1]
+    values, vectors = np.linalg.eigh(covariances)
+    axes = np.zeros((len(covariances), 2, 3))
+    axes[:, :d, :d] = size * np.sqrt(np.maximum(values, 0.0))[:, :, None] * np.swapaxes(vectors, 1, 2)
+    return axes
+
+
+def _centres(states: Any) -> Float[np.ndarray, "T 3"]:
+    """The centres of bodies whose plane is their radius below the origin."""
+    z = np.asarray(states.z)
+    z = z[:, None] if z.ndim == 1 else z
+    return np.pad(z, ((0, 0), (0, 3 - z.shape[1])))
