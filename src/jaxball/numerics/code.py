@@ -22,7 +22,15 @@ _ATTRIBUTE = ("LOAD_ATTR", "LOAD_METHOD")
 # Entries of classes that have no effect on what these compute, or that follow from the others.
 _ANNOTATIONS = ("__annotate__", "__annotate_func__", "__annotations__", "__annotations_cache__", "__doc__")
 _OF_GENERIC = ("__orig_bases__", "__parameters__", "__type_params__")
-_OF_LAYOUT = ("__dict__", "__weakref__", "__module__", "__firstlineno__", "__static_attributes__", "__classdictcell__")
+_OF_LAYOUT = (
+    "__dict__",
+    "__slotnames__",
+    "__weakref__",
+    "__module__",
+    "__firstlineno__",
+    "__static_attributes__",
+    "__classdictcell__",
+)
 _WITHOUT_EFFECT = frozenset((*_ANNOTATIONS, *_OF_GENERIC, *_OF_LAYOUT, "_abc_impl"))
 # What depends on more than its arguments, or does more than return a value, in packages that are otherwise known.
 _IMPURE = {
