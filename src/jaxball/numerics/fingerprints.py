@@ -4,7 +4,6 @@ They identify compiled programs. Functions and classes of a library whose versio
 such as a user's, a closure or a ``lambda``, is what it consists of (:mod:`~.code`).
 """
 
-import contextlib
 import enum
 import functools
 import hashlib
@@ -17,7 +16,7 @@ import jax
 import numpy as np
 from jax.tree_util import PyTreeDef
 
-from ..cache.executables import NoNameError, is_known, name_of
+from ..cache.executables import NoNameError, home_of, is_known, name_of
 from ..compat import Primitive, is_traced, node_of
 from . import code
 
@@ -62,10 +61,10 @@ def fingerprint(*values: Any) -> Fingerprint:
 
 
 class _Writer:
-    def __init__(self, surrounding: int = 0):
+    def __init__(self, of_users: bool = False):
         self.reached: list[Any] = []
         self._places: dict[int, int] = {}
-        self._surrounding = surrounding  # how many functions and classes without a name contain the value
+        self._of_users = of_users  # whether a user's function or class contains the value
 
     def of(self, value: Any) -> bytes:
         """Tagged with the kind and, where it varies, preceded by the length, so that no two values have the same."""
@@ -78,7 +77,7 @@ class _Writer:
         if isinstance(value, np.dtype):
             return _tagged("dtype", repr(value).encode())
         if isinstance(value, type):
-            self._require_pure(value)
+            self._require_pure(_name(value) or "")
             return _tagged("type", self._class(value))
         if isinstance(value, PyTreeDef):
             return self._structure(value)
@@ -100,7 +99,7 @@ class _Writer:
         if isinstance(value, list | tuple):
             return _tagged("sequence", of, *map(self.of, value))
         # Each on its own, because their order is that of the process.
-        return _tagged("set", of, *sorted(_Writer(self._surrounding).of(item) for item in value))
+        return _tagged("set", of, *sorted(_Writer(self._of_users).of(item) for item in value))
 
     def _defined(self, value: Any) -> bytes:
         """Functions, modules, objects."""
@@ -109,9 +108,10 @@ class _Writer:
                 raise NoNameError(f"{value!r} may change without its name.")
             code.require_pure(value.__name__)
             return _tagged("module", value.__name__.encode())
-        self._require_pure(value)
-        with contextlib.suppress(NoNameError):
-            return _tagged("named", name_of(value).encode())
+        name = _name(value)
+        if name is not None:
+            self._require_pure(name)
+            return _tagged("named", name.encode())
         if type(value) is object:  # which is only told from others
             return _tagged("sentinel", self._once(value, lambda _: ()))
         if isinstance(value, types.FunctionType):
@@ -152,16 +152,13 @@ class _Writer:
         return _tagged("node", self._class(node[0]), self.of(node[1]), *map(self._structure, children))
 
     def _class(self, of: type) -> bytes:
-        try:
-            return name_of(of).encode()
-        except NoNameError:
-            return self._once(of, code.of_class)
+        name = _name(of)
+        return self._once(of, code.of_class) if name is None else name.encode()
 
-    def _require_pure(self, named: Any) -> None:
-        """Of what a function without a name uses by its name."""
-        if self._surrounding:
-            with contextlib.suppress(AttributeError):
-                code.require_pure(named.__module__ or "", named.__qualname__)
+    def _require_pure(self, name: str) -> None:
+        """Of what a user's function or class uses."""
+        if self._of_users:
+            code.require_pure(*name.split(":"))
 
     def _once(self, value: Any, parts: Callable[[Any], tuple[Any, ...]]) -> bytes:
         """What it consists of; the place among those reached if it is among them, as where a function calls itself."""
@@ -169,11 +166,19 @@ class _Writer:
         if place < len(self.reached):
             return _tagged("again", str(place).encode())
         self.reached.append(value)
-        self._surrounding += 1
+        before, self._of_users = self._of_users, self._of_users or home_of(value) is None
         try:
             return _tagged("of parts", *map(self.of, parts(value)))
         finally:
-            self._surrounding -= 1
+            self._of_users = before
+
+
+def _name(value: Any) -> str | None:
+    """The name by which it is found in a known library, if it is."""
+    try:
+        return name_of(value)
+    except NoNameError:
+        return None
 
 
 def _tagged(kind: str, *parts: bytes) -> bytes:
