@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 from scipy.optimize import least_squares
 
 from ..interface.arguments import require
+from ..numerics import programs
 from ..numerics.arrays import to_numpy
 from ..physics.body import Disk
 from .problem.plane import places
@@ -136,14 +137,14 @@ def _residuals(
     """The residuals at given unknowns and their Jacobian, by one program; NaN where either is not finite."""
     solve = Solve.of(space.scenario, diffrax.ForwardMode())
 
-    def residuals(y: Float[Array, " n"]) -> Float[Array, " residuals"]:
-        return jnp.ravel(run_of(space.candidate(y), solve).z - jnp.asarray(path))
+    def residuals(y: Float[Array, " n"], path: Float[Array, "T d"]) -> Float[Array, " residuals"]:
+        return jnp.ravel(run_of(space.candidate(y), solve).z - path)
 
-    both = jax.jit(lambda y: (residuals(y), jax.jacfwd(residuals)(y)))
+    both = programs.jit(lambda y, path: (residuals(y, path), jax.jacfwd(residuals)(y, path)))
 
     @functools.lru_cache(maxsize=1)
     def evaluate(y: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-        r, J = map(np.asarray, both(jnp.asarray(y)))
+        r, J = map(np.asarray, both(jnp.asarray(y), path))
         return (r, J) if np.all(np.isfinite(J)) else (np.full_like(r, np.nan), J)
 
     return evaluate
@@ -156,7 +157,7 @@ def _identified(space: DesignSpace, y: np.ndarray, r: np.ndarray, J: np.ndarray,
     rows = int(np.sum(np.any(np.abs(J.reshape(-1, 2, len(y))) > 0, axis=(0, 2)))) * len(r) // 2
     noise = float(np.sqrt(r @ r / max(rows - int(np.sum(determined)), 1)))
     covariance = noise**2 * (Vt[determined].T / s[determined] ** 2) @ Vt[determined]
-    numbers = jax.jit(lambda y: (space.numbers(y), jax.jacfwd(space.numbers)(y)))
+    numbers = programs.jit(lambda y: (space.numbers(y), jax.jacfwd(space.numbers)(y)))
     x, slopes = (np.asarray(a) for a in numbers(jnp.asarray(y)))
     slope = np.diag(slopes)
     deviations = np.abs(slope) * np.sqrt(np.diag(covariance))
