@@ -50,8 +50,9 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         verify as verify,
     )
     from .interface.status import SolveError as SolveError, Status as Status
-    from .native import compiler as compiler, jit as jit
+    from .native import compiler as compiler
     from .numerics.harmonics import HarmonicSeries as HarmonicSeries
+    from .numerics.users_programs import jit as jit
     from .paper import reference as reference, reproduce as reproduce
     from .physics.body import (
         Ball as Ball,

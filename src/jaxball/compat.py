@@ -38,6 +38,7 @@ Program = Any  # a jaxpr with its constants
 __all__ = [
     "Literal",
     "Loop",
+    "Primitive",
     "Program",
     "argument",
     "array_type",
@@ -50,7 +51,9 @@ __all__ = [
     "function_of",
     "is_traced",
     "is_tracer_type",
+    "jitted",
     "loop",
+    "node_functions",
     "node_of",
     "primitive",
     "put",
@@ -138,6 +141,35 @@ def put(array: np.ndarray, aval: Any, sharding: Any, device: Any) -> jax.Array |
 def node_of(structure: Any) -> tuple[type, Any] | None:
     """The type at the root of a PyTree and its auxiliary data; None for a leaf."""
     return structure.node_data()
+
+
+def node_functions(of: type) -> tuple[Any, ...]:
+    """The functions that take objects of a class apart and put them together, if it is a node of PyTrees.
+
+    **Raises:** ``RuntimeError`` where this version of JAX does not tell.
+    """
+    try:
+        from jax._src.tree_util import _registry
+    except ImportError:
+        raise RuntimeError(f"JAX {jax.__version__} does not tell how objects of {of} are taken apart.") from None
+    return tuple(_registry.get(of, ()))
+
+
+def jitted(value: Any) -> tuple[Any, ...] | None:
+    """The function that ``jax.jit`` was given, and which of its arguments are static; None of what it did not return.
+
+    **Raises:** ``RuntimeError`` where this version of JAX does not tell.
+    """
+    if type(value) is not type(_jitted):
+        return None
+    try:
+        content = value.__getstate__()
+        return value.__wrapped__, tuple(content["static_argnums"]), tuple(content["static_argnames"])
+    except (AttributeError, KeyError, TypeError):
+        raise RuntimeError(f"JAX {jax.__version__} does not tell what a compiled function consists of.") from None
+
+
+_jitted = jax.jit(lambda x: x)  # of whose type are all that it returns
 
 
 def primitive(name: str, function: Callable[..., Any], results: int | None = None) -> Any:

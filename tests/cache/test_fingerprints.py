@@ -2,7 +2,7 @@
 
 import enum
 import functools
-import types
+import threading
 
 import diffrax
 import jax
@@ -12,8 +12,10 @@ import pytest
 
 from jaxball import Ball, Circle, Disk, Fixed, FunctionSchedule, OnRail, PointMass, Pulse, SphericalFrame, Status
 from jaxball.cache.executables import NoNameError
+from jaxball.compat import Primitive
 from jaxball.numerics import vectors, versor
 from jaxball.numerics.fingerprints import digest
+from tests import support
 
 DIFFERENT = [
     None,
@@ -117,41 +119,37 @@ def test_structures_differ_with_every_static_field():
     assert structure(heavier) == structure(systems[2])
 
 
-def local_class(base):
-    class Local(base):
-        pass
-
-    return Local
-
-
-def made_up(name):
-    """A function that says it is one of jaxball's."""
-    return types.FunctionType((lambda: None).__code__, {"__name__": "jaxball.numerics.vectors"}, name)
-
-
 class Colour(enum.Enum):
     RED = 1
+
+
+class Slotted:
+    __slots__ = ("x",)
+
+
+class Stateful(dict):
+    """Contains more than its items."""
+
+
+STATEFUL = Stateful()
+STATEFUL.more = 1
 
 
 @pytest.mark.parametrize(
     "value",
     [
-        lambda x: x,
-        local_class,
-        local_class(Disk),
-        local_class(Disk)(mass=1.0, inertia=0.5),
         Colour.RED,
-        functools.partial(lambda x: x, 1),
-        functools.partial(vectors.cross, lambda x: x),
-        {"a": [local_class]},
-        made_up("cross"),
-        made_up("nothing"),
-        vectors.__loader__,
-        vectors,
-        object(),
+        Slotted(),
+        STATEFUL,
+        {"a": [Slotted()]},
+        support,
         iter([]),
+        (x for x in ()),
+        threading.Lock(),
+        np.random.default_rng(0),
         np.array([object()]),
-        jax.tree.structure(local_class(Disk)(mass=1.0, inertia=0.5)),
+        Primitive("own"),
+        jax.random.key(0),
     ],
     ids=lambda value: getattr(value, "__name__", type(value).__name__),
 )

@@ -12,12 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball import Disk, DiskState, Fixed, PointMass, Pulse, contact_extremes, simulate
+from jaxball import Disk, DiskState, Fixed, PointMass, contact_extremes, simulate
 from jaxball.cache import current, surroundings
 from jaxball.native import choice, machine, operations  # noqa: F401 (whose rules are entered)
 from jaxball.native.rules import RULES
 from jaxball.numerics import programs, vectors
-from jaxball.scenario.initial import starting_angles
 from tests.support.precision import enable_x64
 
 TIMES = np.linspace(0.0, 2.0, 5)
@@ -204,33 +203,6 @@ def test_what_cannot_be_loaded_is_compiled_again(in_process, contents, content):
     result, _ = in_process(cross, A, B)
     same_bits(result, expected)
     assert len(contents[store.missed[0]]) > len(content)
-
-
-def test_functions_of_users_are_compiled_as_ever(in_process, contents):
-    def closure(x):
-        return x + A
-
-    for function in (
-        closure,
-        lambda x: x - A,
-        functools.partial(closure),
-        type("Local", (), {"__call__": lambda _, x: x})(),
-    ):
-        in_process(programs.jit(function), B)
-    in_process(programs.filter_jit(jax.tree.map), closure, B)
-    assert contents == {}
-
-
-def test_systems_of_users_are_compiled_as_ever(in_process, contents):
-    def local(factor):
-        class Motion(Pulse):
-            def position(self, t):
-                return factor * t
-
-        return Motion(theta=0.8, height=2.0)
-
-    _, store = in_process(starting_angles, (local(1.0),), 0.0)
-    assert (contents, store.found, store.missed) == ({}, [], [])
 
 
 def test_programs_that_call_python_are_not_kept(in_process, contents, compiler, monkeypatch):

@@ -5,7 +5,7 @@ import io
 import pickle
 import sys
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -16,12 +16,28 @@ from .. import native
 from .current import NATIVE, REFUSAL, XLA
 
 OWN = __name__.split(".")[0]
-LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", "diffrax", "optimistix", "lineax")
-_KNOWN = frozenset((OWN, *LIBRARIES, "builtins", "collections", "enum", "functools", "math", "operator", "types"))
+LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", "diffrax", "optimistix", "lineax", "jaxtyping")
+_OF_PYTHON = ("abc", "builtins", "cmath", "collections", "contextlib", "copy", "dataclasses", "enum", "functools")
+_OF_PYTHON += ("itertools", "math", "numbers", "operator", "reprlib", "types", "typing")
+_KNOWN = frozenset((OWN, *LIBRARIES, *_OF_PYTHON))
 
 
 class NoNameError(TypeError):
     """A value may differ invisibly between processes."""
+
+
+def is_known(module: str) -> bool:
+    """Whether a module belongs to a library whose version is known."""
+    return module.split(".")[0] in _KNOWN
+
+
+def home_of(defined: Any) -> types.ModuleType | None:
+    """The module of a known library in which a function or a class was defined; None of any other."""
+    if isinstance(defined, types.FunctionType):  # which may say that it is from elsewhere
+        home = sys.modules.get(defined.__globals__.get("__name__", ""))
+        return home if home and is_known(home.__name__) and vars(home) is defined.__globals__ else None
+    module = getattr(defined, "__module__", None)
+    return sys.modules.get(module) if isinstance(module, str) and is_known(module) else None
 
 
 def name_of(named: Any) -> str:
@@ -31,7 +47,7 @@ def name_of(named: Any) -> str:
     """
     module, path = getattr(named, "__module__", None), getattr(named, "__qualname__", None)
     bearer: Any = None
-    if isinstance(module, str) and isinstance(path, str) and module.split(".")[0] in _KNOWN:
+    if isinstance(module, str) and isinstance(path, str) and is_known(module):
         bearer = sys.modules.get(module)
         for name in path.split("."):
             bearer = getattr(bearer, name, None)
@@ -48,21 +64,22 @@ class Loaded(NamedTuple):
     executable: Any
     pickled: bytes
 
-    def result(self) -> Any:
-        """The rest of the result, without its arrays; imports the modules of its classes."""
-        return pickle.loads(self.pickled)
+    def result(self, reached: Sequence[Any] = ()) -> Any:
+        """The rest of the result, without its arrays; imports the modules of its classes. ``reached`` as it was."""
+        return _Unpickler(self.pickled, reached).load()
 
 
-def content(program: Any, takes: int, gives: int, result: Any) -> bytes | None:
+def content(program: Any, takes: int, gives: int, result: Any, reached: Sequence[Any] = ()) -> bytes | None:
     """A program with so many input and output arrays, as bytes; None if impossible, as for one that calls Python.
 
-    ``program`` is one of the native compiler or an executable of JAX.
+    ``program`` is one of the native compiler or an executable of JAX; ``reached`` are functions and classes that the
+    result may contain, without a name.
     """
     try:
         pickled = io.BytesIO()
-        _Pickler(pickled).dump(result)
+        _Pickler(pickled, reached).dump(result)
         # Objects compared by identity would differ after loading.
-        if pickle.loads(pickled.getvalue()) != result:
+        if _Unpickler(pickled.getvalue(), reached).load() != result:
             return None
         if isinstance(program, native.Program):
             return NATIVE + pickle.dumps((program.form, pickled.getvalue()))
@@ -120,7 +137,14 @@ def _set_up_lapack() -> None:
 
 
 class _Pickler(pickle.Pickler):
-    """Pickles structures that contain only classes and functions of known libraries, by their names."""
+    """Pickles structures with classes and functions of known libraries by their names, and ``reached`` by places."""
+
+    def __init__(self, file: io.BytesIO, reached: Sequence[Any]):
+        super().__init__(file)
+        self._places = {id(one): place for place, one in enumerate(reached)}
+
+    def persistent_id(self, obj: Any) -> int | None:
+        return self._places.get(id(obj))
 
     def reducer_override(self, obj: Any) -> Any:
         if isinstance(obj, PyTreeDef):
@@ -131,6 +155,15 @@ class _Pickler(pickle.Pickler):
             names = [name for name, value in vars(sys.modules[type(obj).__module__]).items() if value is obj]
             return names[0] if names else NotImplemented
         return NotImplemented
+
+
+class _Unpickler(pickle.Unpickler):
+    def __init__(self, pickled: bytes, reached: Sequence[Any]):
+        super().__init__(io.BytesIO(pickled))
+        self._reached = reached
+
+    def persistent_load(self, pid: int) -> Any:
+        return self._reached[pid]
 
 
 def _structure_of(tree: Any) -> Any:

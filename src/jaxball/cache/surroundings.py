@@ -14,7 +14,7 @@ from pathlib import Path
 OWN = Path(__file__).parents[1]
 COMPILERS = ("jax", "jaxlib", "numpy")
 # Python packages that may be installed in editable form.
-LIBRARIES = ("equinox", "diffrax", "optimistix", "lineax")
+LIBRARIES = ("equinox", "diffrax", "optimistix", "lineax", "jaxtyping")
 VARIABLES = ("XLA_", "JAX_", "EQX_", "TF_XLA_")
 PROCESSOR = ("model name", "flags", "Features", "CPU implementer", "CPU part")
 

@@ -18,6 +18,7 @@ import scipy.sparse
 import scipy.sparse.linalg
 from jaxtyping import Array, Float
 
+from ..numerics import programs
 from ..numerics.bracketing import Sample, between, other_end
 from .problem.space import DesignError
 
@@ -71,8 +72,8 @@ class FunctionEquations(AbstractEquations):
     """
 
     def __init__(self, function: Callable[[Float[Array, " n"], Float[Array, ""]], Float[Array, " n"]]):
-        self._residual = jax.jit(function)
-        self._jacobian = jax.jit(jax.jacfwd(function, argnums=(0, 1)))
+        self._residual = programs.jit(function)
+        self._jacobian = programs.jit(jax.jacfwd(function, argnums=(0, 1)))
 
     def residual(self, y, parameter):
         return np.asarray(self._residual(jnp.asarray(y), jnp.asarray(parameter)))

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..interface.arguments import require
+from ..numerics import programs
 from ..numerics.arrays import to_numpy
 from ..numerics.fitting import Residuals, determined, fitted, where_finite
 from ..physics.body import Disk
@@ -112,12 +113,12 @@ def _residuals(space: DesignSpace, path: Float[np.ndarray, "T 2"]) -> Residuals:
     """The residuals at given unknowns and their Jacobian, by one program; NaN where either is not finite."""
     solve = Solve.of(space.scenario, diffrax.ForwardMode())
 
-    def residuals(y: Float[Array, " n"]) -> Float[Array, " residuals"]:
-        return jnp.ravel(run_of(space.candidate(y), solve).z - jnp.asarray(path))
+    def residuals(y: Float[Array, " n"], path: Float[Array, "T d"]) -> Float[Array, " residuals"]:
+        return jnp.ravel(run_of(space.candidate(y), solve).z - path)
 
-    both = jax.jit(lambda y: (residuals(y), jax.jacfwd(residuals)(y)))
+    both = programs.jit(lambda y, path: (residuals(y, path), jax.jacfwd(residuals)(y, path)))
 
-    return where_finite(lambda y: both(jnp.asarray(y)))
+    return where_finite(lambda y: both(jnp.asarray(y), path))
 
 
 def _identified(space: DesignSpace, y: np.ndarray, r: np.ndarray, J: np.ndarray, converged: bool) -> Identification:
@@ -127,7 +128,7 @@ def _identified(space: DesignSpace, y: np.ndarray, r: np.ndarray, J: np.ndarray,
     rows = int(np.sum(np.any(np.abs(J.reshape(-1, 2, len(y))) > 0, axis=(0, 2)))) * len(r) // 2
     noise = float(np.sqrt(r @ r / max(rows - int(np.sum(seen)), 1)))
     covariance = noise**2 * (Vt[seen].T / s[seen] ** 2) @ Vt[seen]
-    numbers = jax.jit(lambda y: (space.numbers(y), jax.jacfwd(space.numbers)(y)))
+    numbers = programs.jit(lambda y: (space.numbers(y), jax.jacfwd(space.numbers)(y)))
     x, slopes = (np.asarray(a) for a in numbers(jnp.asarray(y)))
     slope = np.diag(slopes)
     deviations = np.abs(slope) * np.sqrt(np.diag(covariance))

@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from .. import plot
 from ..interface.output import write_text
 from ..interface.wording import all_of, counted
+from ..numerics import programs
 from ..physics.body import System
 from ..plot.report import write_figure
 from ..scenario import Scenario, ScenarioError, write_scenario
@@ -275,7 +276,7 @@ def _figures(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any
     if float(after.friction_needed) > SMALLEST_FRICTION:
         axes["friction"] = plot.friction_ratio(after)
     if after.system.n_masses:
-        theta = np.asarray(jax.jit(lambda: _run(after).on_rails.theta)())
+        theta = np.asarray(programs.jit(lambda: _run(after).on_rails.theta)())
         axes["angles"] = plot.rail_angles(np.asarray(after.times), theta)
     return axes | _joint_figures(after)
 

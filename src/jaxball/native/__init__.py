@@ -18,7 +18,8 @@ From the bottom up, each module is a step:
   function.
 - ``machine``: LLVM passes, machine code, and loading it into memory.
 - ``executable``: arguments, results, threads and Ctrl-C.
-- ``jitting``, ``choice``: users' functions, and the choice of compiler; ``collecting``: garbage, while it works.
+- ``jitting``, ``choice``: functions traced and compiled, and the choice of compiler; ``collecting``: garbage, while
+  it works.
 
 It contains nothing specific to mechanics.
 """
@@ -31,8 +32,6 @@ from .jitting import (
     Lowered,
     Program,
     Refusal,
-    allowed,
-    jit,
     kind,
     on_one_cpu,
     settings,
@@ -52,12 +51,10 @@ __all__ = [
     "Lowered",
     "Program",
     "Refusal",
-    "allowed",
     "asked_for",
     "chosen",
     "compiler",
     "identity",
-    "jit",
     "kind",
     "on_one_cpu",
     "settings",

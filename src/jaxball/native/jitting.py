@@ -1,10 +1,9 @@
-"""Functions compiled when they are called, like those of ``jax.jit``."""
+"""Functions traced for arguments, and their compiled programs."""
 
-import functools
 import threading
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, ParamSpec, TypeVar
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,8 +14,6 @@ from . import choice, machine
 from .collecting import seldom_collected
 from .elements import UnsupportedError
 
-P = ParamSpec("P")
-T = TypeVar("T")
 _OF_NUMPY = (np.ndarray, np.generic, bool, int, float, complex)  # all types other than JAX arrays
 _natively = setting_of_traces(False)
 _asked: set[int] = set()  # the threads in which `traced_natively` was true since they last began to trace
@@ -35,69 +32,6 @@ class _Known(dict):
 
 _is_of_numpy = _Known(lambda of: issubclass(of, _OF_NUMPY))
 _is_tracer = _Known(is_tracer_type)
-
-
-def jit(function: Callable[P, T]) -> Callable[P, T]:
-    """Like ``jax.jit``, but compiled for the processor in a fraction of the time that XLA takes.
-
-    It is meant for programs of many operations on few numbers: simulations, their derivatives,
-    ``jaxball.jit(jax.grad(loss))``, loops. Arrays of up to a few thousand numbers are fine; large matrix products and
-    long arrays are computed one number after another, and ``jax.jit`` is faster for them.
-
-    - ``function``: a pure function of PyTrees of arrays. Within another transformation of JAX, on devices other than a
-      single CPU, and if the program contains operations that are not compiled natively, it is ``jax.jit(function)``.
-
-    Several threads can run it at once, and Ctrl-C ends a run.
-
-    **Example:**
-
-    >>> import jax
-    >>> import jaxball
-    >>> f = jaxball.jit(jax.grad(lambda x: x**3))
-    >>> print(f(2.0))
-    12.0
-    """
-    return _Jitted(function)
-
-
-class _Jitted:
-    def __init__(self, function: Callable[..., Any]):
-        self._function, self._xla = function, jax.jit(function)
-        self._programs: dict[Any, tuple[Callable[[list[Any]], list[Any]], Any]] = {}
-        functools.update_wrapper(self, function, updated=())  # whose attributes may be those of another of this class
-
-    def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        leaves, structure = jax.tree.flatten((args, kwargs))
-        if choice.asked_for() == "xla" or not allowed() or some_traced(leaves):
-            return self._xla(*args, **kwargs)
-        key = (structure, tuple(map(kind, leaves)), settings())
-        found = self._programs.get(key)
-        if found is None:
-            if not usable(leaves):
-                return self._xla(*args, **kwargs)
-            found = self._programs[key] = self._compiled(structure, leaves)
-        program, result = found
-        try:
-            return result.unflatten(program(leaves))
-        except CallbackReachedError:
-            return self._xla(*args, **kwargs)
-
-    def _compiled(self, structure: Any, leaves: list[Any]) -> tuple[Callable[[list[Any]], list[Any]], Any]:
-        results = []
-
-        def of_leaves(leaves: list[Any]) -> list[Any]:
-            args, kwargs = structure.unflatten(leaves)
-            arrays, result = jax.tree.flatten(self._function(*args, **kwargs))
-            results.append(result)
-            return arrays
-
-        name = getattr(self, "__name__", "program")
-        lowered = Lowered(of_leaves, leaves, name)
-        program = lowered.natively()
-        if isinstance(program, Refusal):
-            warn_if_asked_for(program, name)
-            program = lowered.by_xla()
-        return program, results[-1]
 
 
 class CallbackReachedError(Exception):

@@ -13,6 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
+from .. import native
+
 
 def batches(rows: int, size: int) -> list[Int[np.ndarray, " size"]]:
     """The indices of each batch's rows, padding included."""
@@ -78,6 +80,18 @@ def map_rows(function: Callable[..., Any], *rows: Any) -> Any:
     its program half. Elsewhere all rows at once.
     """
     if jax.default_backend() == "cpu":
+        return jax.lax.map(lambda row: function(*row), rows)
+    return jax.vmap(function)(*rows)
+
+
+def of_rows(function: Callable[..., Any], *rows: Any) -> Any:
+    """``function`` of each row of PyTrees of arrays that have the rows as leading axis, side by side.
+
+    For long computations, such as runs: JAX traces it, and it is a map where that is the form that compiles well.
+    """
+    if len(jax.tree.leaves(rows)[0]) == 1:
+        return jax.tree.map(lambda leaf: leaf[None], function(*jax.tree.map(lambda leaf: leaf[0], rows)))
+    if native.traced_natively():
         return jax.lax.map(lambda row: function(*row), rows)
     return jax.vmap(function)(*rows)
 

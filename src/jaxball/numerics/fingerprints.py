@@ -1,7 +1,7 @@
 """Values as bytes that are the same in every process: equal bytes mean equal values; other values are refused.
 
-They identify compiled programs. So functions and classes are accepted only if they belong to a library whose version is
-known, and have a name there: a user's module, a closure or a ``lambda`` can change unnoticed.
+They identify compiled programs. Functions and classes of a library whose version is known are their names; any other,
+such as a user's, a closure or a ``lambda``, is what it consists of (:mod:`~.code`).
 """
 
 import enum
@@ -9,21 +9,34 @@ import functools
 import hashlib
 import struct
 import types
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jax.tree_util import PyTreeDef
 
-from ..cache.executables import NoNameError, name_of
-from ..compat import is_traced, node_of
+from ..cache.executables import NoNameError, home_of, is_known, name_of
+from ..compat import Primitive, is_traced, node_of
+from . import code
 
-_WITHOUT_EFFECT = ("__annotations__", "__doc__")  # of methods that equinox binds
+_WITHOUT_EFFECT = ("__annotations__", "__doc__", "__module__")  # of what is made of a function
 
 
 class _Plain:
     """Has the size of objects that contain nothing but what ``vars`` shows."""
+
+
+class Fingerprint(NamedTuple):
+    """What identifies values.
+
+    - ``digest``: usable as a file name.
+    - ``reached``: the functions and classes without a name that they contain. Those of values with an equal digest, in
+      another process, are the same ones, in the same order.
+    """
+
+    digest: str
+    reached: tuple[Any, ...]
 
 
 def digest(*values: Any) -> str:
@@ -31,70 +44,141 @@ def digest(*values: Any) -> str:
 
     **Raises:** :class:`NoNameError`.
     """
+    return fingerprint(*values).digest
+
+
+def fingerprint(*values: Any) -> Fingerprint:
+    """What identifies the values.
+
+    **Raises:** :class:`NoNameError`.
+    """
+    writer = _Writer()
     try:
-        return hashlib.blake2b(b"".join(map(_bytes, values)), digest_size=20).hexdigest()
+        content = b"".join(map(writer.of, values))
     except RecursionError:
         raise NoNameError("A value contains itself.") from None
+    return Fingerprint(hashlib.blake2b(content, digest_size=20).hexdigest(), tuple(writer.reached))
 
 
-def _bytes(value: Any) -> bytes:
-    """Tagged with the kind and, where it varies, preceded by the length, so that no two values have the same."""
-    if isinstance(value, enum.Enum):
-        return _tagged("enum", _named(type(value)), _plain(value.name))
-    if value is None or isinstance(value, bool | int | float | complex | str | bytes):
-        return _plain(value)
-    if isinstance(value, np.ndarray | np.generic | jax.Array):
-        return _array(value)
-    if isinstance(value, np.dtype):
-        return _tagged("dtype", repr(value).encode())
-    if isinstance(value, type):
-        return _tagged("type", _named(value))
-    if isinstance(value, PyTreeDef):
-        return _structure(value)
-    if isinstance(value, list | tuple):
-        return _tagged("sequence", _named(type(value)), *map(_bytes, value))
-    if isinstance(value, Mapping):
-        return _tagged("mapping", _named(type(value)), *(_bytes(item) for item in value.items()))
-    if isinstance(value, set | frozenset):
-        return _tagged("set", _named(type(value)), *sorted(map(_bytes, value)))
-    if isinstance(value, functools.partial):
-        return _tagged("partial", _named(type(value)), *map(_bytes, (value.func, value.args, value.keywords)))
-    if isinstance(value, types.MethodType):
-        return _tagged("method", _bytes(value.__self__), _plain(value.__name__))
-    if hasattr(value, "__dict__") and type(value).__basicsize__ == _Plain.__basicsize__:
-        fields = sorted(item for item in vars(value).items() if item[0] not in _WITHOUT_EFFECT)
-        return _tagged("object", _named(type(value)), *map(_bytes, fields))
-    return _tagged("named", _named(value))
+class _Writer:
+    def __init__(self, of_users: bool = False):
+        self.reached: list[Any] = []
+        self._places: dict[int, int] = {}
+        self._of_users = of_users  # whether a user's function or class contains the value
+
+    def of(self, value: Any) -> bytes:
+        """Tagged with the kind and, where it varies, preceded by the length, so that no two values have the same."""
+        if isinstance(value, enum.Enum):
+            return _tagged("enum", self._class(type(value)), self._plain(value.name))
+        if value is None or isinstance(value, bool | int | float | complex | str | bytes):
+            return self._plain(value)
+        if isinstance(value, np.ndarray | np.generic | jax.Array):
+            return self._array(value)
+        if isinstance(value, np.dtype):
+            return _tagged("dtype", repr(value).encode())
+        if isinstance(value, type):
+            self._require_pure(_name(value) or "")
+            return _tagged("type", self._class(value))
+        if isinstance(value, PyTreeDef):
+            return self._structure(value)
+        if isinstance(value, list | tuple | set | frozenset | Mapping) and type(value) is not types.MappingProxyType:
+            return self._container(value)
+        if isinstance(value, functools.partial):
+            parts = value.func, value.args, value.keywords
+            return _tagged("partial", self._class(type(value)), *map(self.of, parts))
+        if isinstance(value, types.MethodType):
+            return _tagged("method", *map(self.of, (value.__self__, value.__func__)))
+        return self._defined(value)
+
+    def _container(self, value: Any) -> bytes:
+        if getattr(value, "__dict__", None):
+            raise NoNameError(f"{type(value)} contains more than its items.")
+        of = self._class(type(value))
+        if isinstance(value, Mapping):
+            return _tagged("mapping", of, *map(self.of, value.items()), self.of(getattr(value, "default_factory", 0)))
+        if isinstance(value, list | tuple):
+            return _tagged("sequence", of, *map(self.of, value))
+        # Each on its own, because their order is that of the process.
+        return _tagged("set", of, *sorted(_Writer(self._of_users).of(item) for item in value))
+
+    def _defined(self, value: Any) -> bytes:
+        """Functions, modules, objects."""
+        if isinstance(value, types.ModuleType):
+            if not is_known(value.__name__):
+                raise NoNameError(f"{value!r} may change without its name.")
+            code.require_pure(value.__name__)
+            return _tagged("module", value.__name__.encode())
+        name = _name(value)
+        if name is not None:
+            self._require_pure(name)
+            return _tagged("named", name.encode())
+        if type(value) is object:  # which is only told from others
+            return _tagged("sentinel", self._once(value, lambda _: ()))
+        if isinstance(value, types.FunctionType):
+            return _tagged("function", self._once(value, code.of_function))
+        parts = code.of_other(value)
+        if parts is not None:
+            return _tagged("consists of", type(value).__name__.encode(), *map(self.of, parts))
+        is_plain = hasattr(value, "__dict__") and type(value).__basicsize__ == _Plain.__basicsize__
+        if isinstance(value, Primitive) or not is_plain:
+            raise NoNameError(f"{value!r} may contain more than it shows.")
+        without = (*_WITHOUT_EFFECT, *code.cached_names(type(value)))
+        fields = sorted((name, field) for name, field in vars(value).items() if name not in without)
+        return _tagged("object", self._class(type(value)), *map(self.of, fields))
+
+    def _plain(self, value: Any) -> bytes:
+        if type(value) not in (type(None), bool, int, float, complex, str, bytes):
+            return _tagged("derived", self._class(type(value)), repr(value).encode())
+        if isinstance(value, float | complex):
+            return _tagged(type(value).__name__, struct.pack("<dd", value.real, value.imag))
+        return _tagged(type(value).__name__, value if isinstance(value, bytes) else str(value).encode())
+
+    def _array(self, value: Any) -> bytes:
+        if is_traced(value):
+            raise NoNameError("The value of a traced array is not known.")
+        if isinstance(value, jax.Array) and not isinstance(value.dtype, np.dtype):
+            raise NoNameError(f"An array is of {value.dtype}.")
+        array = np.asarray(value)
+        if array.dtype.hasobject:
+            raise NoNameError("An array holds objects.")
+        weak = bool(getattr(value, "weak_type", False))
+        kind = type(value).__name__ if isinstance(value, np.generic) else "array" if weak else "strong"
+        return _tagged(kind, repr(array.dtype).encode(), self.of(array.shape), array.tobytes())
+
+    def _structure(self, structure: Any) -> bytes:
+        node, children = node_of(structure), jax.tree_util.treedef_children(structure)
+        if node is None or node[0] is type(None):
+            return _tagged("none" if node else "leaf")
+        return _tagged("node", self._class(node[0]), self.of(node[1]), *map(self._structure, children))
+
+    def _class(self, of: type) -> bytes:
+        name = _name(of)
+        return self._once(of, code.of_class) if name is None else name.encode()
+
+    def _require_pure(self, name: str) -> None:
+        """Of what a user's function or class uses."""
+        if self._of_users:
+            code.require_pure(*name.split(":"))
+
+    def _once(self, value: Any, parts: Callable[[Any], tuple[Any, ...]]) -> bytes:
+        """What it consists of; the place among those reached if it is among them, as where a function calls itself."""
+        place = self._places.setdefault(id(value), len(self.reached))
+        if place < len(self.reached):
+            return _tagged("again", str(place).encode())
+        self.reached.append(value)
+        before, self._of_users = self._of_users, self._of_users or home_of(value) is None
+        try:
+            return _tagged("of parts", *map(self.of, parts(value)))
+        finally:
+            self._of_users = before
 
 
-def _plain(value: Any) -> bytes:
-    if type(value) not in (type(None), bool, int, float, complex, str, bytes):
-        return _tagged("derived", _named(type(value)), repr(value).encode())
-    if isinstance(value, float | complex):
-        return _tagged(type(value).__name__, struct.pack("<dd", value.real, value.imag))
-    return _tagged(type(value).__name__, value if isinstance(value, bytes) else str(value).encode())
-
-
-def _array(value: Any) -> bytes:
-    if is_traced(value):
-        raise NoNameError("The value of a traced array is not known.")
-    array = np.asarray(value)
-    if array.dtype.hasobject:
-        raise NoNameError("An array holds objects.")
-    weak = bool(getattr(value, "weak_type", False))
-    kind = type(value).__name__ if isinstance(value, np.generic) else "array" if weak else "strong"
-    return _tagged(kind, repr(array.dtype).encode(), _bytes(array.shape), array.tobytes())
-
-
-def _structure(structure: Any) -> bytes:
-    node, children = node_of(structure), jax.tree_util.treedef_children(structure)
-    if node is None or node[0] is type(None):
-        return _tagged("none" if node else "leaf")
-    return _tagged("node", _named(node[0]), _bytes(node[1]), *map(_structure, children))
-
-
-def _named(named: Any) -> bytes:
-    return name_of(named).encode()
+def _name(value: Any) -> str | None:
+    """The name by which it is found in a known library, if it is."""
+    try:
+        return name_of(value)
+    except NoNameError:
+        return None
 
 
 def _tagged(kind: str, *parts: bytes) -> bytes:

@@ -26,7 +26,7 @@ from ..cache.current import Store
 from ..cache.executables import NoNameError
 from ..compat import settings
 from ..interface.compilation import compiling
-from .fingerprints import digest
+from .fingerprints import Fingerprint, fingerprint
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -43,19 +43,12 @@ def forget() -> None:
 
 
 def jit(function: Callable[P, T]) -> "Program":
-    """Like ``jax.jit``: all leaves of all arguments are arrays.
-
-    ``function`` is defined at the top level of a module, or is a ``functools.partial`` of such a function, whose
-    arguments distinguish programs.
-    """
+    """Like ``jax.jit``: all leaves of all arguments are arrays. What ``function`` holds distinguishes programs."""
     return Program(function, jax.jit(function), None)
 
 
 def filter_jit(function: Callable[P, T]) -> Callable[P, T]:
-    """Like ``equinox.filter_jit``: the arrays of all arguments are traced, and everything else distinguishes programs.
-
-    ``function`` as for :func:`jit`.
-    """
+    """Like ``equinox.filter_jit``: the arrays of all arguments are traced, and all else distinguishes programs."""
     return Program(function, eqx.filter_jit(function), eqx.is_array)
 
 
@@ -96,15 +89,25 @@ class _Rest(NamedTuple):
 
 
 class Program:
-    """A function, and its programs by the kinds of their arguments."""
+    """A function, and its programs by the kinds of their arguments.
+
+    - ``large``: whether what has loops over large arrays is compiled natively, too.
+    """
+
+    follows = "_programs", "_store"  # what does not determine what it computes
 
     def __init__(
-        self, function: Callable[..., Any], compiled: Callable[..., Any], is_dynamic: Callable[[Any], bool] | None
+        self,
+        function: Callable[..., Any],
+        compiled: Callable[..., Any],
+        is_dynamic: Callable[[Any], bool] | None,
+        large: bool = False,
     ):
-        self._function, self._compiled, self._is_dynamic = function, compiled, is_dynamic
+        self._function, self._compiled, self._is_dynamic, self._large = function, compiled, is_dynamic, large
         self._programs: dict[Any, _Runs | None] = {}
         self._store: Store | None = None
-        functools.update_wrapper(self, function.func if isinstance(function, functools.partial) else function)
+        wrapped = function.func if isinstance(function, functools.partial) else function
+        functools.update_wrapper(self, wrapped, updated=())  # whose attributes may be those of another of this class
         _made.add(self)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
@@ -161,31 +164,36 @@ class Program:
             return None
         lowered = functools.cache(lambda: self._lowered(rest, arrays, natively))  # traced once, for both compilers
         if natively:
-            large = only_natively or native.asked_for() == "native"
-            key = self._key(store, rest, arrays, "native", large, *native.identity())
-            found = _obtained(store, key, len(arrays), lambda: lowered()[0].natively(large), lambda: lowered()[1])
+            large = self._large or only_natively or native.asked_for() == "native"
+            kept = self._kept(store, rest, arrays, "native", large, *native.identity())
+            found = _obtained(kept, len(arrays), lambda: lowered()[0].natively(large), lambda: lowered()[1])
             if not isinstance(found, native.Refusal):
                 return found
             native.warn_if_asked_for(found, self._name())
         if only_natively:
             return None
-        key = None if _kept_by_jax() else self._key(store, rest, arrays, "xla", settings()[QUICKLY])
-        if key is None and not natively:
+        kept = None if _kept_by_jax() else self._kept(store, rest, arrays, "xla", settings()[QUICKLY])
+        if kept is None and not natively:
             return None
-        found = _obtained(store, key, len(arrays), lambda: lowered()[0].by_xla(), lambda: lowered()[1])
+        found = _obtained(kept, len(arrays), lambda: lowered()[0].by_xla(), lambda: lowered()[1])
         return None if isinstance(found, native.Refusal) else found
 
     def _name(self) -> str:
         return getattr(self, "__name__", "program")
 
-    def _key(self, store: Store | None, rest: _Rest, arrays: list[Any], *of_compiler: Any) -> str | None:
-        """The name of the program in the store; None if it has none."""
+    def _kept(self, store: Store | None, rest: _Rest, arrays: list[Any], *of_compiler: Any) -> "_Kept | None":
+        """The place of the program in the store; None if it has none."""
         if store is None:
             return None
-        with contextlib.suppress(NoNameError):
-            described = self._function, self._is_dynamic is None, rest, *_describe(arrays)
-            return digest(store.identity(), *described, *of_compiler)
-        return None
+
+        def identified() -> Fingerprint | None:
+            with contextlib.suppress(NoNameError):
+                described = self._function, self._is_dynamic is None, rest, *_describe(arrays)
+                return fingerprint(store.identity(), *described, *of_compiler)
+            return None
+
+        found = identified()
+        return found and _Kept(store, *found, identified)
 
     def _lowered(self, rest: _Rest, arrays: list[Any], natively: bool) -> tuple[native.Lowered, _Rest]:
         """The function, traced for such arrays, and the parts of its result that are not arrays."""
@@ -201,22 +209,46 @@ class Program:
         return lowered, results[-1]
 
 
+class _Kept(NamedTuple):
+    """The place of a program in a store.
+
+    - ``key``: its name there; ``reached``: as of a :class:`~.fingerprints.Fingerprint`.
+    - ``identified``: finds both again.
+    """
+
+    store: Store
+    key: str
+    reached: tuple[Any, ...]
+    identified: Callable[[], Fingerprint | None]
+
+    def loaded(self, content: bytes | None) -> _Runs | native.Refusal | None:
+        """The program of this content; None if there is none."""
+        return _as_kept(executables.loaded(content), self.reached)
+
+    def written(self, content: bytes) -> None:
+        """Keeps the content, unless tracing has changed something that the function uses, as what counts calls."""
+        again = self.identified()
+        if again is not None and again.digest == self.key:
+            self.store.write(self.key, content)
+
+
 def _obtained(
-    store: Store | None, key: str | None, takes: int, make: Callable[[], Any], result: Callable[[], _Rest]
+    kept: _Kept | None, takes: int, make: Callable[[], Any], result: Callable[[], _Rest]
 ) -> _Runs | native.Refusal:
     """A program for so many arrays: loaded from the store, or compiled and written there."""
-    if store is None or key is None:
+    if kept is None:
         with compiling():
             return _as_made(make(), result)
-    found = _as_kept(store.early(key)) or _as_kept(executables.loaded(store.read(key)))
+    store, key = kept.store, kept.key
+    found = _as_kept(store.early(key), kept.reached) or kept.loaded(store.read(key))
     if found is not None:
         return found
     with store.alone(key) as written:
-        found = _as_kept(executables.loaded(written))
+        found = kept.loaded(written)
         if found is None:
             with compiling():
                 made = make()
-            store.write(key, _content(made, takes, result))
+            kept.written(_content(made, takes, result, kept.reached))
             found = _as_made(made, result)
     return found
 
@@ -225,20 +257,22 @@ def _as_made(made: Any, result: Callable[[], _Rest]) -> _Runs | native.Refusal:
     return made if isinstance(made, native.Refusal) else functools.partial(_run, made, result())
 
 
-def _content(made: Any, takes: int, result: Callable[[], _Rest]) -> bytes:
+def _content(made: Any, takes: int, result: Callable[[], _Rest], reached: Sequence[Any]) -> bytes:
     """A program as bytes: empty if it cannot be kept, so that no process waits for another to compile it."""
     if isinstance(made, native.Refusal):
         return executables.content_of_refusal(made)
     rest = result()
     gives = sum(rest.dynamic) if rest.dynamic else rest.structure.num_leaves
-    return executables.content(made, takes, gives, tuple(rest)) or b""
+    return executables.content(made, takes, gives, tuple(rest), reached) or b""
 
 
-def _as_kept(loaded: executables.Loaded | native.Refusal | None) -> _Runs | native.Refusal | None:
+def _as_kept(
+    loaded: executables.Loaded | native.Refusal | None, reached: Sequence[Any]
+) -> _Runs | native.Refusal | None:
     """A loaded program; None if there is none."""
     if isinstance(loaded, executables.Loaded):
         with contextlib.suppress(Exception):  # whatever a class of another version raises
-            return functools.partial(_run, loaded.executable, _Rest(*loaded.result()))
+            return functools.partial(_run, loaded.executable, _Rest(*loaded.result(reached)))
         return None
     return loaded
 

@@ -11,7 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ... import native, solvers
+from ... import solvers
+from ...numerics.users_programs import jit
 from ...paper.reproduce.experiments import Counter, Field, counting
 from ...solvers.multistep import controller_class
 from ..problem import Form, Problem
@@ -60,7 +61,7 @@ def program(method: str, problem: Problem) -> Program:
         term = statement.term(jax.jit(field))
         return compiled(lambda initial, tolerance: _solve(METHODS[method], problem, term, initial, tolerance))
 
-    solve, counted = solve_with(statement.field, native.jit), solve_with(counting(statement.field, counter), jax.jit)
+    solve, counted = solve_with(statement.field, jit), solve_with(counting(statement.field, counter), jax.jit)
     run = functools.partial(_Run, statement, solve, counted, counter)
     first, again = (_seconds(run(LOOSE)) for _ in range(2))
     return Program(max(first - again, 0.0), run)

@@ -21,7 +21,8 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Array, Float
 
-from ...numerics.batches import in_batches
+from ...numerics import programs
+from ...numerics.batches import in_batches, of_rows
 from ...solvers.tableau import Tableau, gauss
 from ..continuation import AbstractEquations
 from .problem import AbstractControlProblem, Path
@@ -72,7 +73,6 @@ def sizes(vary: Vary, problem: Any) -> Sizes:
     return Sizes(*(part.size for part in jax.eval_shape(parts, problem)))
 
 
-@functools.partial(jax.jit, static_argnums=(0, 1))
 def at_nodes(vary: Vary, shape: Sizes, problem: Any, parameter, barrier, times, weights, steps, local) -> Term:
     """The derivatives of the Lagrangian by x, u and the costate of each node, and its complementarity.
 
@@ -96,10 +96,9 @@ def at_nodes(vary: Vary, shape: Sizes, problem: Any, parameter, barrier, times, 
 
         return _term(equations, local, parameter)
 
-    return jax.vmap(one)(times, weights, steps, local)
+    return of_rows(one, times, weights, steps, local)
 
 
-@functools.partial(jax.jit, static_argnums=(0, 1))
 def at_end(vary: Vary, shape: Sizes, problem: Any, parameter, local) -> Term:
     """The derivatives of the end conditions' term of the Lagrangian by x and the multipliers at the end."""
     n = shape.states
@@ -114,7 +113,6 @@ def at_end(vary: Vary, shape: Sizes, problem: Any, parameter, local) -> Term:
     return _term(equations, local, parameter)
 
 
-@functools.partial(jax.jit, static_argnums=0)
 def initial(vary: Vary, problem: Any, parameter: Float[Array, ""]):
     """The initial state, and its derivative with respect to λ."""
     return jax.jvp(lambda parameter: vary(problem, parameter).initial, (parameter,), (jnp.ones_like(parameter),))
@@ -270,7 +268,7 @@ class Collocation(AbstractEquations):
     def residual(self, y, parameter):
         node, end = self._terms(y, parameter)
         first = self.linear @ y
-        first[self.places.at_start] -= initial(self.vary, self.problem, jnp.asarray(parameter))[0]
+        first[self.places.at_start] -= _compiled(initial, self.vary)(self.problem, jnp.asarray(parameter))[0]
         np.add.at(first, self._node_places, node.value)
         np.add.at(first, self._end_places, end.value)
         return first
@@ -282,7 +280,7 @@ class Collocation(AbstractEquations):
         by_parameter = np.zeros(self.size)
         np.add.at(by_parameter, self._node_places, node.by_parameter)
         np.add.at(by_parameter, self._end_places, end.by_parameter)
-        by_parameter[self.places.at_start] -= initial(self.vary, self.problem, jnp.asarray(parameter))[1]
+        by_parameter[self.places.at_start] -= _compiled(initial, self.vary)(self.problem, jnp.asarray(parameter))[1]
         return self.linear + at_nodes + at_end, by_parameter
 
     def cost(self, y: Float[np.ndarray, " size"], parameter: float) -> float:
@@ -291,7 +289,7 @@ class Collocation(AbstractEquations):
 
     def along(self, path: Path, name: str, times: Float[np.ndarray, " k"], parameter: float) -> Any:
         """A function of (t, x, u) that the problem has under this name, such as ``rate``, at times along a path."""
-        function = functools.partial(_along, name, self.vary, self.problem, jnp.asarray(parameter))
+        function = functools.partial(_compiled(_along, name, self.vary), self.problem, jnp.asarray(parameter))
         return _over_nodes(function, times, path.states(times), path.inputs(times))
 
     @functools.cached_property
@@ -338,20 +336,26 @@ class Collocation(AbstractEquations):
         h = np.broadcast_to(self.steps[:, None], self.times.shape)
         given = (self.problem, jnp.asarray(parameter), jnp.asarray(self.barrier))
         rows = [np.ravel(self.times), np.ravel(self.weights), np.ravel(h), _local(parts)]
-        return _over_nodes(functools.partial(at_nodes, self.vary, self._sizes, *given), *rows)
+        return _over_nodes(functools.partial(_compiled(at_nodes, self.vary, self._sizes), *given), *rows)
 
     def _end(self, parts: Unknowns, parameter: float) -> Term:
         local = jnp.asarray(np.concatenate([parts.knots[-1], parts.at_end]))
-        return jax.tree.map(np.asarray, at_end(self.vary, self._sizes, self.problem, jnp.asarray(parameter), local))
+        found = _compiled(at_end, self.vary, self._sizes)(self.problem, jnp.asarray(parameter), local)
+        return jax.tree.map(np.asarray, found)
+
+
+@functools.lru_cache(maxsize=64)
+def _compiled(function: Callable[..., Any], *given: Any) -> programs.Program:
+    """A function whose first arguments are given."""
+    return programs.jit(functools.partial(function, *given))
 
 
 def _over_nodes(function: Callable[..., Any], *rows: np.ndarray) -> Any:
     return in_batches(lambda batch: function(*map(jnp.asarray, batch)), rows, NODES)
 
 
-@functools.partial(jax.jit, static_argnums=(0, 1))
 def _along(name: str, vary: Vary, problem: Any, parameter, times, states, controls):
-    return jax.vmap(getattr(vary(problem, parameter), name))(times, states, controls)
+    return of_rows(getattr(vary(problem, parameter), name), times, states, controls)
 
 
 def _local(parts: Unknowns) -> np.ndarray:

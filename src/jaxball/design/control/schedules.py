@@ -3,7 +3,6 @@
 import dataclasses
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -136,7 +135,7 @@ def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 
     rates = [*starting_angles(tuple(schedules), problem.end)["thetadot"]] if schedules else []
     whole = Run(system, jnp.asarray(run.times), run.state, run.status)
     constraints = problem.constraints
-    largest = eqx.filter_jit(lambda run: {name: jnp.max(one(run)) for name, one in constraints.items()})(whole)
+    largest = programs.filter_jit(lambda run: {name: jnp.max(one(run)) for name, one in constraints.items()})(whole)
     left = _imbalance(system, problem.end, jax.tree.map(lambda leaf: leaf[-1], run.state))
     missed = 0.0 if problem.place is None else np.linalg.norm(run.state.z[-1] - problem.place)
     return Resimulated(
@@ -162,5 +161,5 @@ def places(solution: Solution, times: Float[np.ndarray, " k"]) -> Float[np.ndarr
     It is (z1, z2) for a ball, z for a disk.
     """
     packing = rolling(solution.problem).packing
-    unpacked = jax.jit(jax.vmap(packing.unpack))(jnp.asarray(times), jnp.asarray(solution.path.states(times)))
+    unpacked = programs.jit(jax.vmap(packing.unpack))(jnp.asarray(times), jnp.asarray(solution.path.states(times)))
     return np.asarray(unpacked.z)

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ...numerics.batches import of_rows
 from ...physics.body import Disk, System
 from .requirements import AbstractConstraint, AbstractObjective, require_reachable
 from .run import RAIL_SAMPLES, Run, Solve, run_of
@@ -195,7 +196,7 @@ class Problem:
         def one(errors: Errors, *others: Float[Array, "..."]) -> Any:
             return function(candidate._replace(system=perturbed_system(system, errors)), *others)
 
-        return jax.vmap(one)(self.perturbations.errors(system), *others)
+        return of_rows(one, self.perturbations.errors(system), *others)
 
     def evaluate_run(self, run: Run) -> Evaluation:
         """All objectives and constraints of a run."""

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ...numerics.batches import map_rows
 from ...physics.body import System
 from ...physics.coupling import joined, joint_forces
 from ...physics.dynamics import accelerations, given_angles
@@ -109,7 +110,7 @@ class Run(eqx.Module):
     def _each(self, function: Callable[[System, Any, Any], Any]) -> Any:
         """A function of the prepared system, a time and the state then, at all times."""
         prepared = self.system.prepare()
-        return jax.vmap(lambda t, x: function(prepared, t, x))(self._times, self.state)
+        return map_rows(lambda t, x: function(prepared, t, x), self._times, self.state)
 
     @property
     def observables(self) -> Observables:

@@ -21,6 +21,8 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
+from ...numerics import programs
+from ...numerics.batches import of_rows
 from ...physics.body import Ball, Disk, System
 from ...physics.state import BallState, DiskState
 from ...scenario.initial import INITIAL
@@ -187,7 +189,7 @@ def by_reverse_mode(program: AbstractProgram) -> Callable[..., Lagrangians]:
         (value, at), gradient = jax.value_and_grad(lagrangian, has_aux=True)(y, multipliers)
         return _lagrangians(program, value, gradient, at, multipliers)
 
-    return jax.jit(jax.vmap(one))
+    return programs.jit(functools.partial(of_rows, one))
 
 
 @functools.lru_cache(maxsize=8)
@@ -222,7 +224,7 @@ def by_gauss_newton(program: AbstractProgram) -> Callable[..., Lagrangians]:
         hessian, (value, slope, at) = jax.jacfwd(gradient, has_aux=True)(y)
         return _lagrangians(program, value, slope, at, multipliers)._replace(hessian=hessian)
 
-    return jax.jit(jax.vmap(one))
+    return programs.jit(functools.partial(of_rows, one))
 
 
 def _lagrangians(program: AbstractProgram, value, gradient, at: Evaluation, multipliers: Multipliers) -> Lagrangians:
@@ -342,7 +344,7 @@ class Shooting(AbstractProgram):
             solve = problem.solve()
             return problem.of_each(problem.space.candidate(y), lambda one: pack(run_of(one, solve).state))
 
-        saved = np.asarray(jax.jit(jax.vmap(states))(jnp.asarray(y)))
+        saved = np.asarray(programs.jit(functools.partial(of_rows, states))(jnp.asarray(y)))
         finite = np.all(np.isfinite(saved), axis=-1)
         last = np.max(np.where(finite, np.arange(self._steps + 1), 0), axis=-1)
         rows = np.minimum(self._rows[1:, 0], last[..., None])

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...numerics import programs
 from ...scenario.solvers import SOLVERS
 from ..constraints import NormalForce
 from ..objectives import FollowCurve, FollowTrajectory, ReachPlace
@@ -98,7 +99,7 @@ def _compared(problem: Problem) -> Callable[..., Any]:
         most = {"apart": apart, "violations": violations, "lift": lift, "missed": missed}
         return problem.evaluate_run(run), problem.evaluate_run(fine), most
 
-    @jax.jit
+    @programs.jit
     def both(y):
         first, second, most = problem.of_each(problem.space.candidate(y), of_ball)
         return merged(first), merged(second), jax.tree.map(lambda x: jnp.max(x, axis=0), most)
@@ -128,7 +129,7 @@ def perturbed(problem: Problem, y: Float[np.ndarray, " n"], perturbations: Pertu
     """
     robust = dataclasses.replace(problem, perturbations=perturbations)
 
-    @jax.jit
+    @programs.jit
     def each(y):
         return robust.of_each(
             problem.space.candidate(y), lambda one: problem.evaluate_run(run_of(one, problem.solve()))
@@ -242,4 +243,4 @@ def _forward(
     def value(y):
         return augmented_lagrangian(program, program.evaluate(y, diffrax.ForwardMode()), multipliers)
 
-    return float(jax.jit(lambda y, v: jax.jvp(value, (y,), (v,))[1])(y, direction))
+    return float(programs.jit(lambda y, v: jax.jvp(value, (y,), (v,))[1])(y, direction))
