@@ -1,11 +1,15 @@
 """Functions with rules of their own for reverse mode, which are told what varies and need not compute anything else."""
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
+
+from .batches import map_rows
 
 Forward = Callable[[Any], tuple[Any, Any]]
 Pull = Callable[[Any, Any, Any], Any]
@@ -33,6 +37,38 @@ def with_rule(function: Callable[[Any], Any], forward: Forward, pull: Pull) -> C
     ruled = jax.custom_vjp(function)
     ruled.defvjp(kept, backward, symbolic_zeros=True)
     return ruled
+
+
+def by_forward_mode(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """``function`` of a PyTree of arrays, with derivatives in reverse mode that are computed by forward mode.
+
+    For a function of a few numbers that is long, or has loops of unknown length: it is traced once, and once more for
+    its derivative in one direction, which is computed for each number that varies. These have one type.
+    """
+    function = jax.jit(function)
+
+    def forward(operands: Any) -> tuple[Any, Any]:
+        return function(operands), operands
+
+    @functools.partial(jax.jit, static_argnums=0)
+    def pulled(which: tuple[bool, ...], operands: Any, cotangents: list[Array | None]) -> list[Array]:
+        leaves, structure = jax.tree.flatten(operands)
+        x, unravel = ravel_pytree(chosen(leaves, which))
+
+        def product(direction: Array) -> Array:
+            _, rates = jax.jvp(lambda x: function(structure.unflatten(replaced(leaves, which, unravel(x)))), (x,), (direction,))
+            given = zip(cotangents, jax.tree.leaves(rates), strict=True)
+            return sum((jnp.sum(cotangent * rate) for cotangent, rate in given if cotangent is not None), zero)
+
+        zero = jnp.zeros((), x.dtype)
+        return unravel(map_rows(product, jnp.eye(x.size, dtype=x.dtype)))
+
+    def pull(operands: Any, cotangents: Any, varies: Any) -> Any:
+        which, structure = jax.tree.flatten(varies)
+        slopes = pulled(tuple(which), operands, jax.tree.leaves(cotangents, is_leaf=lambda leaf: leaf is None))
+        return structure.unflatten(replaced([None] * len(which), which, slopes))
+
+    return with_rule(function, forward, pull)
 
 
 def _varies(operand: Any) -> bool:

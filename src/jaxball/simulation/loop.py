@@ -100,7 +100,8 @@ class SolveLoop(diffrax.AbstractAdjoint):
         def stepper_of(recorded: Recorded) -> Any:
             return with_stages_pulled_back(solver, recorded) if by_stages else solver
 
-        fixed = stepsize_controller, args, t0, t1, event, progress_meter, self.switching
+        of_resets = self.parameters if reverse else args
+        fixed = stepsize_controller, args, of_resets, t0, t1, event, progress_meter, self.switching
         solve = _Solve(terms, solver, stepper_of(recorded), *fixed)
         y0, switching = init_state.y, self.switching
         observers = None if self.observers is None else self.observers(args)
@@ -202,6 +203,7 @@ class _Solve(NamedTuple):
     stepper: Any  # the same, with steps that can be differentiated
     controller: Any
     args: Any
+    args_of_resets: Any
     t0: Float[Array, ""]
     t1: Float[Array, ""]
     event: diffrax.Event | None
@@ -211,7 +213,7 @@ class _Solve(NamedTuple):
     def after_reset(self, state: Any, hybrid: Any) -> tuple[Any, Any]:
         """The state with which the next step begins: that after the reset, where there was an event."""
         step = NextStep(jnp.asarray(True), state.tprev, state.tnext, None, jnp.asarray(False))
-        hybrid, step, y, happened = self.switching.apply_reset(hybrid, step, state.y, (self.t0, self.t1), self.args)
+        hybrid, step, y, happened = self.switching.apply_reset(hybrid, step, state.y, (self.t0, self.t1), self.args_of_resets)
         jumped = state.made_jump | happened
         return dataclasses.replace(state, tprev=step.start, tnext=step.end, y=y, made_jump=jumped), hybrid
 

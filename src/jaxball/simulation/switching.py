@@ -7,6 +7,7 @@ begins with the state after the reset.
 """
 
 import abc
+import functools
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
@@ -18,7 +19,8 @@ from jaxtyping import Array, Bool, Float, Int
 from ..interface.status import Status
 from ..numerics.bracketing import Sample, between, other_end
 from ..numerics.kinks import before_kink
-from ..physics.hybrid import NONE, START, Accuracy, GuardedStep, Record, entry
+from ..numerics.reverse_rules import by_forward_mode
+from ..physics.hybrid import NONE, START, Accuracy, GuardedStep, Record, Transition, entry
 from ..physics.packing import Packing
 from ..solvers.dense.sampling import sampling
 from .rows import put
@@ -220,6 +222,7 @@ class Switching(AbstractSwitching):
     accuracy: Accuracy
     unpack: Any = eqx.field(static=True)
     capacity: int = eqx.field(static=True)
+    reverse: bool = eqx.field(static=True)
 
     jumps: ClassVar[bool] = True
 
@@ -278,9 +281,11 @@ class Switching(AbstractSwitching):
         self, carry: HybridCarry, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], args: Any
     ) -> "_AfterReset":
         """The state that follows an event at ``t``, in a run of the length ``run``."""
-        packing, starts = self._packing(args), carry.event == START
-        done = packing.system.transition(t, packing.unpack(t, y), carry.event, self.accuracy)
-        t, after, switches = done.t, packing.pack(done.t, done.after), done.switches
+        starts = carry.event == START
+        transition = functools.partial(_transition, self.unpack)
+        transition = by_forward_mode(transition) if self.reverse else transition
+        done = transition((t, y, args, carry.event, self.accuracy))
+        t, after, switches = done.t, done.after, done.switches
         fixed = jax.lax.stop_gradient(t)
         crowded = switches & done.crowds & (fixed - carry.last <= CLOSE * run)
         crowd = jnp.where(crowded, carry.crowd + 1, jnp.where(switches, 0, carry.crowd))
@@ -288,10 +293,10 @@ class Switching(AbstractSwitching):
         status = jnp.where(done.status == int(Status.SUCCESS), status, done.status)
         row = jnp.where(switches, carry.switches, self.capacity)
         grazing = jnp.abs(done.slope) * carry.length <= GRAZING * carry.size
-        switch = Rows(t, done.event, packing.pack(t, done.before), after, grazing)
+        switch = Rows(t, done.event, done.before, after, grazing)
         least = LEAST * float(jnp.finfo(fixed.dtype).eps) * jnp.abs(fixed)
         length = jnp.where(done.pauses, carry.length, least)
-        kinks = jax.lax.stop_gradient(packing.system.driving_kinks())
+        kinks = jax.lax.stop_gradient(self._packing(args).system.driving_kinks())
         carry = carry._replace(
             event=jnp.asarray(NONE),
             begun=jnp.where(starts, after, carry.begun),
@@ -356,6 +361,14 @@ class Switching(AbstractSwitching):
 
     def _packing(self, args: Any) -> Packing:
         return self.unpack(args)[0]
+
+
+def _transition(unpack: Callable[[Any], Any], given: tuple[Array, Array, Any, Array, Accuracy]) -> Transition:
+    """What follows an event, with vectors in the place of states."""
+    t, y, args, event, accuracy = given
+    packing = unpack(args)[0]
+    done = packing.system.transition(t, packing.unpack(t, y), event, accuracy)
+    return done._replace(before=packing.pack(done.t, done.before), after=packing.pack(done.t, done.after))
 
 
 class _AfterReset(NamedTuple):

@@ -114,13 +114,8 @@ def _after(
 
 @_after.defjvp
 def _after_jvp(primals, tangents):
-    """By forward mode, which a loop of any length has, for reverse mode as well."""
-    jacobians = jax.jacfwd(_followed, argnums=(0, 1, 2, 3))(*primals, OF_DERIVATIVES)
-    parts = [
-        jnp.sum(jacobian * tangent, axis=tuple(range(1, jacobian.ndim)))
-        for jacobian, tangent in zip(jacobians, (x[None] for x in tangents), strict=True)
-    ]
-    return _after(*primals), sum(parts[1:], parts[0])
+    """By forward mode, which a loop of any length has."""
+    return _after(*primals), jax.jvp(lambda *given: _followed(*given, OF_DERIVATIVES), primals, tangents)[1]
 
 
 def _followed(D, slip, mu, restitution, care: _Care) -> Float[Array, "3"]:
@@ -224,10 +219,10 @@ class _Process(NamedTuple):
     def again(self, x: Float[Array, "4"]) -> Float[Array, "3"]:
         """v_s at the end of an impact whose slip has ended at x and begins again; NaN if the body never rises."""
 
-        def pull(sigma: Float[Array, "2"]) -> tuple[Float[Array, "2"], Float[Array, ""]]:
-            return self.pull(sigma)[:2], jnp.ones_like(x[0])
+        def pull(process: _Process, sigma: Float[Array, "2"]) -> tuple[Float[Array, "2"], Float[Array, ""]]:
+            return process.pull(sigma)[:2], jnp.ones_like(process.mu)
 
-        sigma, growth = diverging(pull, -self.S[:2, 2])
+        sigma, growth = diverging(pull, self, -self.S[:2, 2])
         rise = self.pull(sigma)[2]
         rises = rise > 0
         end = self.end(x, rise)
