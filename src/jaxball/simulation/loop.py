@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..native import traced_natively
 from ..solvers.dense.continuous import DenseOutput, has_one_tableau
 from ..solvers.explicit import depends_on_arguments_alone, with_first_slope, with_stages_pulled_back
 from ..solvers.multistep import AbstractMultistepController
@@ -26,7 +27,8 @@ from .switching import AbstractSwitching, NextStep, NoSwitching, Taken
 
 # A step that would end this close to the end of the run, relative to it, ends there.
 CLOSE = 100
-MOST_CHECKPOINTS = 4096  # of some kilobytes each
+MOST_CHECKPOINTS = 4096  # of some kilobytes each, which XLA fills with zeros
+MOST_NATIVELY = 16384  # where memory that is not used costs nothing
 RESULTS: Any = diffrax.RESULTS
 
 
@@ -168,7 +170,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
         because a recomputed step rounds differently. So where modes end, all steps are kept, up to a limit.
         """
         if self.checkpoints is None and self.switching.jumps:
-            return min(max_steps, MOST_CHECKPOINTS)
+            return min(max_steps, MOST_NATIVELY if traced_natively() else MOST_CHECKPOINTS)
         return self.checkpoints
 
     def _save(

@@ -118,6 +118,7 @@ def _after_jvp(primals, tangents):
     return _after(*primals), jax.jvp(lambda *given: _followed(*given, OF_DERIVATIVES), primals, tangents)[1]
 
 
+@jax.jit
 def _followed(D, slip, mu, restitution, care: _Care) -> Float[Array, "3"]:
     """v_s after the process: by steps while it slips, straight on for what is left of the slip or of the impact."""
     process, eps = _Process(D, inverse(D), mu, -restitution * slip[2]), float(jnp.finfo(slip.dtype).eps)
@@ -185,7 +186,7 @@ class _Process(NamedTuple):
         speed = root(jnp.sum(x[:2] ** 2))
         moved, turns = fastest > 0, turning * speed > error * fastest
         allowed = 3 * (error * fastest / jnp.where(turns, turning * speed, 1.0)) ** (1 / 9)
-        part = jnp.where(turns, jnp.minimum(min(share, TURNING), allowed), share)
+        part = jnp.where(turns, jnp.minimum(jnp.minimum(share, TURNING), allowed), share)
         length = part * speed / jnp.where(moved, fastest, 1.0)
         return jnp.where(moved, length, jnp.inf)
 
