@@ -13,6 +13,12 @@ from .batches import map_rows
 
 Forward = Callable[[Any], tuple[Any, Any]]
 Pull = Callable[[Any, Any, Any], Any]
+CarryOut = Callable[[Callable[[Any], Any], Pull, Any], Any]  # a function, a pull of it, and operands: the results
+
+
+def at_once(function: Callable[[Any], Any], pull: Pull, operands: Any) -> Any:
+    """The results of a function, with its own derivatives."""
+    return function(operands)
 
 
 def with_rule(function: Callable[[Any], Any], forward: Forward, pull: Pull) -> Callable[[Any], Any]:
@@ -39,36 +45,35 @@ def with_rule(function: Callable[[Any], Any], forward: Forward, pull: Pull) -> C
     return ruled
 
 
-def by_forward_mode(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """``function`` of a PyTree of arrays, with derivatives in reverse mode that are computed by forward mode.
+def pulled_by_forward_mode(function: Callable[[Any], Any]) -> Pull:
+    """The pull of ``function``, of a PyTree of arrays, by forward mode; what is kept is the operands and the results.
 
-    For a function of a few numbers that is long, or has loops of unknown length: it is traced once, and once more for
-    its derivative in one direction, which is computed for each number that varies. These have one type.
+    For a function of a few numbers that is long, or has loops of unknown length. It is computed, with its derivative in
+    one direction, for each number that varies. These have one type.
     """
-    function = jax.jit(function)
-
-    def forward(operands: Any) -> tuple[Any, Any]:
-        return function(operands), operands
 
     @functools.partial(jax.jit, static_argnums=0)
-    def pulled(which: tuple[bool, ...], operands: Any, cotangents: list[Array | None]) -> list[Array]:
+    def products(which: tuple[bool, ...], operands: Any, cotangents: list[Array | None]) -> list[Array]:
         leaves, structure = jax.tree.flatten(operands)
         x, unravel = ravel_pytree(chosen(leaves, which))
 
-        def product(direction: Array) -> Array:
-            _, rates = jax.jvp(lambda x: function(structure.unflatten(replaced(leaves, which, unravel(x)))), (x,), (direction,))
-            given = zip(cotangents, jax.tree.leaves(rates), strict=True)
-            return sum((jnp.sum(cotangent * rate) for cotangent, rate in given if cotangent is not None), zero)
+        def results(x: Array) -> list[Array]:
+            return jax.tree.leaves(function(structure.unflatten(replaced(leaves, which, unravel(x)))))
 
-        zero = jnp.zeros((), x.dtype)
+        def product(direction: Array) -> Array:
+            rates = zip(cotangents, jax.jvp(results, (x,), (direction,))[1], strict=True)
+            return sum((jnp.sum(cotangent * rate) for cotangent, rate in rates if cotangent is not None), 0 * x[0])
+
         return unravel(map_rows(product, jnp.eye(x.size, dtype=x.dtype)))
 
-    def pull(operands: Any, cotangents: Any, varies: Any) -> Any:
+    def pull(known: tuple[Any, Any], cotangents: Any, varies: Any) -> Any:
         which, structure = jax.tree.flatten(varies)
-        slopes = pulled(tuple(which), operands, jax.tree.leaves(cotangents, is_leaf=lambda leaf: leaf is None))
-        return structure.unflatten(replaced([None] * len(which), which, slopes))
+        if not any(which):
+            return structure.unflatten([None] * len(which))
+        found = products(tuple(which), known[0], jax.tree.leaves(cotangents, is_leaf=lambda leaf: leaf is None))
+        return structure.unflatten(replaced([None] * len(which), which, found))
 
-    return with_rule(function, forward, pull)
+    return pull
 
 
 def _varies(operand: Any) -> bool:

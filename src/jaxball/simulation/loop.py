@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..native import traced_natively
+from ..numerics.reverse_rules import CarryOut, at_once
 from ..solvers.dense.continuous import DenseOutput, has_one_tableau
 from ..solvers.explicit import depends_on_arguments_alone, with_first_slope, with_stages_pulled_back
 from ..solvers.multistep import AbstractMultistepController
@@ -96,15 +97,15 @@ class SolveLoop(diffrax.AbstractAdjoint):
         if dense:
             infos = output.room(init_state.dense_infos, max_steps)
             init_state = dataclasses.replace(init_state, dense_ts=init_state.dense_ts.at[0].set(t0), dense_infos=infos)
-        reverse, recorded = self.kind == "checkpointed", Recorded()
+        reverse, of_stages, of_resets = self.kind == "checkpointed", Recorded("stages"), Recorded("reset")
         by_stages = reverse and depends_on_arguments_alone(terms, t0, init_state.y, args)
 
         def stepper_of(recorded: Recorded) -> Any:
             return with_stages_pulled_back(solver, recorded) if by_stages else solver
 
-        of_resets = self.parameters if reverse else args
-        fixed = stepsize_controller, args, of_resets, t0, t1, event, progress_meter, self.switching
-        solve = _Solve(terms, solver, stepper_of(recorded), *fixed)
+        resets = (self.parameters, of_resets) if reverse else (args, at_once)
+        fixed = stepsize_controller, args, resets, t0, t1, event, progress_meter, self.switching
+        solve = _Solve(terms, solver, stepper_of(of_stages), *fixed)
         y0, switching = init_state.y, self.switching
         observers = None if self.observers is None else self.observers(args)
 
@@ -144,7 +145,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
             buffers=lambda carry: (*_buffers(carry), switching.record(carry[2])),
             reverse=reverse,
             rows=self._checkpoints(max_steps),
-            recorded=recorded,
+            recorded=(of_stages, of_resets),
             parts=Parts(args, self.parameters, self.join),
         )
         done = state.tprev >= t1
@@ -159,7 +160,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
         )
         statistics = {"switching": hybrid}
         if observers is not None:
-            solve = solve._replace(stepper=stepper_of(Recorded()))
+            solve = solve._replace(stepper=stepper_of(Recorded("stages")))
             statistics["found"] = observers.found(seen, t0, first, functools.partial(solve.again, output))
         return state, statistics
 
@@ -205,7 +206,7 @@ class _Solve(NamedTuple):
     stepper: Any  # the same, with steps that can be differentiated
     controller: Any
     args: Any
-    args_of_resets: Any
+    resets: tuple[Any, CarryOut]  # the parameters of a reset, and how it is carried out
     t0: Float[Array, ""]
     t1: Float[Array, ""]
     event: diffrax.Event | None
@@ -215,7 +216,8 @@ class _Solve(NamedTuple):
     def after_reset(self, state: Any, hybrid: Any) -> tuple[Any, Any]:
         """The state with which the next step begins: that after the reset, where there was an event."""
         step = NextStep(jnp.asarray(True), state.tprev, state.tnext, None, jnp.asarray(False))
-        hybrid, step, y, happened = self.switching.apply_reset(hybrid, step, state.y, (self.t0, self.t1), self.args_of_resets)
+        run = self.t0, self.t1
+        hybrid, step, y, happened = self.switching.apply_reset(hybrid, step, state.y, run, *self.resets)
         jumped = state.made_jump | happened
         return dataclasses.replace(state, tprev=step.start, tnext=step.end, y=y, made_jump=jumped), hybrid
 

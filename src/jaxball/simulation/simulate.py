@@ -266,10 +266,7 @@ def solve(
     term = diffrax.ODETerm(field)
     order = float(method.solver.error_order(term) or 1)  # pyright: ignore
     accuracy = Accuracy(rtol, atol, order, approach_of(method.solver))
-    reverse = isinstance(method.adjoint, diffrax.RecursiveCheckpointAdjoint)
-    switching = (
-        Switching(accuracy, unpack_parameters, system.max_switches, reverse) if system.is_hybrid else NoSwitching()
-    )
+    switching = Switching(accuracy, unpack_parameters, system.max_switches) if system.is_hybrid else NoSwitching()
     if method.dae:
         term = SwitchingMassMatrixTerm(
             dae_field,
