@@ -57,6 +57,7 @@ __all__ = [
     "node_of",
     "primitive",
     "put",
+    "same_mesh",
     "setting_of_traces",
     "settings",
     "stablehlo_bindings",
@@ -101,6 +102,16 @@ class _Setting(threading.local):
             yield
         finally:
             self.value = before
+
+
+def same_mesh() -> contextlib.AbstractContextManager[Any]:
+    """A context for a trace, in which JAX finds functions again that it has traced.
+
+    Within the rules of derivatives in reverse mode, JAX has entered the mesh of no devices that is also the default,
+    and takes that for another context than none.
+    """
+    use = getattr(jax.sharding, "use_abstract_mesh", None)
+    return contextlib.nullcontext() if use is None else use(jax.sharding.get_abstract_mesh())
 
 
 def stablehlo_bindings() -> tuple[Any, Any]:

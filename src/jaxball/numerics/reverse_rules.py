@@ -1,14 +1,24 @@
 """Functions with rules of their own for reverse mode, which are told what varies and need not compute anything else."""
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
+
+from .batches import map_rows
 
 Forward = Callable[[Any], tuple[Any, Any]]
 Pull = Callable[[Any, Any, Any], Any]
+CarryOut = Callable[[Callable[[Any], Any], Pull, Any], Any]  # a function, a pull of it, and operands: the results
+
+
+def at_once(function: Callable[[Any], Any], pull: Pull, operands: Any) -> Any:
+    """The results of a function, with its own derivatives."""
+    return function(operands)
 
 
 def with_rule(function: Callable[[Any], Any], forward: Forward, pull: Pull) -> Callable[[Any], Any]:
@@ -33,6 +43,37 @@ def with_rule(function: Callable[[Any], Any], forward: Forward, pull: Pull) -> C
     ruled = jax.custom_vjp(function)
     ruled.defvjp(kept, backward, symbolic_zeros=True)
     return ruled
+
+
+def pulled_by_forward_mode(function: Callable[[Any], Any]) -> Pull:
+    """The pull of ``function``, of a PyTree of arrays, by forward mode; what is kept is the operands and the results.
+
+    For a function of a few numbers that is long, or has loops of unknown length. It is computed, with its derivative in
+    one direction, for each number that varies. These have one type.
+    """
+
+    @functools.partial(jax.jit, static_argnums=0)
+    def products(which: tuple[bool, ...], operands: Any, cotangents: list[Array | None]) -> list[Array]:
+        leaves, structure = jax.tree.flatten(operands)
+        x, unravel = ravel_pytree(chosen(leaves, which))
+
+        def results(x: Array) -> list[Array]:
+            return jax.tree.leaves(function(structure.unflatten(replaced(leaves, which, unravel(x)))))
+
+        def product(direction: Array) -> Array:
+            rates = zip(cotangents, jax.jvp(results, (x,), (direction,))[1], strict=True)
+            return sum((jnp.sum(cotangent * rate) for cotangent, rate in rates if cotangent is not None), 0 * x[0])
+
+        return unravel(map_rows(product, jnp.eye(x.size, dtype=x.dtype)))
+
+    def pull(known: tuple[Any, Any], cotangents: Any, varies: Any) -> Any:
+        which, structure = jax.tree.flatten(varies)
+        if not any(which):
+            return structure.unflatten([None] * len(which))
+        found = products(tuple(which), known[0], jax.tree.leaves(cotangents, is_leaf=lambda leaf: leaf is None))
+        return structure.unflatten(replaced([None] * len(which), which, found))
+
+    return pull
 
 
 def _varies(operand: Any) -> bool:

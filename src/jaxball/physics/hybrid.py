@@ -6,6 +6,7 @@ event, and a reset map takes the state before it to the state after it. The time
 and of all parameters, and has their derivatives, so that derivatives of what follows are those of the saltation matrix.
 """
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -16,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.printing import Printed, is_single, shown
+from ..numerics.masks import without_derivatives
 from ..numerics.modes import once
 
 NONE = -1  # no event
@@ -104,22 +106,23 @@ def entry(which: Int[Array, ""], values: Float[Array, " k"]) -> Float[Array, ""]
 
 
 def at_zero(
-    guards: Callable[[Float[Array, ""], Any], Float[Array, " k"]],
+    guards: Callable[[Any, Float[Array, ""], Any], Float[Array, " k"]],
+    system: Any,
     t: Float[Array, ""],
     state: Any,
-    rates: Any,
     which: Int[Array, ""],
     applies: Bool[Array, ""] | bool = True,
 ) -> tuple[Float[Array, ""], Any, Float[Array, ""]]:
     """The time and the state at the zero of guard ``which`` that is next to nothing away, and the rate of the guard.
 
-    By one step of Newton's method along the ``rates`` of the state, which changes next to nothing, but has the
-    first derivatives of the zero. Where it does not apply or there is no such guard, time and state are unchanged.
+    By one step of Newton's method along the field of the system, which changes next to nothing, but has the first
+    derivatives of the zero. Where it does not apply or there is no such guard, time and state are unchanged.
     """
-    rates = jax.lax.stop_gradient(rates)
+    still, t0, x0 = without_derivatives((system, t, state))
+    rates = still.field(t0, x0)
     along = jax.tree.map(lambda x, rate: rate if _flows(x) else np.zeros(jnp.shape(x), jax.dtypes.float0), state, rates)
-    values, slopes = jax.jvp(guards, (t, state), (jnp.ones_like(t), along))
-    slope = jax.lax.stop_gradient(entry(which, slopes))
+    slopes = jax.jvp(functools.partial(guards, still), (t0, x0), (jnp.ones_like(t), along))[1]
+    values, slope = guards(system, t, state), entry(which, slopes)
     applies &= (which >= 0) & (which < values.shape[0])
     sloping = applies & (slope != 0)
     shift = jnp.where(sloping, -entry(which, values) / jnp.where(sloping, slope, 1.0), 0.0)

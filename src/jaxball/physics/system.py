@@ -308,7 +308,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
     def transition(self, t: Float[Array, ""], state: AnyState, event: Int[Array, ""], accuracy: Accuracy) -> Transition:
         """What happens at an event: the state is reset, or, at the ``START`` of a run, left as it is."""
         starts = event == START
-        t, before, slope = at_zero(self.guards, t, state, self.field(t, state), event)
+        t, before, slope = at_zero(lambda system, *at: system.guards(*at), self, t, state, event)
         system, t_of_reset, given = differentiated_where(~starts, (self, t, before))
         after = system.reset(t_of_reset, given, event)
         if jax.tree.structure(after) != jax.tree.structure(before):

@@ -5,6 +5,7 @@ are more steps than rows. On the way back, the steps in between are taken again 
 cotangents of what it led to become those of what it began with. This is the derivative of the steps taken, to rounding.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeVar
@@ -24,14 +25,13 @@ ROOM = 2**18  # bytes in which all steps are recorded, if they fit
 
 
 class Recorded:
-    """The part of a step whose results are recorded: on the way back it is not carried out again, but only pulled back.
+    """A part of a step whose results are recorded: on the way back it is not carried out again, but only pulled back.
 
-    A step calls it once, and not within a branch or a loop.
+    A step calls it at most once, and not within a branch or a loop. Its parts have different names.
     """
 
-    NAME = "recorded_part_of_a_step"
-
-    def __init__(self):
+    def __init__(self, name: str):
+        self.name = f"recorded_{name}_of_a_step"
         self._pull: Callable[..., Any] | None = None
         self._structure: Any = None
 
@@ -47,7 +47,7 @@ class Recorded:
         def recorded(*leaves: Array) -> list[Array]:
             return with_rule(function, forward, pull)(structure.unflatten(leaves))
 
-        recorded.__name__ = self.NAME
+        recorded.__name__ = self.name
         return jax.jit(recorded)(*leaves)
 
     def known(self, operands: Sequence[Any], results: Sequence[Array]) -> list[Array]:
@@ -82,7 +82,7 @@ def while_loop(
     buffers: Callable[[Carry], Any],
     reverse: bool,
     rows: int | None = None,
-    recorded: Recorded | None = None,
+    recorded: Sequence[Recorded] = (),
     parts: Parts | None = None,
 ) -> Carry:
     """What is carried when ``unfinished`` says no, or after ``max_steps``.
@@ -92,8 +92,8 @@ def while_loop(
     - ``reverse``: whether derivatives are those of reverse mode, once, or else those of forward mode.
     - ``rows``: how many steps are recorded at most, for reverse mode. If not given, all of them where that needs little
       memory, and at least the square root of ``max_steps``.
-    - ``recorded``: the part of a step that is recorded, too. Its operand that is the whole of the ``parts`` is given to
-      it as the list of their arrays where it is pulled back.
+    - ``recorded``: parts of a step that are recorded, too. The operand that is the whole of the ``parts`` is given to
+      them as the list of their arrays where they are pulled back.
     """
     leaves, structure = jax.tree.flatten(jax.tree.map(jnp.asarray, initial))
     written = set(jax.tree.leaves(buffers(structure.unflatten(range(len(leaves))))))
@@ -147,16 +147,17 @@ class _Loop:
         is_buffer: list[bool],
         max_steps: int,
         rows: int | None,
-        recorded: Recorded | None,
+        recorded: Sequence[Recorded],
         parts: Parts | None,
     ):
-        self.goes_on, self.step, self.max_steps, self.recorded, self.parts = goes_on, step, max_steps, recorded, parts
+        self.goes_on, self.step, self.max_steps, self.parts = goes_on, step, max_steps, parts
         self.is_carried = [not is_written for is_written in is_buffer]
         self.place = None
         if parts is not None:
             self.place = next((k for k, constant in enumerate(step.consts) if constant is parts.whole), None)
-        self.equation = next((e for e in step.jaxpr.eqns if recorded is not None and _is_recorded(e)), None)
-        results = [] if self.equation is None else [variable.aval for variable in self.equation.outvars]
+        named = {part.name: part for part in recorded}
+        self.recorded = [(e, named[e.params["name"]]) for e in step.jaxpr.eqns if e.params.get("name") in named]
+        results = [variable.aval for equation, _ in self.recorded for variable in equation.outvars]
         self.packing = _Packing([*chosen(step.in_avals, self.is_carried), *results])
         least = math.isqrt(max(max_steps - 1, 0)) + 1
         self.rows = min(max(ROOM // max(self.packing.size, 1), least) if rows is None else rows, max_steps)
@@ -213,13 +214,23 @@ class _Loop:
         seen: list[Array] = []
 
         def noted(equation: Any, operands: list[Any]) -> list[Array] | None:
-            if equation is not self.equation:
+            if not any(equation is one for one, _ in self.recorded):
                 return None
-            seen.extend(evaluate(argument(equation, "jaxpr"), argument(equation, "jaxpr").consts, operands))
-            return seen
+            results = evaluate(argument(equation, "jaxpr"), argument(equation, "jaxpr").consts, operands)
+            seen.extend(results)
+            return results
 
         new = evaluated(self.step, constants, leaves, [True] * len(leaves), noted)
         return new, self.packing.packed([*chosen(leaves, self.is_carried), *seen])
+
+    def recalled(self, equation: Any, known: list[Array]) -> tuple[Recorded | None, list[Array]]:
+        """The recorded part that an equation is, if it is one, with its results among those of all."""
+        remaining = iter(known)
+        for recorded, part in self.recorded:
+            results = list(itertools.islice(remaining, len(recorded.outvars)))
+            if recorded is equation:
+                return part, results
+        return None, []
 
     def back(self, kept: _Kept, cotangents: list[Any], varies: Any) -> Any:
         """The cotangents of the constants, of the arrays of parts, of the conditions and of the arrays at the start."""
@@ -294,7 +305,8 @@ class _WayBack:
             arrays = replaced(self.kept.arrays, self.of_arrays, arrays)
 
             def recalled(equation: Any, operands: list[Any]) -> list[Array] | None:
-                if equation is not loop.equation or loop.recorded is None:
+                part, results = loop.recalled(equation, known)
+                if part is None:
                     return None
                 if loop.place is not None:
                     whole = loop.step.jaxpr.constvars[loop.place]
@@ -302,7 +314,7 @@ class _WayBack:
                         arrays if variable is whole else operand
                         for variable, operand in zip(equation.invars, operands, strict=True)
                     ]
-                return loop.recorded.known(operands, known)
+                return part.known(operands, results)
 
             constants = replaced(self.constants, self.of_constants, constants)
             return evaluated(loop.step, constants, replaced(leaves, self.which, moving), self.which, recalled)
@@ -368,7 +380,3 @@ def _written(rows: list[Array], place: Array, row: list[Array]) -> list[Array]:
 def _thinned(k: Array, rows: list[Array]) -> list[Array]:
     """Every second row in the place of every one, done one by one."""
     return [array.at[k].set(array[2 * k]) for array in rows]
-
-
-def _is_recorded(equation: Any) -> bool:
-    return equation.params.get("name") == Recorded.NAME

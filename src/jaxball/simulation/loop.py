@@ -16,6 +16,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..native import traced_natively
+from ..numerics.reverse_rules import CarryOut, at_once
 from ..solvers.dense.continuous import DenseOutput, has_one_tableau
 from ..solvers.explicit import depends_on_arguments_alone, with_first_slope, with_stages_pulled_back
 from ..solvers.multistep import AbstractMultistepController
@@ -26,7 +28,8 @@ from .switching import AbstractSwitching, NextStep, NoSwitching, Taken
 
 # A step that would end this close to the end of the run, relative to it, ends there.
 CLOSE = 100
-MOST_CHECKPOINTS = 4096  # of some kilobytes each
+MOST_CHECKPOINTS = 4096  # of some kilobytes each, which XLA fills with zeros
+MOST_NATIVELY = 16384  # where memory that is not used costs nothing
 RESULTS: Any = diffrax.RESULTS
 
 
@@ -94,14 +97,15 @@ class SolveLoop(diffrax.AbstractAdjoint):
         if dense:
             infos = output.room(init_state.dense_infos, max_steps)
             init_state = dataclasses.replace(init_state, dense_ts=init_state.dense_ts.at[0].set(t0), dense_infos=infos)
-        reverse, recorded = self.kind == "checkpointed", Recorded()
+        reverse, of_stages, of_resets = self.kind == "checkpointed", Recorded("stages"), Recorded("reset")
         by_stages = reverse and depends_on_arguments_alone(terms, t0, init_state.y, args)
 
         def stepper_of(recorded: Recorded) -> Any:
             return with_stages_pulled_back(solver, recorded) if by_stages else solver
 
-        fixed = stepsize_controller, args, t0, t1, event, progress_meter, self.switching
-        solve = _Solve(terms, solver, stepper_of(recorded), *fixed)
+        resets = (self.parameters, of_resets) if reverse else (args, at_once)
+        fixed = stepsize_controller, args, resets, t0, t1, event, progress_meter, self.switching
+        solve = _Solve(terms, solver, stepper_of(of_stages), *fixed)
         y0, switching = init_state.y, self.switching
         observers = None if self.observers is None else self.observers(args)
 
@@ -141,7 +145,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
             buffers=lambda carry: (*_buffers(carry), switching.record(carry[2])),
             reverse=reverse,
             rows=self._checkpoints(max_steps),
-            recorded=recorded,
+            recorded=(of_stages, of_resets),
             parts=Parts(args, self.parameters, self.join),
         )
         done = state.tprev >= t1
@@ -156,7 +160,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
         )
         statistics = {"switching": hybrid}
         if observers is not None:
-            solve = solve._replace(stepper=stepper_of(Recorded()))
+            solve = solve._replace(stepper=stepper_of(Recorded("stages")))
             statistics["found"] = observers.found(seen, t0, first, functools.partial(solve.again, output))
         return state, statistics
 
@@ -167,7 +171,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
         because a recomputed step rounds differently. So where modes end, all steps are kept, up to a limit.
         """
         if self.checkpoints is None and self.switching.jumps:
-            return min(max_steps, MOST_CHECKPOINTS)
+            return min(max_steps, MOST_NATIVELY if traced_natively() else MOST_CHECKPOINTS)
         return self.checkpoints
 
     def _save(
@@ -202,6 +206,7 @@ class _Solve(NamedTuple):
     stepper: Any  # the same, with steps that can be differentiated
     controller: Any
     args: Any
+    resets: tuple[Any, CarryOut]  # the parameters of a reset, and how it is carried out
     t0: Float[Array, ""]
     t1: Float[Array, ""]
     event: diffrax.Event | None
@@ -211,7 +216,8 @@ class _Solve(NamedTuple):
     def after_reset(self, state: Any, hybrid: Any) -> tuple[Any, Any]:
         """The state with which the next step begins: that after the reset, where there was an event."""
         step = NextStep(jnp.asarray(True), state.tprev, state.tnext, None, jnp.asarray(False))
-        hybrid, step, y, happened = self.switching.apply_reset(hybrid, step, state.y, (self.t0, self.t1), self.args)
+        run = self.t0, self.t1
+        hybrid, step, y, happened = self.switching.apply_reset(hybrid, step, state.y, run, *self.resets)
         jumped = state.made_jump | happened
         return dataclasses.replace(state, tprev=step.start, tnext=step.end, y=y, made_jump=jumped), hybrid
 

@@ -7,6 +7,7 @@ begins with the state after the reset.
 """
 
 import abc
+import functools
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
@@ -18,7 +19,8 @@ from jaxtyping import Array, Bool, Float, Int
 from ..interface.status import Status
 from ..numerics.bracketing import Sample, between, other_end
 from ..numerics.kinks import before_kink
-from ..physics.hybrid import NONE, START, Accuracy, GuardedStep, Record, entry
+from ..numerics.reverse_rules import CarryOut, pulled_by_forward_mode
+from ..physics.hybrid import NONE, START, Accuracy, GuardedStep, Record, Transition, entry
 from ..physics.packing import Packing
 from ..solvers.dense.sampling import sampling
 from .rows import put
@@ -160,7 +162,13 @@ class AbstractSwitching(eqx.Module):
 
     @abc.abstractmethod
     def apply_reset(
-        self, carry: Any, step: NextStep, y: Float[Array, " size"], run: tuple[Array, Array], args: Any
+        self,
+        carry: Any,
+        step: NextStep,
+        y: Float[Array, " size"],
+        run: tuple[Array, Array],
+        args: Any,
+        carry_out: CarryOut,
     ) -> tuple[Any, NextStep, Float[Array, " size"], Bool[Array, ""] | bool]:
         """The next step from the state after an event, and whether there was one; ``run`` is from start to end."""
 
@@ -195,7 +203,7 @@ class NoSwitching(AbstractSwitching):
     def with_event_if(self, counts, carry):
         return carry
 
-    def apply_reset(self, carry, step, y, run, args):
+    def apply_reset(self, carry, step, y, run, args, carry_out):
         return carry, step, y, False
 
     def detect(self, carry, taken, proposed, args):
@@ -253,11 +261,13 @@ class Switching(AbstractSwitching):
     def with_event_if(self, counts, carry):
         return carry._replace(event=jnp.where(counts, carry.event, NONE))
 
-    def apply_reset(self, carry, step, y, run, args):
-        happened = carry.event != NONE
+    def apply_reset(self, carry, step, y, run, args, carry_out):
+        happened, transition = carry.event != NONE, functools.partial(_transition, self.unpack)
+        given = step.start, y, args, carry.event, self.accuracy
+        done = Transition(*carry_out(transition, pulled_by_forward_mode(transition), given))
 
         def reset(carry: HybridCarry) -> _AfterReset:
-            return self._reset(carry, step.start, y, run[1] - run[0], args)
+            return self._reset(carry, done, run[1] - run[0], args)
 
         def go_on(carry: HybridCarry) -> _AfterReset:
             nothing = Rows(step.start, carry.event, y, y, jnp.asarray(False))
@@ -274,13 +284,9 @@ class Switching(AbstractSwitching):
         time = packing.system.time_event(t, packing.unpack(t, y))
         return jnp.where(time > t, time, jnp.inf)
 
-    def _reset(
-        self, carry: HybridCarry, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], args: Any
-    ) -> "_AfterReset":
-        """The state that follows an event at ``t``, in a run of the length ``run``."""
-        packing, starts = self._packing(args), carry.event == START
-        done = packing.system.transition(t, packing.unpack(t, y), carry.event, self.accuracy)
-        t, after, switches = done.t, packing.pack(done.t, done.after), done.switches
+    def _reset(self, carry: HybridCarry, done: Transition, run: Float[Array, ""], args: Any) -> "_AfterReset":
+        """What follows an event that has been ``done``, in a run of the length ``run``."""
+        t, after, switches, starts = done.t, done.after, done.switches, carry.event == START
         fixed = jax.lax.stop_gradient(t)
         crowded = switches & done.crowds & (fixed - carry.last <= CLOSE * run)
         crowd = jnp.where(crowded, carry.crowd + 1, jnp.where(switches, 0, carry.crowd))
@@ -288,10 +294,10 @@ class Switching(AbstractSwitching):
         status = jnp.where(done.status == int(Status.SUCCESS), status, done.status)
         row = jnp.where(switches, carry.switches, self.capacity)
         grazing = jnp.abs(done.slope) * carry.length <= GRAZING * carry.size
-        switch = Rows(t, done.event, packing.pack(t, done.before), after, grazing)
+        switch = Rows(t, done.event, done.before, after, grazing)
         least = LEAST * float(jnp.finfo(fixed.dtype).eps) * jnp.abs(fixed)
         length = jnp.where(done.pauses, carry.length, least)
-        kinks = jax.lax.stop_gradient(packing.system.driving_kinks())
+        kinks = jax.lax.stop_gradient(self._packing(args).system.driving_kinks())
         carry = carry._replace(
             event=jnp.asarray(NONE),
             begun=jnp.where(starts, after, carry.begun),
@@ -356,6 +362,24 @@ class Switching(AbstractSwitching):
 
     def _packing(self, args: Any) -> Packing:
         return self.unpack(args)[0]
+
+
+def _transition(unpack: Callable[[Any], Any], given: tuple[Array, Array, Any, Array, Accuracy]) -> list[Array]:
+    """What follows an event, if there is one, with vectors in the place of states."""
+    t, y, _, event, _ = given
+
+    @jax.jit
+    def transition(t: Array, y: Array, args: Any, event: Array, accuracy: Accuracy) -> list[Array]:
+        packing = unpack(args)[0]
+        done = packing.system.transition(t, packing.unpack(t, y), event, accuracy)
+        before, after = (packing.pack(done.t, state) for state in (done.before, done.after))
+        return list(done._replace(before=before, after=after))
+
+    def nothing(*_: Any) -> list[Array]:
+        no = jnp.asarray(False)
+        return list(Transition(t, y, y, event, jnp.full_like(t, jnp.inf), no, no, no, jnp.asarray(int(Status.SUCCESS))))
+
+    return jax.lax.cond(event != NONE, transition, nothing, *given)
 
 
 class _AfterReset(NamedTuple):

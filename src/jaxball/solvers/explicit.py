@@ -11,14 +11,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..compat import is_traced
-from ..numerics.reverse_rules import added, chosen, or_zeros, replaced
+from ..numerics.reverse_rules import CarryOut, added, chosen, or_zeros, replaced
 from .wrapping import AbstractWrappingSolver
 
-# Of a function, of what pulls cotangents of its results back to its operands, and of operands: the results.
-Carry = Callable[[Callable[[Any], Any], Callable[[Any, Any, Any], Any], Any], Any]
 
-
-def with_stages_pulled_back(solver: Any, carry_out: Carry) -> Any:
+def with_stages_pulled_back(solver: Any, carry_out: CarryOut) -> Any:
     """The solver, if it is an explicit Runge–Kutta method, or wraps one, as a :class:`StagesPulledBack`."""
     if isinstance(solver, AbstractWrappingSolver):
         return eqx.tree_at(lambda s: s.solver, solver, with_stages_pulled_back(solver.solver, carry_out))
@@ -44,7 +41,7 @@ class StagesPulledBack(AbstractWrappingSolver):
     """
 
     solver: Any
-    carry_out: Carry = eqx.field(static=True)
+    carry_out: CarryOut = eqx.field(static=True)
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         arrays, others = eqx.partition(terms, eqx.is_array)

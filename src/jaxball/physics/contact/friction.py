@@ -6,7 +6,7 @@ forces and accelerations are in space axes, and follow from the ``Response`` of 
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -92,40 +92,44 @@ def first_slip(found: Response, mu: Float[Array, ""]) -> Direction:
     it is at the brink, |f| = μ N. Where the growth κ is not positive, friction holds the body, or nothing does.
     """
 
-    def pull(sigma: Float[Array, "2"]) -> tuple[Float[Array, "2"], Float[Array, ""]]:
-        along = sliding(found, mu, sigma)
+    def pull(about: tuple[Response, Array], sigma: Float[Array, "2"]) -> tuple[Float[Array, "2"], Float[Array, ""]]:
+        along = sliding(*about, sigma)
         return along.slip_acceleration[:2], along.solvability
 
-    return diverging(pull, -rolling(found).R[:2])
+    return diverging(pull, (found, mu), -rolling(found).R[:2])
 
 
 def diverging(
-    pull: Callable[[Float[Array, "2"]], tuple[Float[Array, "2"], Float[Array, ""]]], guess: Float[Array, "2"]
+    pull: Callable[[Any, Float[Array, "2"]], tuple[Float[Array, "2"], Float[Array, ""]]],
+    about: Any,
+    guess: Float[Array, "2"],
 ) -> Direction:
     """The direction σ in which ``pull`` of it points, of several that in which it pulls most.
 
-    ``pull`` gives a vector for each σ, and a number that is positive where the vector means something. ``guess`` need
-    not be a unit vector; its direction is the result where it is right to rounding. Around the circle, the part of the
-    vector across σ changes sign between two of 24 directions; a pair of zeros nearer to each other is not found.
+    ``pull`` gives a vector for each σ, and a number that is positive where the vector means something; its first
+    operand is ``about``, arrays with respect to which σ has first derivatives. ``guess`` need not be a unit vector; its
+    direction is the result where it is right to rounding. Around the circle, the part of the vector across σ changes
+    sign between two of 24 directions; a pair of zeros nearer to each other is not found.
     """
 
     @jax.jit
-    def parts(angle: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    def parts(about: Any, angle: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
         sigma = _at_angle(angle)
-        vector, valid = pull(sigma)
+        vector, valid = pull(about, sigma)
         return across(sigma, vector), jnp.where(valid > 0, jnp.sum(sigma * vector), -jnp.inf)
 
-    def turning(angle: Float[Array, ""]) -> Float[Array, ""]:
-        return parts(angle)[0]
+    still, guess = jax.lax.stop_gradient((about, guess))
 
-    guess = jax.lax.stop_gradient(guess)
+    def turning(angle: Float[Array, ""]) -> Float[Array, ""]:
+        return parts(still, angle)[0]
+
     start = _angle(guess)
     width = 2 * jnp.pi / SAMPLES
     angles = start + width * (jnp.arange(SAMPLES, dtype=guess.dtype) - 0.5)
-    found = jax.lax.stop_gradient(map_rows(turning, angles))
+    found = map_rows(turning, angles)
     ends = jnp.roll(found, -1)
     share = found / jnp.where(found == ends, 1.0, found - ends)
-    _, along = map_rows(parts, angles + width * jnp.clip(share, 0.0, 1.0))
+    _, along = map_rows(lambda angle: parts(still, angle), angles + width * jnp.clip(share, 0.0, 1.0))
     best = jnp.argmax(jnp.where((found > 0) != (ends > 0), along, -jnp.inf))
     old, new = Sample(angles[best], found[best]), Sample(angles[best] + width, ends[best])
 
@@ -134,12 +138,13 @@ def diverging(
         sample = Sample(newest, turning(newest))
         return other_end(*bracket, sample), sample
 
-    angle = jax.lax.stop_gradient(jax.lax.fori_loop(0, STEPS, narrowed, jax.lax.stop_gradient((old, new)))[1].x)
-    # Newton's method moves it only by rounding, but provides its derivatives: one step the first, another the second.
-    for _ in range(2):
-        angle = _newton_step(turning, angle)
-    sigma = _at_angle(angle)
-    vector, _ = pull(sigma)
+    angle = jax.lax.fori_loop(0, STEPS, narrowed, (old, new))[1].x
+    # Newton's method moves it only by rounding, but provides its derivatives.
+    value, slope = jax.jvp(turning, (angle,), (jnp.ones_like(angle),))
+    slope = jnp.where(slope == 0, jnp.inf, slope)
+    angle = angle - value / slope
+    sigma = _at_angle(angle - parts(about, angle)[0] / slope)
+    vector, _ = pull(about, sigma)
     return Direction(sigma, jnp.sum(sigma * vector))
 
 
@@ -168,11 +173,6 @@ def _angle(sigma: Float[Array, "2"]) -> Float[Array, ""]:
     """The angle of a direction; 0 of none."""
     some = jnp.sum(sigma**2) > 0
     return jnp.where(some, jnp.arctan2(sigma[1], jnp.where(some, sigma[0], 1.0)), 0.0)
-
-
-def _newton_step(function: Callable[[Float[Array, ""]], Float[Array, ""]], x: Float[Array, ""]) -> Float[Array, ""]:
-    value, slope = jax.jvp(function, (x,), (jnp.ones_like(x),))
-    return x - jnp.where(slope == 0, 0.0, value / jnp.where(slope == 0, 1.0, slope))
 
 
 def _at_angle(angle: Float[Array, ""]) -> Float[Array, "2"]:

@@ -114,15 +114,11 @@ def _after(
 
 @_after.defjvp
 def _after_jvp(primals, tangents):
-    """By forward mode, which a loop of any length has, for reverse mode as well."""
-    jacobians = jax.jacfwd(_followed, argnums=(0, 1, 2, 3))(*primals, OF_DERIVATIVES)
-    parts = [
-        jnp.sum(jacobian * tangent, axis=tuple(range(1, jacobian.ndim)))
-        for jacobian, tangent in zip(jacobians, (x[None] for x in tangents), strict=True)
-    ]
-    return _after(*primals), sum(parts[1:], parts[0])
+    """By forward mode, which a loop of any length has."""
+    return _after(*primals), jax.jvp(lambda *given: _followed(*given, OF_DERIVATIVES), primals, tangents)[1]
 
 
+@jax.jit
 def _followed(D, slip, mu, restitution, care: _Care) -> Float[Array, "3"]:
     """v_s after the process: by steps while it slips, straight on for what is left of the slip or of the impact."""
     process, eps = _Process(D, inverse(D), mu, -restitution * slip[2]), float(jnp.finfo(slip.dtype).eps)
@@ -190,7 +186,7 @@ class _Process(NamedTuple):
         speed = root(jnp.sum(x[:2] ** 2))
         moved, turns = fastest > 0, turning * speed > error * fastest
         allowed = 3 * (error * fastest / jnp.where(turns, turning * speed, 1.0)) ** (1 / 9)
-        part = jnp.where(turns, jnp.minimum(min(share, TURNING), allowed), share)
+        part = jnp.where(turns, jnp.minimum(jnp.minimum(share, TURNING), allowed), share)
         length = part * speed / jnp.where(moved, fastest, 1.0)
         return jnp.where(moved, length, jnp.inf)
 
@@ -224,10 +220,10 @@ class _Process(NamedTuple):
     def again(self, x: Float[Array, "4"]) -> Float[Array, "3"]:
         """v_s at the end of an impact whose slip has ended at x and begins again; NaN if the body never rises."""
 
-        def pull(sigma: Float[Array, "2"]) -> tuple[Float[Array, "2"], Float[Array, ""]]:
-            return self.pull(sigma)[:2], jnp.ones_like(x[0])
+        def pull(process: _Process, sigma: Float[Array, "2"]) -> tuple[Float[Array, "2"], Float[Array, ""]]:
+            return process.pull(sigma)[:2], jnp.ones_like(process.mu)
 
-        sigma, growth = diverging(pull, -self.S[:2, 2])
+        sigma, growth = diverging(pull, self, -self.S[:2, 2])
         rise = self.pull(sigma)[2]
         rises = rise > 0
         end = self.end(x, rise)

@@ -25,7 +25,9 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
 from ...numerics import cooper_verner
+from ...numerics.calculus import with_derivatives
 from ...numerics.linear import inverses, solutions
+from ...numerics.masks import without_derivatives
 from ...numerics.norms import root
 from ..body import AbstractBody
 from ..hybrid import Accuracy
@@ -36,7 +38,7 @@ DEGREE = 6  # of the polynomial through the directions of a slip that begins
 SHORTER = 0.4  # a window that is too long, when it is tried again
 RESOLVED = 2e-11  # the last coefficient of the polynomial in a window that is short enough
 SWEEPS = 10  # of collocation, each of which gains two digits, with one window
-WINDOWS = 4  # that are tried
+MOST_SWEEPS = 4 * SWEEPS  # with four windows
 NEARLY = 3  # times the least speed of a slip: one that is slower than that may end in the next step
 SAME = 1e-9  # of a speed: what rounding may change
 PAST = 0.5  # of the least speed: a step is to end no slower than that
@@ -94,25 +96,30 @@ def end(found: Response, mu: Float[Array, ""], slip: Float[Array, "3"]) -> End:
     It ends if the direction to which the slip turns is one in which it slows down.
     """
     speed = root(jnp.sum(slip[:2] ** 2))
+    still = jax.lax.stop_gradient((found, mu))
 
     @jax.jit
-    def motion(x: Float[Array, "6"]) -> tuple[Float[Array, "6"], Float[Array, ""]]:
+    def motion(x: Float[Array, "6"]) -> Float[Array, "6"]:
         sigma, slower = unit(x[:2]), jnp.exp(x[2])
-        acting, turned = jax.jvp(lambda sigma: sliding(found, mu, sigma), (sigma,), (left(sigma),))
-        a, change = acting.slip_acceleration[:2], turned.slip_acceleration[:2]
+        acting = sliding(found, mu, sigma)
+        a = acting.slip_acceleration[:2]
         growth, power = jnp.sum(sigma * a), -jnp.sum(sigma * acting.R[:2])
         rest = jnp.stack([growth, slower, power * slower**2, acting.normal * slower])
-        fastest = root(jnp.sum(a**2)) + root(jnp.sum(change**2))
-        return jnp.concatenate([across(sigma, a) * left(sigma), rest]), jax.lax.stop_gradient(fastest)
+        return jnp.concatenate([across(sigma, a) * left(sigma), rest])
+
+    def fastest(x: Float[Array, "6"]) -> Float[Array, ""]:
+        sigma = unit(x[:2])
+        acting, turned = jax.jvp(lambda sigma: sliding(*still, sigma), (sigma,), (left(sigma),))
+        return sum(root(jnp.sum(one.slip_acceleration[:2] ** 2)) for one in (acting, turned))
 
     def advanced(x: Float[Array, "6"], _: None) -> tuple[Float[Array, "6"], None]:
-        fastest = motion(x)[1]
-        h = TURN / jnp.where(fastest > 0, fastest, 1.0)
-        return cooper_verner.step(lambda x: motion(x)[0], x, jnp.where(fastest > 0, h, 0.0)), None
+        rate = fastest(jax.lax.stop_gradient(x))
+        h = jnp.where(rate > 0, TURN / jnp.where(rate > 0, rate, 1.0), 0.0)
+        return cooper_verner.step(motion, x, h), None
 
     start = jnp.concatenate([unit(slip[:2]), jnp.zeros((4,), slip.dtype)])
     x = jax.lax.scan(advanced, start, None, length=STEPS)[0]
-    growth, slower, power, normal = motion(x)[0][2:]
+    growth, slower, power, normal = motion(x)[2:]
     comes = (growth < 0) & (x[2] < 0)
     left_of_it = 1 / jnp.where(comes, -growth, 1.0)
     time = x[3] + slower * left_of_it
@@ -162,64 +169,112 @@ def beginning(
     """How a slip begins at ``t``, where its velocity is zero, in the direction ``sigma``: in the ``longest`` window, or
     a shorter one in which a polynomial can follow it. ``coefficient`` gives μ for a slip velocity.
     """
-    at, (x0, unravel) = _lobatto(), ravel_pytree(state)
-    nodes, integrals, powers = (jnp.asarray(x, x0.dtype) for x in (at.nodes, at.integrals, at.powers))
+    given = _Start(body, coefficient, t, state, sigma)
+    still, highest = without_derivatives(given), _lobatto(sigma.dtype).highest
     longest = jax.lax.stop_gradient(longest)
-    still = _Window(longest, jnp.zeros_like(nodes), jnp.tile(x0, (nodes.size, 1)), jnp.asarray(0), jnp.asarray(False))
-
-    def at_node(t: Float[Array, ""], x: Float[Array, " size"], tangent: Float[Array, ""]) -> tuple[Array, ...]:
-        released = unravel(x)
-        found = response(body, t, released, touching=jnp.asarray(True))  # as elsewhere, so that it is traced once
-        mu = coefficient(slip_velocity(body, t, released))
-
-        def pulled(tangent: Float[Array, ""]) -> tuple[Array, Array]:
-            acting = sliding(found, mu, _turned(sigma, tangent))
-            moved = rates(body, released, found, acting.slip_acceleration, acting.normal)
-            return acting.slip_acceleration[:2], ravel_pytree(moved)[0]
-
-        a, change, rate = jax.jvp(pulled, (tangent,), (jnp.ones_like(tangent),), has_aux=True)
-        return a, change, rate
+    begun = still.window(longest)
 
     def sweep(window: _Window) -> _Window:
-        span, tangents, x, sweeps, _ = window
-        a, change, rate = jax.lax.map(lambda at: at_node(*at), (t + span * nodes, x, tangents))
-        slips = span * jnp.sum(integrals[:, :, None] * a[None], axis=1)
-        sigmas = jax.vmap(lambda tangent: _turned(sigma, tangent))(tangents)
-        # Newton's method for the directions: at each node but the first, σ is that of v_s.
-        aside = jax.vmap(across)(sigmas, slips)
-        along = jnp.sum(sigmas * slips, axis=1) / (1 + tangents**2)
-        slopes = span * integrals * jax.vmap(lambda one: jax.vmap(lambda two: across(one, two))(change))(sigmas)
-        turns = solutions(inverses((slopes[1:, 1:] - jnp.diag(along[1:]))[None]), aside[None, 1:])[0]
-        tangents = tangents.at[1:].add(-jnp.clip(turns, -1.0, 1.0))
-        x = x0[None] + span * jnp.sum(integrals[:, :, None] * rate[None], axis=1)
-        last = jnp.abs(jnp.sum(jnp.asarray(at.last, x0.dtype) * tangents))
-        done = (sweeps + 1) % SWEEPS == 0
-        found = done & (last <= RESOLVED) & jnp.all(along[1:] > 0)
-        again = done & ~found & (sweeps + 1 < SWEEPS * WINDOWS)
-        shorter = still._replace(span=SHORTER * span)
-        after = jax.tree.map(lambda a, b: jnp.where(again, a, b), shorter, _Window(span, tangents, x, sweeps, found))
-        return after._replace(sweeps=sweeps + 1)
+        a, rate, change = still.accelerations(window, turned=True)
+        sigmas, aside, along, x = still.integrated(window, a, rate)
+        window = window._replace(x=x, inverse=still.newton(window, sigmas, along, change))
+        tangents, sweeps = window.turned(aside), window.sweeps + 1
+        done, found = sweeps % SWEEPS == 0, (jnp.abs(jnp.sum(highest * tangents)) <= RESOLVED) & jnp.all(along[1:] > 0)
+        again = done & ~found & (sweeps < MOST_SWEEPS)
+        shorter = begun._replace(span=SHORTER * window.span, sweeps=sweeps)
+        window = window._replace(tangents=tangents, sweeps=sweeps, found=done & found)
+        return jax.tree.map(lambda a, b: jnp.where(again, a, b), shorter, window)
 
-    def part(window: _Window, _: None) -> tuple[_Window, None]:
-        return jax.lax.cond(window.found, lambda window: window, sweep, window), None
-
-    window = jax.lax.scan(part, still, None, length=SWEEPS * WINDOWS)[0]
-    bends = jnp.sum(powers * window.tangents[None], axis=1)[1:]
+    window = jax.lax.while_loop(lambda window: ~window.found & (window.sweeps < MOST_SWEEPS), sweep, begun)
+    tangents = with_derivatives(window.tangents, _Start.settled, given, window)
+    bends = jnp.sum(_lobatto(sigma.dtype).powers * tangents[None], axis=1)[1:]
     return Beginning(t + window.span, window.span, sigma, bends)
 
 
 class _Window(NamedTuple):
-    """A window of time in which a slip begins: tangents of the angles by which σ turns, and the states, at nodes."""
+    """A window of time in which a slip begins: tangents of the angles by which σ turns, and the states, at nodes.
+
+    ``inverse`` is that of the matrix of Newton's method for the directions.
+    """
 
     span: Float[Array, ""]
     tangents: Float[Array, " nodes"]
     x: Float[Array, "nodes size"]
+    inverse: Float[Array, "rows rows"]
     sweeps: Array
     found: Bool[Array, ""]
 
+    def turned(self, aside: Float[Array, " nodes"]) -> Float[Array, " nodes"]:
+        """The tangents after a step of Newton's method: at each node but the first, σ is to be that of v_s."""
+        turns = solutions(self.inverse[None], aside[None, 1:])[0]
+        return self.tangents.at[1:].add(-jnp.clip(turns, -1.0, 1.0))
+
+
+class _Start(NamedTuple):
+    """Where a slip begins, and in which direction."""
+
+    body: AbstractBody
+    coefficient: Callable[[Float[Array, "3"]], Float[Array, ""]]
+    t: Float[Array, ""]
+    state: ReleasedState
+    sigma: Float[Array, "2"]
+
+    def window(self, span: Float[Array, ""]) -> _Window:
+        """The window in which nothing changes."""
+        x0 = ravel_pytree(self.state)[0]
+        tangents = jnp.zeros((DEGREE + 1,), x0.dtype)
+        inverse = jnp.zeros((DEGREE, DEGREE), x0.dtype)
+        x = jnp.tile(x0, (DEGREE + 1, 1))
+        return _Window(span, tangents, x, inverse, jnp.asarray(0), jnp.asarray(False))
+
+    def accelerations(self, window: _Window, turned: bool = False) -> tuple[Array, Array, Array | None]:
+        """At the nodes, the slip accelerations, the rates of the states, and how the former change if σ is turned."""
+        unravel = ravel_pytree(self.state)[1]
+
+        def at_node(t: Float[Array, ""], x: Float[Array, " size"], tangent: Float[Array, ""]) -> tuple:
+            state = unravel(x)
+            found = response(self.body, t, state, touching=jnp.asarray(True))  # as elsewhere, so that it is traced once
+            mu = self.coefficient(slip_velocity(self.body, t, state))
+
+            def pulled(tangent: Float[Array, ""]) -> tuple[Array, Array]:
+                acting = sliding(found, mu, _turned(self.sigma, tangent))
+                moved = rates(self.body, state, found, acting.slip_acceleration, acting.normal)
+                return acting.slip_acceleration[:2], ravel_pytree(moved)[0]
+
+            if not turned:
+                return *pulled(tangent), None
+            a, change, rate = jax.jvp(pulled, (tangent,), (jnp.ones_like(tangent),), has_aux=True)
+            return a, rate, change
+
+        times = self.t + window.span * _lobatto(window.x.dtype).nodes
+        return jax.lax.map(lambda at: at_node(*at), (times, window.x, window.tangents))
+
+    def integrated(self, window: _Window, a: Array, rate: Array) -> tuple[Array, Array, Array, Array]:
+        """At the nodes, σ, the components of v_s across and along it, and the states."""
+        integrals, x0 = window.span * _lobatto(window.x.dtype).integrals, ravel_pytree(self.state)[0]
+        slips, x = (jnp.sum(integrals[:, :, None] * y[None], axis=1) for y in (a, rate))
+        sigmas = jax.vmap(lambda tangent: _turned(self.sigma, tangent))(window.tangents)
+        return sigmas, jax.vmap(across)(sigmas, slips), jnp.sum(sigmas * slips, axis=1), x0[None] + x
+
+    def newton(self, window: _Window, sigmas: Array, along: Array, change: Array) -> Float[Array, "rows rows"]:
+        """The inverse of the matrix of Newton's method."""
+        integrals = window.span * _lobatto(window.x.dtype).integrals
+        slopes = integrals * jax.vmap(lambda one: jax.vmap(lambda two: across(one, two))(change))(sigmas)
+        return inverses((slopes - jnp.diag(along / (1 + window.tangents**2)))[None, 1:, 1:])[0]
+
+    def settled(self, window: _Window) -> Float[Array, " nodes"]:
+        """The tangents of a window that has been found, after as many more sweeps as give their derivatives."""
+
+        def sweep(window: _Window, _: None) -> tuple[_Window, None]:
+            a, rate, _ = self.accelerations(window)
+            _, aside, _, x = self.integrated(window, a, rate)
+            return window._replace(x=x, tangents=window.turned(aside)), None
+
+        return jax.lax.scan(sweep, window, None, length=SWEEPS)[0].tangents
+
 
 class _Lobatto(NamedTuple):
-    """Nodes from 0 to 1, the integrals from 0 to each of them, the powers of a polynomial, its last coefficient.
+    """Nodes from 0 to 1, the integrals from 0 to each of them, the powers of a polynomial, its highest coefficient.
 
     All but the nodes are matrices that take the values at the nodes to these; the last is that of Legendre.
     """
@@ -227,11 +282,11 @@ class _Lobatto(NamedTuple):
     nodes: np.ndarray
     integrals: np.ndarray
     powers: np.ndarray
-    last: np.ndarray
+    highest: np.ndarray
 
 
 @cache
-def _lobatto() -> _Lobatto:
+def _lobatto(dtype: np.dtype) -> _Lobatto:
     legendre = np.polynomial.legendre
     inner = np.real(legendre.Legendre.basis(DEGREE).deriv().roots())
     x = np.concatenate([[-1.0], np.sort(inner), [1.0]])
@@ -239,7 +294,8 @@ def _lobatto() -> _Lobatto:
     integrals = legendre.legval(x, legendre.legint(coefficients, lbnd=-1)).T / 2
     integrals[0] = 0.0
     nodes = (x + 1) / 2
-    return _Lobatto(nodes, integrals, np.linalg.inv(np.vander(nodes, increasing=True)), coefficients[-1])
+    parts = nodes, integrals, np.linalg.inv(np.vander(nodes, increasing=True)), coefficients[-1]
+    return _Lobatto(*(part.astype(dtype) for part in parts))
 
 
 def _turned(sigma: Float[Array, "2"], tangent: Float[Array, ""]) -> Float[Array, "2"]:

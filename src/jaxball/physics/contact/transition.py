@@ -1,5 +1,6 @@
 """What follows the end of a mode of a body on its plane: the next mode, and the state with which it begins."""
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
@@ -8,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ...interface.status import Status
+from ...numerics.masks import without_derivatives
 from ...numerics.norms import root
 from ..hybrid import START, Accuracy, Transition, at_zero
 from . import friction, slip as slips
@@ -24,7 +26,6 @@ BEFORE_KINK = 0.999  # of the time until the next kink: the same
 LONGEST = 0.25  # power of rounding: the longest time, in √(r/g), over which a slip is followed to its end in this way
 COARSER = 0.3  # the same over the cube root of the tolerance, because the error of the response halfway grows like this
 HALFWAY = 0.5  # through the time, and the speed, of a slip that ends
-END, MIDDLE, IMPACT, MODE = range(4)  # what follows a mode, in this order
 
 
 def transition(
@@ -33,17 +34,14 @@ def transition(
     """What follows a :class:`Cause` for which a mode ends, the end of a window, or the start of a run."""
     starts = event == START
     cause = jnp.where(starts, int(Cause.START), event)
-    heading = jax.lax.stop_gradient(plane.step_reference(t, state, accuracy))
+    heading = without_derivatives(plane).step_reference(*without_derivatives((t, state, accuracy)))
     heading = heading._replace(least=heading.speed)
     which = jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == cause)
-    t, before, slope = at_zero(
-        lambda t, state: plane.guards_in_step(t, state, heading),
-        t,
-        state,
-        plane.field(t, state),
-        which,
-        cause > int(Cause.START),
-    )
+
+    def guards(plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState) -> Float[Array, "3"]:
+        return plane.guards_in_step(t, state, heading)
+
+    t, before, slope = at_zero(guards, plane, t, state, which, cause > int(Cause.START))
     done = _next_mode(plane, t, before, cause, accuracy.tolerance)
     return Transition(
         t=done.t,
@@ -69,105 +67,87 @@ def _next_mode(
     """The state that follows the end of a mode, in a solve with this tolerance.
 
     First, a slip that ends is followed to its end. Next comes an impact, if the body lands, then the mode for the
-    velocities after it, and then the direction in which a slip begins. All but the last need the response of the
-    body, whose formulas are long, and so share one loop. A negative cause means none, and the mode continues, with
-    the direction of its velocity.
+    velocities after it, and then the direction in which a slip begins. A negative cause means none, and the mode
+    continues, with the direction of its velocity.
     """
-    before, starts = state, cause == int(Cause.START)
+    starts = cause == int(Cause.START)
     lands = (cause == int(Cause.LANDS)) | starts & (state.height <= 0) & (state.V[2] < 0)
     still = (cause == int(Cause.GIVES_WAY)) | state.is_in(Mode.ROLLING)
     flies = (cause == int(Cause.LIFTS)) | starts & ((state.height > 0) | (state.V[2] > 0))
-    zero = jnp.zeros_like(state.height)
-    state = eqx.tree_at(
-        lambda x: (x.height, x.begun), state, (jnp.where(starts, state.height, 0.0), slips.Beginning.none(zero))
-    )
-
-    def needed(carry: _Progress, stage: Int[Array, ""]) -> Bool[Array, ""]:
-        ends = (cause == int(Cause.STOPS)) & ((stage == END) | (stage == MIDDLE) & carry.decides)
-        return ends | (stage == IMPACT) & lands | (stage == MODE) & carry.decides
-
-    def advanced(carry: _Progress, stage: Int[Array, ""]) -> _Progress:
-        now, where = carry.ahead
-        found = plane.response(now, eqx.tree_at(lambda x: x.mode, where, zero + int(Mode.SLIDING)))
-        return jax.lax.switch(
-            stage,
-            (
-                lambda carry: _ending(plane, carry, found, tolerance),
-                lambda carry: _ended(plane, carry, found),
-                lambda carry: _struck(plane, carry, found),
-                lambda carry: _decided(plane, carry, found, cause),
-            ),
-            carry,
-        )
-
-    def part(carry: _Progress, stage: Int[Array, ""]) -> tuple[_Progress, None]:
-        return jax.lax.cond(needed(carry, stage), advanced, lambda carry, _: carry, carry, stage), None
-
-    decides, no = cause >= int(Cause.START), jnp.asarray(False)
-    first = _Progress(t, before, state, (t, state), still, flies, lands, decides, no)
-    done = jax.lax.scan(part, first, jnp.arange(END, MODE + 1))[0]
+    height, begun = jnp.where(starts, state.height, 0.0), slips.Beginning.none(state.height)
+    now = eqx.tree_at(lambda x: (x.height, x.begun), state, (height, begun))
+    done = _Progress(t, state, now, still, flies, lands, cause >= int(Cause.START), jnp.asarray(False))
+    done = _only_if(cause == int(Cause.STOPS), _ended, plane, done, tolerance)
+    done = _only_if(lands, _struck, plane, done)
+    done = _only_if(done.decides, _decided, plane, done, cause)
     return done._replace(state=_begun(plane, done))
 
 
-def _ending(plane: "BodyOnPlane", carry: "_Progress", found: Response, tolerance: Float[Array, ""]) -> "_Progress":
-    """Halfway to the end of a slip, if it has one."""
-    end = _end(plane, carry, found)
+def _only_if(happens: Bool[Array, ""], stage: Callable[..., "_Progress"], plane: Any, done: "_Progress", *others: Any):
+    """What a stage of a transition makes of it, if it happens; compiled on its own, it is traced once."""
+    return jax.lax.cond(happens, jax.jit(stage), lambda _, done, *others: done, plane, done, *others)
+
+
+def _response(plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState) -> Response:
+    """The response of a body that touches the plane."""
+    return plane.response(t, eqx.tree_at(lambda x: x.mode, state, jnp.full_like(state.mode, int(Mode.SLIDING))))
+
+
+def _ended(plane: "BodyOnPlane", done: "_Progress", tolerance: Float[Array, ""]) -> "_Progress":
+    """At the end of a slip, if it has one soon, with the response halfway."""
+    t, state = done.t, done.state
+    end, found = _end(plane, done, t, state)
     longest = jnp.maximum(float(jnp.finfo(end.time.dtype).eps) ** LONGEST, COARSER * jnp.cbrt(tolerance))
-    soon = end.time <= longest * plane.unit_of_time()
-    halfway = _slowed(plane, carry, found, carry.state, end, HALFWAY)
-    return carry._replace(ahead=(carry.t + HALFWAY * end.time, halfway), decides=end.comes & soon)
+    ends = end.comes & (end.time <= longest * plane.unit_of_time())
+    halfway = _slowed(plane, done, found, state, end, HALFWAY)
+    end, found = _end(plane, done, t + HALFWAY * end.time, halfway)
+    stopped = _slowed(plane, done, found, halfway, end, 1.0)
+    stopped = eqx.tree_at(lambda x: x.rubbed, stopped, stopped.rubbed + end.rubbed)
+    after = done._replace(t=t + end.time, before=stopped, state=stopped, still=jnp.asarray(True))
+    return _where(ends, after, done._replace(decides=jnp.asarray(False)))
 
 
-def _ended(plane: "BodyOnPlane", carry: "_Progress", found: Response) -> "_Progress":
-    """At the end of a slip, with the response halfway."""
-    end, t = _end(plane, carry, found), carry.t
-    state = _slowed(plane, carry, found, carry.ahead[1], end, 1.0)
-    state = eqx.tree_at(lambda x: x.rubbed, state, state.rubbed + end.rubbed)
-    t = t + end.time
-    return carry._replace(t=t, before=state, state=state, ahead=(t, state), still=jnp.asarray(True))
-
-
-def _end(plane: "BodyOnPlane", carry: "_Progress", found: Response) -> slips.End:
-    slip = slip_velocity(plane.body, carry.t, carry.state.released)
-    return slips.end(found, plane.coefficient(slip, HALFWAY), slip)
+def _end(
+    plane: "BodyOnPlane", done: "_Progress", t: Float[Array, ""], where: ContactState
+) -> tuple[slips.End, Response]:
+    """The end of a slip with the response at some time and state, and that response."""
+    found, slip = _response(plane, t, where), slip_velocity(plane.body, done.t, done.state.released)
+    return slips.end(found, plane.coefficient(slip, HALFWAY), slip), found
 
 
 def _slowed(
-    plane: "BodyOnPlane", carry: "_Progress", found: Response, where: ContactState, end: slips.End, share: float
+    plane: "BodyOnPlane", done: "_Progress", found: Response, where: ContactState, end: slips.End, share: float
 ) -> ContactState:
     """The state after a share of the time in which a slip ends, with the rates ``where`` the response was found."""
-    time, slip = share * end.time, slip_velocity(plane.body, carry.t, carry.state.released)
+    time, slip = share * end.time, slip_velocity(plane.body, done.t, done.state.released)
     braking = jnp.where(end.time > 0, slip / jnp.where(end.time > 0, end.time, 1.0), 0.0).at[2].set(0.0)
     moved = rates(plane.body, where.released, found, -braking, end.normal)
-    return carry.state.moved(jax.tree.map(lambda x, rate: x + time * rate, carry.state.released, moved))
+    return done.state.moved(jax.tree.map(lambda x, rate: x + time * rate, done.state.released, moved))
 
 
-def _struck(plane: "BodyOnPlane", carry: "_Progress", found: Response) -> "_Progress":
+def _struck(plane: "BodyOnPlane", done: "_Progress") -> "_Progress":
     """After an impact. A rebound that is too slow is treated as none."""
-    t, state, contact = carry.t, carry.state, plane.contact
-    slip = slip_velocity(plane.body, t, state.released)
+    t, state, contact = done.t, done.state, plane.contact
+    found, slip = _response(plane, t, state), slip_velocity(plane.body, t, state.released)
     coming = -slip[2]
     unit = root(jnp.abs(plane.body.gravity) * plane.body.radius)
     rebounds = contact.restitution * coming > contact.slowest * unit
     e = jnp.where(rebounds, contact.restitution, 0.0)
-    done = impact(plane.body, t, state.released, found, plane.coefficient(slip), e)
-    V = done.state.V.at[2].set(jnp.where(rebounds, done.state.V[2], 0.0))
-    after = state.moved(ReleasedState(done.state.body, V, state.height))
-    after = eqx.tree_at(lambda x: x.struck, after, state.struck - done.work)
-    return carry._replace(
-        state=after,
-        ahead=(t, after),
-        still=carry.still | done.collision.sticks,
-        flies=carry.flies | (after.V[2] > 0),
+    after = impact(plane.body, t, state.released, found, plane.coefficient(slip), e)
+    V = after.state.V.at[2].set(jnp.where(rebounds, after.state.V[2], 0.0))
+    struck = state.moved(ReleasedState(after.state.body, V, state.height))
+    struck = eqx.tree_at(lambda x: x.struck, struck, state.struck - after.work)
+    return done._replace(
+        state=struck, still=done.still | after.collision.sticks, flies=done.flies | (struck.V[2] > 0)
     )
 
 
-def _decided(plane: "BodyOnPlane", carry: "_Progress", found: Response, cause: Int[Array, ""]) -> "_Progress":
+def _decided(plane: "BodyOnPlane", done: "_Progress", cause: Int[Array, ""]) -> "_Progress":
     """In the mode that follows, by the forces that each mode would need."""
-    t, state, body, contact = carry.t, carry.state, plane.body, plane.contact
-    given, flies = state.released, carry.flies
+    t, state, body, contact = done.t, done.state, plane.body, plane.contact
+    found, given, flies = _response(plane, t, state), state.released, done.flies
     slip = slip_velocity(body, t, given)
-    still = carry.still | plane.is_still(slip, state)
+    still = done.still | plane.is_still(slip, state)
     R = friction.rolling(found).R
     holds = (friction.margin(R, contact.static) >= 0) & (R[2] > 0) & (contact.static > 0)
     rolls = still & holds & (cause != int(Cause.GIVES_WAY))
@@ -186,7 +166,7 @@ def _decided(plane: "BodyOnPlane", carry: "_Progress", found: Response, cause: I
     begins = (mode == int(Mode.SLIDING)) & still
     begun = slips.Beginning.along(t, sigma)
     after = eqx.tree_at(lambda x: (x.V, x.mode, x.begun), state, (V, mode.astype(V.dtype), begun))
-    return carry._replace(state=after, begins=begins)
+    return done._replace(state=after, begins=begins)
 
 
 def _begun(plane: "BodyOnPlane", done: "_Progress") -> ContactState:
@@ -209,7 +189,7 @@ def _begun(plane: "BodyOnPlane", done: "_Progress") -> ContactState:
 
 
 class _Progress(NamedTuple):
-    """A transition in progress: time, the state at the mode's end, the current one, and where to find the response.
+    """A transition in progress: time, the state at the mode's end, and the current one.
 
     ``still`` says that it does not slip, ``flies`` that it leaves the plane, ``lands`` that it comes down, ``decides``
     that the mode has ended, and ``begins`` that a slip begins.
@@ -218,7 +198,6 @@ class _Progress(NamedTuple):
     t: Float[Array, ""]
     before: ContactState
     state: ContactState
-    ahead: tuple[Float[Array, ""], ContactState]
     still: Bool[Array, ""]
     flies: Bool[Array, ""]
     lands: Bool[Array, ""]
