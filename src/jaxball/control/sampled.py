@@ -116,7 +116,7 @@ class SampledSystem(Printed):
         It can be traced, within ``jax.lax.scan`` and ``jax.lax.map`` too. ``adjoint`` as for :func:`jaxball.simulate`,
         by default forward mode.
         """
-        return self.advanced(self.held(u), t, state, adjoint)[0]
+        return self.advanced(self.held(u), t, state, adjoint)[0].projected()
 
     def advanced(
         self,
@@ -125,7 +125,7 @@ class SampledSystem(Printed):
         state: PlacedState,
         adjoint: diffrax.AbstractAdjoint | None = None,
     ) -> tuple[PlacedState, Int[Array, ""]]:
-        """The state a sample after ``t`` of a body whose inputs are held, and the status of the solve.
+        """The state a sample after ``t`` of a body whose inputs are held, as the solve leaves it, and its status.
 
         Traceable; ``adjoint`` as for :meth:`flow`.
         """
@@ -140,7 +140,7 @@ class SampledSystem(Printed):
             max_steps=MOST_STEPS,
             inside=False,
         )
-        return jax.tree.map(lambda leaf: leaf[-1], run.state).projected(), run.status
+        return jax.tree.map(lambda leaf: leaf[-1], run.state), run.status
 
     def linearised(
         self, t: Float[Array, ""], state: PlacedState, u: Float[Array, " m"], following: PlacedState

@@ -226,7 +226,8 @@ class Environment(Printed):
         t = h * episode.k.astype(h.dtype)
         state, status = self.sampled.advanced(system, t, episode.state, self.adjoint)
         failed = status != Status.SUCCESS
-        state = jax.tree.map(lambda new, old: jnp.where(failed, old, new), state, episode.state)
+        # Projected afterwards: the derivatives of a failed solve are not known, and 0 of them are to be 0.
+        state = jax.tree.map(lambda new, old: jnp.where(failed, old, new), state, episode.state).projected()
         u = jnp.where(failed, 0.0, u)  # which may not be finite
         moment = Moment(t + h, self.robot(episode.parameters, u), state, u)
         status = self._in_contact(moment, status.astype(jnp.int32))
@@ -281,6 +282,8 @@ class Environment(Printed):
             goes_on = goes_on & ~(after.terminated | after.truncated)
             return (after.episode, after.observation, goes_on), after._replace(reward=reward)
 
+        # In reverse mode each step is taken again: what its solve would keep is a hundred times as long as a state.
+        following = jax.checkpoint(following, prevent_cse=False)
         return jax.lax.scan(following, (*self.reset(key), jnp.ones((), bool)), None, length=count)[1]
 
     def robot(self, parameters: dict[str, Float[Array, "..."]], u: Float[Array, " m"]) -> System:
