@@ -7,7 +7,7 @@ import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, default_dtype, numbers
@@ -120,9 +120,22 @@ class SampledSystem(Printed):
         It can be traced, within ``jax.lax.scan`` and ``jax.lax.map`` too. ``adjoint`` as for :func:`jaxball.simulate`,
         by default forward mode.
         """
+        return self.advanced(self.held(u), t, state, adjoint)[0].projected()
+
+    def advanced(
+        self,
+        system: System,
+        t: Float[Array, ""],
+        state: PlacedState,
+        adjoint: diffrax.AbstractAdjoint | None = None,
+    ) -> tuple[PlacedState, Int[Array, ""]]:
+        """The state a sample after ``t`` of a body whose inputs are held, as the solve leaves it, and its status.
+
+        Traceable; ``adjoint`` as for :meth:`flow`.
+        """
         adjoint = diffrax.ForwardMode() if adjoint is None else adjoint
         run = simulate(
-            self.held(u),
+            system,
             jnp.stack([t, t + self.sample]),
             state,
             rtol=self.rtol,
@@ -131,7 +144,7 @@ class SampledSystem(Printed):
             max_steps=MOST_STEPS,
             inside=False,
         )
-        return jax.tree.map(lambda leaf: leaf[-1], run.state).projected()
+        return jax.tree.map(lambda leaf: leaf[-1], run.state), run.status
 
     def linearised(
         self, t: Float[Array, ""], state: PlacedState, u: Float[Array, " m"], following: PlacedState

@@ -136,7 +136,7 @@ def with_errors(
             for row in np.unique(np.asarray(times).reshape(-1, times.shape[-1]), axis=0):
                 one.require_times(f"sensors[{name!r}].errors", row)
     applied = _applied
-    keys = _random_key(key)
+    keys = random_key(key)
     if times.ndim > 1:
         keys, applied = jax.random.split(keys, times.shape[:-1]), eqx.filter_vmap(_applied, in_axes=(None, 0, 0, 0))
     return exact | applied(wrong, times, {name: exact[name] for name in wrong}, keys)
@@ -144,15 +144,15 @@ def with_errors(
 
 @programs.filter_jit
 def _applied(errors: dict[str, SensorErrors], times: Array, exact: dict[str, Array], key: Any) -> dict[str, Array]:
-    return {name: one.applied(times, exact[name], _key_of(name, one, key)) for name, one in errors.items()}
+    return {name: one.applied(times, exact[name], key_of(name, one, key)) for name, one in errors.items()}
 
 
-def _key_of(name: str, errors: SensorErrors, key: Any) -> Any:
+def key_of(name: str, errors: SensorErrors, key: Any) -> Any:
     """The random key of the sensor with this name, of one for all sensors."""
     return jax.random.fold_in(jax.random.fold_in(key, errors.seed), zlib.crc32(name.encode()))
 
 
-def _random_key(key: Any) -> Any:
+def random_key(key: Any) -> Any:
     if key is None:
         return jax.random.key(0)
     if isinstance(key, jax.Array) and jnp.issubdtype(key.dtype, jax.dtypes.prng_key) and key.shape == ():

@@ -1,5 +1,6 @@
 """The derivatives of a step of an explicit Runge–Kutta method in reverse mode, from its last stage to its first."""
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -63,7 +64,10 @@ class StagesPulledBack(AbstractWrappingSolver):
             _, of_t0, of_t1, _, of_args, _, _ = varies
             begun = eqx.combine(arrays, others), t0, t1, y0, args, slope, fresh
             stages = _Stages(self.solver.tableau, *begun, k, of_t0 or of_t1, of_args)
-            return jax.tree.map(lambda _: None, arrays), *stages.pulled(*cotangents), None
+            # Of a rejected step cotangents are 0, and its stages may not be finite: 0 times those is not 0.
+            counts = functools.reduce(jnp.logical_or, (jnp.any(x != 0) for x in cotangents if x is not None), False)
+            found = jax.tree.map(lambda x: jnp.where(counts, x, jnp.zeros_like(x)), stages.pulled(*cotangents))
+            return jax.tree.map(lambda _: None, arrays), *found, None
 
         y1, error, k, *last = self.carry_out(step, pull, (arrays, t0, t1, y0, args, slope, fresh))
         state = (False, last[0]) if last else None

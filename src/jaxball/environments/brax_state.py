@@ -1,0 +1,101 @@
+"""An environment in the form of Brax: one state with everything in it. Brax itself is not needed."""
+
+import dataclasses
+from typing import Any
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..interface.arguments import require
+from ..interface.printing import Printed
+from .environment import Environment, Episode
+
+
+class BraxState(Printed):
+    """The state of an environment in the form of Brax, with the same fields.
+
+    - ``pipeline_state``: the :class:`Episode`.
+    - ``obs``: the observation, shape (numbers,).
+    - ``reward``: of the last step.
+    - ``done``: 1 where the episode is over, terminated or truncated, else 0.
+    - ``metrics``: ``status`` of the step, a :class:`~jaxball.Status` by its number.
+    - ``info``: ``truncation``, 1 where the episode is over and has only come to its last step, else 0; and whatever
+      wrappers add, which steps keep.
+    """
+
+    pipeline_state: Episode
+    obs: Float[Array, " numbers"]
+    reward: Float[Array, ""]
+    done: Float[Array, ""]
+    metrics: dict[str, Array]
+    info: dict[str, Any]
+
+    def replace(self, **changes: Any) -> "BraxState":
+        """The state with other values of some fields."""
+        return dataclasses.replace(self, **changes)
+
+
+class BraxEnvironment(Printed):
+    """An environment with the methods that wrappers and training loops of Brax call.
+
+    Episodes are not reset by themselves; Brax has wrappers for that. Their ``episode_length`` counts in addition to the
+    ``samples`` of the environment.
+
+    **Arguments:**
+
+    - ``environment``: the :class:`Environment`.
+
+    **Example:**
+
+    >>> import jax
+    >>> jax.config.update("jax_enable_x64", True)
+    >>> import jaxball
+    >>> from jaxball.environments import BraxEnvironment, Environment, ReachPoint
+    >>> pendulum = jaxball.planar_pendulum(0.5, 0.6, drive=jaxball.Motor(0.0, limit=1.0))
+    >>> robot = jaxball.Disk(mass=1.0, inertia=0.5, mechanisms=[pendulum])
+    >>> like_brax = BraxEnvironment(Environment(robot, ReachPoint(2.0), sample=0.1))
+    >>> state = like_brax.reset(jax.random.PRNGKey(0))
+    >>> state = jaxball.jit(like_brax.step)(state, jax.numpy.array([0.5]))
+    >>> state.obs.shape, float(state.done)
+    ((12,), 0.0)
+    """
+
+    environment: Environment
+
+    def __check_init__(self):
+        require("environment", self.environment, Environment, "an Environment")
+
+    def reset(self, rng: Any) -> BraxState:
+        """The state at the beginning of an episode, from a random key."""
+        episode, observation = self.environment.reset(rng)
+        zero = jnp.zeros((), observation.dtype)
+        return BraxState(episode, observation, zero, zero, {"status": zero}, {"truncation": zero})
+
+    def step(self, state: BraxState, action: Float[Array, " m"]) -> BraxState:
+        """The state after a step."""
+        after = self.environment.step(state.pipeline_state, action)
+        of = state.reward.dtype
+        done, truncation = (after.terminated | after.truncated).astype(of), after.truncated.astype(of)
+        metrics = state.metrics | {"status": after.info["status"].astype(of)}
+        info = state.info | {"truncation": truncation}
+        return BraxState(after.episode, after.observation, after.reward, done, metrics, info)
+
+    @property
+    def observation_size(self) -> int:
+        """How many numbers a policy observes."""
+        return self.environment.n_observations
+
+    @property
+    def action_size(self) -> int:
+        """The number of inputs."""
+        return self.environment.n_actions
+
+    @property
+    def backend(self) -> str:
+        """What simulates."""
+        return "jaxball"
+
+    @property
+    def unwrapped(self) -> "BraxEnvironment":
+        """The environment itself."""
+        return self

@@ -1,0 +1,368 @@
+"""An environment: a robot with sampled inputs and a goal, reset and stepped by pure functions of arrays."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..control.inputs import held
+from ..control.loop import limits_of, whole_number
+from ..control.sampled import PlacedState, SampledSystem
+from ..interface.arguments import refusal, require, require_callable
+from ..interface.printing import Printed
+from ..interface.status import Status
+from ..numerics.arrays import Numbers, is_traced, number_or_none, numbers
+from ..physics.body import System
+from ..physics.contact.reaction import reaction
+from ..physics.system import require_one_state
+from ..sensors import AbstractSensor
+from ..sensors.errors import random_key
+from ..simulation.simulate import at_rest
+from .distributions import AbstractDistribution
+from .goals import AbstractGoal
+from .moment import Moment
+from .observations import AbstractObservation, ObservedState, observation_of
+from .parameters import directions_by_name, require_numbers_of, with_numbers
+from .rewards import AbstractReward, QuadraticReward
+
+TOLERANCE = 1e-6  # of the solve of a sample, far below what a policy could tell
+
+
+class Episode(Printed):
+    """Where an episode is: what :meth:`Environment.step` advances.
+
+    - ``state``: that of the robot.
+    - ``k``: how many steps were taken.
+    - ``waiting``: the inputs asked for at the last samples, the newest first, shape (most + 1, m).
+    - ``delay``: how many samples pass before an input acts, drawn at the reset.
+    - ``parameters``: the numbers of the robot that were drawn, by name.
+    - ``target``: what the goal has drawn.
+    - ``memory``: what the observation remembers.
+    - ``key``: the random key of what follows.
+    """
+
+    state: PlacedState
+    k: Int[Array, ""]
+    waiting: Float[Array, "samples m"]
+    delay: Int[Array, ""]
+    parameters: dict[str, Float[Array, "..."]]
+    target: Any
+    memory: Any
+    key: Any
+
+
+class Transition(NamedTuple):
+    """What a step returns.
+
+    - ``episode``: where the episode is after it.
+    - ``observation``: the observation then, shape (numbers,).
+    - ``reward``: of the step.
+    - ``terminated``: whether the episode ended of itself: its goal is reached, the robot slips, or the solve failed.
+    - ``truncated``: whether it has only come to its last step.
+    - ``info``: ``status``, a :class:`~jaxball.Status` by its number; ``misses``, what the goal is missed by, shape
+      (misses,); ``u``, the inputs that acted, shape (m,); of :meth:`Environment.step_or_reset` also
+      ``final_observation``.
+    """
+
+    episode: Episode
+    observation: Float[Array, " numbers"]
+    reward: Float[Array, ""]
+    terminated: Bool[Array, ""]
+    truncated: Bool[Array, ""]
+    info: dict[str, Array]
+
+
+class Environment(Printed):
+    """A robot whose inputs a policy sets at each sample, with a goal.
+
+    An action is what each input is to be, as a share of its limit, from −1 to 1; beyond, it is cut off. ``reset`` and
+    ``step`` are pure functions of arrays, for ``jax.vmap``, ``jax.lax.scan`` and ``jaxball.jit``, and differentiable.
+
+    **Arguments:**
+
+    - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
+    - ``goal``: such as :class:`ReachPoint`.
+    - ``sample``: the time between samples.
+    - ``samples``: of an episode, after which it is truncated.
+    - ``inputs``: names of what is set, as for :class:`~jaxball.control.SampledSystem`; by default all that a schedule, a
+      law or a motor moves.
+    - ``limits``: the largest magnitude of each input: a number for all, a row, or numbers by name; by default those of
+      the motors.
+    - ``observation``: by default :class:`ObservedState`; a dictionary of sensors stands for :class:`ObservedSensors`.
+    - ``shows_goal``: whether what a policy sees of the goal follows the observation.
+    - ``reward``: by default :class:`QuadraticReward`; each step is rewarded for its time.
+    - ``penalty``: what is taken off the reward where the solve failed or the robot slips.
+    - ``state``: where episodes start; by default at rest.
+    - ``starts``: the distributions of its local coordinates, by name, as in ``{"z": Uniform(-1, 1)}``; those left out
+      are 0.
+    - ``parameters``: the distributions of numbers of the robot, by their path among the arguments that make it, as in
+      ``{"mass": Uniform(0.9, 1.1), "mechanisms[0].mass": Factor(Normal(1, 0.1))}``.
+    - ``delay``: how many samples pass before an action acts: a number, or the least and the most, between which it is
+      drawn. Until the first acts, inputs are 0.
+    - ``friction``: a coefficient μ; if given, an episode ends where the robot needs |f| > μ N after a step, and where it
+      would leave the plane.
+    - ``rtol``, ``atol``: tolerances of the solve of a sample.
+    - ``adjoint``: as for :func:`jaxball.simulate`; reverse mode if not given.
+
+    Its other field, ``sampled``, is the robot with sampled inputs.
+
+    **Raises:** ``TypeError`` and ``ValueError`` for what does not fit the robot, and for inputs without a limit.
+
+    **Example:**
+
+    >>> import jax
+    >>> jax.config.update("jax_enable_x64", True)
+    >>> import jaxball
+    >>> from jaxball.environments import Environment, ReachPoint, Uniform
+    >>> pendulum = jaxball.planar_pendulum(0.5, 0.6, drive=jaxball.Motor(0.0, limit=1.0))
+    >>> robot = jaxball.Disk(mass=1.0, inertia=0.5, mechanisms=[pendulum])
+    >>> environment = Environment(robot, ReachPoint(2.0), sample=0.1, starts={"z": Uniform(-1.0, 1.0)})
+    >>> episode, observation = environment.reset(jax.random.key(0))
+    >>> after = jaxball.jit(environment.step)(episode, jax.numpy.array([0.5]))
+    >>> after.observation.shape, bool(after.terminated), bool(after.truncated)
+    ((12,), False, False)
+    """
+
+    sampled: SampledSystem
+    goal: AbstractGoal
+    observation: AbstractObservation
+    reward: AbstractReward
+    state: PlacedState
+    starts: dict[str, AbstractDistribution]
+    parameters: dict[str, AbstractDistribution]
+    penalty: Float[Array, ""]
+    friction: Float[Array, ""] | None
+    adjoint: diffrax.AbstractAdjoint | None
+    samples: int = eqx.field(static=True)
+    delay: tuple[int, int] = eqx.field(static=True)
+    shows_goal: bool = eqx.field(static=True)
+
+    def __init__(
+        self,
+        system: System,
+        goal: AbstractGoal,
+        *,
+        sample: Numbers,
+        samples: int = 200,
+        inputs: Sequence[str] | None = None,
+        limits: Numbers | Mapping[str, Numbers] | None = None,
+        observation: AbstractObservation | Mapping[str, AbstractSensor] | None = None,
+        shows_goal: bool = True,
+        reward: AbstractReward | None = None,
+        penalty: Numbers = 0.0,
+        state: PlacedState | None = None,
+        starts: Mapping[str, AbstractDistribution] | None = None,
+        parameters: Mapping[str, AbstractDistribution] | None = None,
+        delay: int | tuple[int, int] = 0,
+        friction: Numbers | None = None,
+        rtol: Numbers = TOLERANCE,
+        atol: Numbers = TOLERANCE,
+        adjoint: diffrax.AbstractAdjoint | None = None,
+    ):
+        require("goal", goal, AbstractGoal, "a goal, such as ReachPoint(...)")
+        self.sampled = _with_limits(SampledSystem.of(system, sample, inputs, rtol, atol), limits)
+        if not is_traced(self.sampled.sample) and not np.asarray(self.sampled.sample) > 0:
+            raise ValueError(f"Argument `sample` must be a positive time, but it is {self.sampled.sample:g}.")
+        self.goal = goal
+        self.observation = ObservedState() if observation is None else observation_of(observation)
+        require("observation", self.observation, AbstractObservation, "an observation, or sensors by name")
+        self.observation.require_fits(self.sampled.system)
+        require("shows_goal", shows_goal, bool, "True or False")
+        self.reward = QuadraticReward() if reward is None else reward
+        require("reward", self.reward, AbstractReward, "a reward, such as QuadraticReward(...)")
+        self.state = _start(self.sampled.system, state)
+        self.starts = _distributions("starts", starts)
+        directions_by_name(self.starts, self.state.directions)
+        self.parameters = _distributions("parameters", parameters)
+        require_numbers_of(self.sampled.system, self.parameters)
+        self.penalty, self.friction = numbers("penalty")(penalty), number_or_none("friction")(friction)
+        self.adjoint = diffrax.RecursiveCheckpointAdjoint() if adjoint is None else adjoint
+        self.samples, self.delay, self.shows_goal = whole_number("samples", samples, 1), _range(delay), shows_goal
+
+    @property
+    def n_actions(self) -> int:
+        """The number m of inputs."""
+        return len(self.sampled.inputs)
+
+    @property
+    def n_observations(self) -> int:
+        """How many numbers a policy observes."""
+        return jax.eval_shape(self.reset, jax.random.key(0))[1].size
+
+    def reset(self, key: Any) -> tuple[Episode, Float[Array, " numbers"]]:
+        """The beginning of an episode, with everything drawn by a random key, and its first observation.
+
+        **Raises:** ``TypeError`` for what is no random key.
+        """
+        require("key", key, jax.Array, "a random key, such as jax.random.key(0)")
+        of_start, of_robot, of_delay, of_goal, of_memory, of_reading, later = jax.random.split(random_key(key), 7)
+        state = self._started(of_start)
+        drawn = self._parameters(of_robot)
+        zero = jnp.zeros_like(self.sampled.limits)
+        moment = Moment(jnp.zeros_like(self.sampled.sample), self.robot(drawn, zero), state, zero)
+        target = self.goal.draw(of_goal, moment)
+        memory = self.observation.begin(of_memory, moment)
+        seen, memory = self._observed(of_reading, target, moment, memory)
+        least, most = self.delay
+        delay = jax.random.randint(of_delay, (), least, most + 1)
+        waiting = jnp.zeros((most + 1, zero.size), zero.dtype)
+        return Episode(state, jnp.zeros((), jnp.int32), waiting, delay, drawn, target, memory, later), seen
+
+    def step(self, episode: Episode, action: Float[Array, " m"]) -> Transition:
+        """A sample later, with the inputs held that the actions so far and the delay give.
+
+        An episode that is over may be stepped further; nothing says again that it is over but ``truncated``. Where the
+        solve fails, the robot stays where it was, and the episode is terminated, with the status of the solve.
+        """
+        h, limits = self.sampled.sample, self.sampled.limits
+        waiting = jnp.concatenate([(limits * jnp.clip(action, -1.0, 1.0))[None], episode.waiting[:-1]])
+        u = waiting[episode.delay]
+        system = self.robot(episode.parameters, u)
+        t = h * episode.k.astype(h.dtype)
+        state, status = self.sampled.advanced(system, t, episode.state, self.adjoint)
+        failed = status != Status.SUCCESS
+        # Projected afterwards: the derivatives of a failed solve are not known, and 0 of them are to be 0.
+        state = jax.tree.map(lambda new, old: jnp.where(failed, old, new), state, episode.state).projected()
+        u = jnp.where(failed, 0.0, u)  # which may not be finite
+        moment = Moment(t + h, self.robot(episode.parameters, u), state, u)
+        status = self._in_contact(moment, status.astype(jnp.int32))
+        misses = self.goal.misses(episode.target, moment)
+        ended = status != Status.SUCCESS
+        reward = h * self.reward(misses, moment) - jnp.where(ended, self.penalty, 0.0)
+        terminated = ended | self.goal.reached(episode.target, moment)
+        of_reading, later = jax.random.split(episode.key)
+        seen, memory = self._observed(of_reading, episode.target, moment, episode.memory)
+        k = episode.k + 1
+        after = Episode(state, k, waiting, episode.delay, episode.parameters, episode.target, memory, later)
+        info = {"status": status, "misses": misses, "u": u}
+        return Transition(after, seen, reward, terminated, (k >= self.samples) & ~terminated, info)
+
+    def step_or_reset(self, episode: Episode, action: Float[Array, " m"]) -> Transition:
+        """A step, after which an episode that is over is followed at once by a new one.
+
+        Reward, ``terminated`` and ``truncated`` are those of the step, and ``info["final_observation"]`` the observation
+        after it. Where the episode is over, ``episode`` and ``observation`` are those of a reset.
+        """
+        after = self.step(episode, action)
+        over = after.terminated | after.truncated
+        anew, later = jax.random.split(after.episode.key)
+        fresh = self.reset(anew)
+        kept = eqx.tree_at(lambda e: e.key, after.episode, later), after.observation
+        episode, observation = jax.tree.map(lambda new, old: jnp.where(over, new, old), fresh, kept)
+        info = after.info | {"final_observation": after.observation}
+        return after._replace(episode=episode, observation=observation, info=info)
+
+    def rollout(
+        self, key: Any, policy: Callable[[Float[Array, " numbers"]], Float[Array, " m"]], samples: int | None = None
+    ) -> Transition:
+        """An episode under a policy, its transitions one after the other, with the samples as leading axis.
+
+        It has always as many, by default ``samples`` of the environment; after the end of the episode rewards are 0.
+
+        **Arguments:**
+
+        - ``key``: the random key of the episode.
+        - ``policy``: the action for an observation; traced.
+        - ``samples``: how many.
+
+        **Raises:** ``TypeError`` and ``ValueError`` for another policy or number of samples.
+        """
+        require_callable("policy", policy, "observation")
+        count = self.samples if samples is None else whole_number("samples", samples, 1)
+
+        def following(carry: Any, _: None) -> Any:
+            episode, seen, goes_on = carry
+            after = self.step(episode, policy(seen))
+            reward = jnp.where(goes_on, after.reward, 0.0)
+            goes_on = goes_on & ~(after.terminated | after.truncated)
+            return (after.episode, after.observation, goes_on), after._replace(reward=reward)
+
+        # In reverse mode each step is taken again: what its solve would keep is a hundred times as long as a state.
+        following = jax.checkpoint(following, prevent_cse=False)
+        return jax.lax.scan(following, (*self.reset(key), jnp.ones((), bool)), None, length=count)[1]
+
+    def robot(self, parameters: dict[str, Float[Array, "..."]], u: Float[Array, " m"]) -> System:
+        """The body with the parameters of an episode, while its inputs are ``u``."""
+        system = with_numbers(self.sampled.system, parameters) if parameters else self.sampled.system
+        return held(system, self.sampled.places, u)
+
+    def _started(self, key: Any) -> PlacedState:
+        if not self.starts:
+            return self.state
+        xi = jnp.zeros(len(self.state.directions), self.sampled.sample.dtype)
+        for k, (name, places) in enumerate(directions_by_name(self.starts, self.state.directions).items()):
+            drawn = self.starts[name].draw(jax.random.fold_in(key, k), jnp.zeros(len(places), xi.dtype))
+            xi = xi.at[np.array(places)].set(drawn)
+        return self.state.retract(xi)
+
+    def _parameters(self, key: Any) -> dict[str, Float[Array, "..."]]:
+        nominal = require_numbers_of(self.sampled.system, self.parameters)
+        return {
+            name: self.parameters[name].draw(jax.random.fold_in(key, k), value)
+            for k, (name, value) in enumerate(nominal.items())
+        }
+
+    def _observed(self, key: Any, target: Any, moment: Moment, memory: Any) -> tuple[Float[Array, " numbers"], Any]:
+        seen, memory = self.observation(key, moment, memory, self.sampled.sample)
+        return jnp.concatenate([seen, self.goal.observed(target, moment)]) if self.shows_goal else seen, memory
+
+    def _in_contact(self, moment: Moment, status: Int[Array, ""]) -> Int[Array, ""]:
+        """The status, or that of a robot that leaves the plane or slips."""
+        if self.friction is None:
+            return status
+        force = reaction(moment.system.prepare(), moment.t, moment.state)
+        slips = jnp.where(force.ratio > self.friction, int(Status.SLIPPED), int(Status.SUCCESS))
+        found = jnp.where(force.normal > 0, slips, int(Status.DETACHED)).astype(status.dtype)
+        return jnp.where(status == Status.SUCCESS, found, status)
+
+    def __repr__(self) -> str:
+        lines = [
+            f"Environment of a {self.sampled.system.described()}: {type(self.goal).__name__}",
+            f"  {self.samples} samples of {float(self.sampled.sample):g}, inputs {', '.join(self.sampled.inputs)}",
+            f"  {self.n_observations} numbers observed: {type(self.observation).__name__}"
+            + (" and the goal" if self.shows_goal else ""),
+        ]
+        drawn = [*self.starts, *self.parameters, *(["delay"] if self.delay[0] < self.delay[1] else [])]
+        return "\n".join([*lines, f"  drawn at each reset: {', '.join(drawn)}"] if drawn else lines)
+
+
+def _with_limits(sampled: SampledSystem, given: Numbers | Mapping[str, Numbers] | None) -> SampledSystem:
+    limits = sampled.limits if given is None else limits_of(sampled, given)
+    for name, limit in zip(sampled.inputs, limits, strict=True):
+        if not is_traced(limit) and not np.isfinite(np.asarray(limit)):
+            raise ValueError(
+                f"Argument `limits` must be given for {name}, because actions are shares of limits and its motor has "
+                "none; give limits=..., or Motor(..., limit=...)."
+            )
+    return eqx.tree_at(lambda s: s.limits, sampled, limits)
+
+
+def _start(system: System, state: PlacedState | None) -> PlacedState:
+    start = at_rest(system) if state is None else state
+    require("state", start, PlacedState, "a BallState, a RotationState or a DiskState")
+    require_one_state(system, start)
+    return start
+
+
+def _distributions(name: str, given: Mapping[str, AbstractDistribution] | None) -> dict[str, AbstractDistribution]:
+    if given is None:
+        return {}
+    require(name, given, Mapping, 'a dictionary of distributions by name, such as {"mass": Uniform(0.9, 1.1)}')
+    for key, one in given.items():
+        require(f"{name}[{key!r}]", one, AbstractDistribution, "a distribution, such as Uniform(0.9, 1.1)")
+    return dict(given)
+
+
+def _range(delay: Any) -> tuple[int, int]:
+    if isinstance(delay, list | tuple):
+        if len(delay) != 2:
+            raise refusal("delay", "a whole number of samples, or the least and the most", delay)
+        least = whole_number("delay[0]", delay[0], 0)
+        return least, whole_number("delay[1]", delay[1], least)
+    number = whole_number("delay", delay, 0)
+    return number, number

@@ -1,0 +1,157 @@
+"""What the robot is to do, which may change with time: reach a point, follow a path, hold a speed."""
+
+import abc
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from ..interface.arguments import require
+from ..interface.printing import Printed
+from ..numerics.arrays import Numbers, number_or_none, numbers, to_array
+from ..physics.schedules import AbstractSchedule
+from ..physics.signals import AbstractSignal, ConstantSignal
+from .distributions import AbstractDistribution
+from .moment import Moment
+
+
+class AbstractGoal(Printed):
+    """What the robot is to do.
+
+    A kind of goal implements ``misses``; ``draw``, if something of it is random; ``observed``, if a policy is to see it
+    in another form; and ``reached``, if an episode ends where it is. All are traced, for one robot.
+    """
+
+    def draw(self, key: Any, moment: Moment) -> Any:
+        """The target of an episode: a PyTree of arrays, of the same structure at each reset, at its first moment."""
+        return ()
+
+    @abc.abstractmethod
+    def misses(self, target: Any, moment: Moment) -> Float[Array, " misses"]:
+        """What the robot misses the target by: numbers that are all 0 where it does as it should."""
+
+    def observed(self, target: Any, moment: Moment) -> Float[Array, " numbers"]:
+        """What a policy sees of the target; by default, what it is missed by."""
+        return self.misses(target, moment)
+
+    def reached(self, target: Any, moment: Moment) -> Bool[Array, ""]:
+        """Whether the robot has done what it is to do, which ends the episode; by default never."""
+        return jnp.zeros((), bool)
+
+
+class ReachPoint(AbstractGoal):
+    """To come to a point, and to rest there.
+
+    What is missed is the way to go and the velocity, of a ball shape (4,), of a disk (2,), in space axes. A policy sees
+    both by their components ahead and to the left.
+
+    **Arguments:**
+
+    - ``point``: on the plane, length, shape (2,); of a disk, a number.
+    - ``drawn``: the distribution of the point's coordinates, which are then drawn at each reset.
+    - ``within``: if given, an episode ends where the robot is closer to the point, a length, and slower than this length
+      in a unit of time.
+    """
+
+    point: Float[Array, " d"] = eqx.field(converter=lambda x: _row("point", x), default=(0.0, 0.0))
+    drawn: AbstractDistribution | None = None
+    within: Float[Array, ""] | None = eqx.field(converter=number_or_none("within"), default=None)
+
+    def __check_init__(self):
+        _require_distribution("drawn", self.drawn)
+
+    def draw(self, key, moment):
+        point = self.point[: moment.place.size]
+        return point if self.drawn is None else self.drawn.draw(key, point)
+
+    def misses(self, target, moment):
+        return jnp.concatenate([target - moment.place, -moment.velocity])
+
+    def observed(self, target, moment):
+        return jnp.concatenate([moment.ahead(target - moment.place), -moment.ahead(moment.velocity)])
+
+    def reached(self, target, moment):
+        if self.within is None:
+            return super().reached(target, moment)
+        rows = self.misses(target, moment).reshape(2, -1)
+        return jnp.all(jnp.sum(rows**2, axis=1) < self.within**2)
+
+
+class FollowPath(AbstractGoal):
+    """To follow a point that moves along a path.
+
+    What is missed is the way to the point and its velocity relative to the robot, of a ball shape (4,), of a disk (2,), in
+    space axes. A policy sees both by their components ahead and to the left, and the way to where the point will be.
+
+    **Arguments:**
+
+    - ``along``: its first coordinate over time, a schedule such as :class:`~jaxball.Waypoints`.
+    - ``across``: its second coordinate; a disk needs none.
+    - ``preview``: how long ahead of the point a policy sees the path, times, shape (k,).
+    """
+
+    along: AbstractSchedule
+    across: AbstractSchedule | None = None
+    preview: Float[Array, " k"] = eqx.field(converter=numbers("preview", ("k",)), default=())
+
+    def __check_init__(self):
+        must = "a schedule, such as Waypoints(...)"
+        require("along", self.along, AbstractSchedule, must)
+        require("across", self.across, (AbstractSchedule, type(None)), f"{must}, or None")
+
+    def misses(self, target, moment):
+        place, velocity = self._at(moment.t, moment)
+        return jnp.concatenate([place - moment.place, velocity - moment.velocity])
+
+    def observed(self, target, moment):
+        place, velocity = self._at(moment.t, moment)
+        rows = [place - moment.place, velocity - moment.velocity]
+        rows += [self._at(moment.t + later, moment)[0] - moment.place for later in self.preview]
+        return jnp.ravel(moment.ahead(jnp.stack(rows)))
+
+    def _at(self, t: Float[Array, ""], moment: Moment) -> tuple[Float[Array, " d"], Float[Array, " d"]]:
+        axes = [self.along, self.across][: moment.place.size]
+        if axes[-1] is None:
+            raise ValueError("Argument `across` of FollowPath must be a schedule for a ball, but it is None.")
+        place, velocity, _ = zip(*(axis.prepare().derivatives(t) for axis in axes if axis is not None), strict=True)
+        return jnp.stack(place), jnp.stack(velocity)
+
+
+class HoldSpeed(AbstractGoal):
+    """To roll ahead with a speed, and not aside.
+
+    What is missed is the speed ahead, and that to the left of a ball, shapes (2,) and (1,).
+
+    **Arguments:**
+
+    - ``speed``: a number, or a signal of the time since the reset, such as :class:`~jaxball.PiecewiseSignal`.
+    - ``drawn``: the distribution of a number that the speed is multiplied by, drawn at each reset.
+    """
+
+    speed: AbstractSignal = eqx.field(converter=lambda x: x if isinstance(x, AbstractSignal) else ConstantSignal(x))
+    drawn: AbstractDistribution | None = None
+
+    def __check_init__(self):
+        _require_distribution("drawn", self.drawn)
+
+    def draw(self, key, moment):
+        one = jnp.ones_like(moment.t)
+        return one if self.drawn is None else self.drawn.draw(key, one)
+
+    def misses(self, target, moment):
+        velocity = moment.ahead(moment.velocity)
+        wanted = target * self.speed.prepare()(moment.t)
+        return jnp.concatenate([wanted[None] - velocity[:1], -velocity[1:]])
+
+
+def _row(name: str, given: Numbers) -> Float[Array, " d"]:
+    array = jnp.atleast_1d(to_array(given, name))
+    if array.ndim != 1 or array.size not in (1, 2):
+        raise ValueError(f"Argument `{name}` must be a number or two, but its shape is {array.shape}.")
+    return array
+
+
+def _require_distribution(name: str, given: Any) -> None:
+    require(name, given, (AbstractDistribution, type(None)), "a distribution, such as Uniform(-1.0, 1.0), or None")

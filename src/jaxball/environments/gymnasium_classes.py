@@ -1,0 +1,102 @@
+"""The classes of Gymnasium's environments, which need it installed."""
+
+from typing import Any
+
+import gymnasium
+import jax
+import numpy as np
+from gymnasium.spaces import Box
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from jaxtyping import Float
+
+from ..native import jit
+from .environment import Environment, Transition
+from .lanes import in_lanes
+
+SEEDS = 2**31  # of random keys that Gymnasium's generator gives
+
+
+class JaxballEnv(gymnasium.Env):
+    """One environment; see :func:`gymnasium_env`."""
+
+    metadata = {"render_modes": []}  # noqa: RUF012 (as Gymnasium declares it)
+
+    def __init__(self, environment: Environment):
+        self.environment = environment
+        self.observation_space, self.action_space = _spaces(environment)
+        self._reset, self._step = jit(environment.reset), jit(environment.step)
+        self._episode: Any = None
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
+        super().reset(seed=seed)
+        self._episode, seen = self._reset(jax.random.key(int(self.np_random.integers(SEEDS))))
+        return _observation(seen), {}
+
+    def step(self, action: Float[np.ndarray, " m"]) -> tuple[np.ndarray, float, bool, bool, dict]:
+        if self._episode is None:
+            raise RuntimeError("Method `step` needs an episode; call reset() first.")
+        after = self._step(self._episode, np.asarray(action, float))
+        self._episode = after.episode
+        info = {name: np.array(value) for name, value in after.info.items()}
+        return (
+            _observation(after.observation),
+            float(after.reward),
+            bool(after.terminated),
+            bool(after.truncated),
+            info,
+        )
+
+
+class JaxballVectorEnv(VectorEnv):
+    """Many environments; see :func:`gymnasium_vector_env`."""
+
+    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012 (as Gymnasium declares it)
+
+    def __init__(self, environment: Environment, num_envs: int):
+        self.environment, self.num_envs = environment, num_envs
+        self.single_observation_space, self.single_action_space = _spaces(environment)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._reset, self._step = jit(in_lanes(environment.reset)), jit(in_lanes(environment.step_or_reset))
+        self._episodes: Any = None
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
+        super().reset(seed=seed)
+        key = jax.random.key(int(self.np_random.integers(SEEDS)))
+        self._episodes, seen = self._reset(jax.random.split(key, self.num_envs))
+        return _observation(seen), {}
+
+    def step(self, actions: Float[np.ndarray, "envs m"]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict]:
+        if self._episodes is None:
+            raise RuntimeError("Method `step` needs episodes; call reset() first.")
+        after: Transition = self._step(self._episodes, np.asarray(actions, float))
+        self._episodes = after.episode
+        terminated, truncated = np.array(after.terminated), np.array(after.truncated)
+        return (
+            _observation(after.observation),
+            np.array(after.reward),
+            terminated,
+            truncated,
+            _infos(after.info, terminated | truncated),
+        )
+
+
+def _infos(info: dict[str, Any], over: np.ndarray) -> dict[str, Any]:
+    """As Gymnasium has them: what is known of all, each with whose it is, and of those that are over the end."""
+    found: dict[str, Any] = {name: np.array(value) for name, value in info.items()}
+    final = _observation(found.pop("final_observation"))
+    everyone = np.ones(over.shape, bool)
+    found |= {f"_{name}": everyone for name in list(found)}
+    if np.any(over):
+        found |= {"final_obs": final, "_final_obs": over}
+    return found
+
+
+def _spaces(environment: Environment) -> tuple[Box, Box]:
+    observed = Box(-np.inf, np.inf, (environment.n_observations,), np.float32)
+    return observed, Box(-1.0, 1.0, (environment.n_actions,), np.float32)
+
+
+def _observation(seen: Any) -> np.ndarray:
+    return np.asarray(seen).astype(np.float32)
