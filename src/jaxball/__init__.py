@@ -103,6 +103,8 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         FunctionMechanism as FunctionMechanism,
         Hinge as Hinge,
         JointForces as JointForces,
+        JointFriction as JointFriction,
+        MajdSimaanFriction as MajdSimaanFriction,
         Mechanism as Mechanism,
         Motor as Motor,
         PDServo as PDServo,

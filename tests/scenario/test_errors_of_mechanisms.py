@@ -96,6 +96,18 @@ CASES = {
         with_force('{ kind = "motor", signal = 1, limit = -1 }'),
         f"{JOINT}.force.limit` must be 0 or positive, but it is -1.0.",
     ),
+    "less static than kinetic friction": (
+        with_force('{ kind = "joint-friction", kinetic = 0.7, static = 0.65 }'),
+        f"{JOINT}.force.static` must be a positive number, not less than `kinetic`, but it is 0.65.",
+    ),
+    "a fraction for an exponent": (
+        with_force('{ kind = "joint-friction", kinetic = 0.7, exponent = 1.5 }'),
+        f"{JOINT}.force.exponent` must be a whole number from 1 to 100, but it is 1.5.",
+    ),
+    "a law that falls from the start": (
+        with_force('{ kind = "majd-simaan-friction", viscous = 0, kinetic = 1, peak = 1, rate = 1, steepness = 0.5 }'),
+        f"{JOINT}.force.steepness` must be 1 or more, but it is 0.5.",
+    ),
     "end stops the wrong way round": (
         with_force('{ kind = "end-stops", lower = 1, upper = -1, stiffness = 2 }'),
         f"{JOINT}.force.lower` must be less than `upper`, but it is 1.0.",

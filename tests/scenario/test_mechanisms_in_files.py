@@ -87,6 +87,18 @@ FORCES = {
         'force = { kind = "end-stops", lower = -1, upper = 1, stiffness = 50, damping = 0.2 }',
         jaxball.EndStops(-1.0, 1.0, 50.0, 0.2),
     ),
+    "friction": (
+        'force = { kind = "joint-friction", kinetic = 2, static = 3, viscous = 1, stribeck = 0.5, exponent = 1 }',
+        jaxball.JointFriction(2.0, 3.0, 1.0, 0.5, 1),
+    ),
+    "smooth friction": (
+        'force = { kind = "joint-friction", kinetic = 0.2, smoothing = 0.01 }',
+        jaxball.JointFriction(0.2, smoothing=0.01),
+    ),
+    "friction with five numbers": (
+        'force = { kind = "majd-simaan-friction", viscous = 1, kinetic = 2, peak = 3, rate = 4, steepness = 5 }',
+        jaxball.MajdSimaanFriction(1.0, 2.0, 3.0, 4.0, 5.0),
+    ),
     "a sum": (
         'force = [{ kind = "spring", stiffness = 2 }, { kind = "damper", coefficient = 0.1 }]',
         jaxball.Spring(2.0) + jaxball.Damper(0.1),

@@ -71,6 +71,9 @@ force = [
   { kind = "spring", stiffness = 2.0, rest = 0.1 },
   { kind = "damper", coefficient = -0.01, negative = true },
   { kind = "end-stops", lower = -0.3, upper = 0.3, stiffness = 50.0, damping = 0.5 },
+  { kind = "joint-friction", kinetic = 0.01, static = 0.02, stribeck = 0.1, smoothing = 0.1 },
+  { kind = "joint-friction", kinetic = 0.0, static = 0.01, viscous = 0.01, exponent = 1, stribeck = 1, smoothing = 1 },
+  { kind = "majd-simaan-friction", viscous = 0.01, kinetic = 0.01, peak = 0.01, rate = 0.1, steepness = 4.0 },
 ]
 
 [[mechanisms.joints]]

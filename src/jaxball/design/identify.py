@@ -1,6 +1,7 @@
-"""System identification: the parameters of a ball from its recorded path, with their uncertainties."""
+"""System identification: the parameters of a ball from what was recorded of its motion, with their uncertainties."""
 
 import dataclasses
+from collections.abc import Callable
 from statistics import NormalDist
 
 import diffrax
@@ -15,7 +16,7 @@ from ..numerics.arrays import to_numpy
 from ..numerics.fitting import Residuals, determined, fitted, where_finite
 from ..physics.body import Disk
 from .problem.plane import places
-from .problem.run import Solve, run_of
+from .problem.run import Run, Solve, run_of
 from .problem.space import DesignError, DesignSpace
 
 # A combination of parameters that is uncertain by this fraction of its scale counts as undetermined.
@@ -71,25 +72,28 @@ class Identification:
         return "\n".join([f"noise {self.noise:.3g}", *rows])
 
 
-def identify(space: DesignSpace, path: Float[np.ndarray, "T *d"]) -> Identification:
+def identify(
+    space: DesignSpace,
+    path: Float[np.ndarray, "T *d"],
+    quantity: Callable[[Run], Float[Array, "T *d"]] | None = None,
+) -> Identification:
     """The parameters of ``space`` with which its scenario's path fits a recorded one best, in the mean square.
 
-    ``path`` is that of the geometric centre at the scenario's save times, two numbers each, one for a disk. The noise
-    is assumed to be independent, with equal variances. The search is that of Levenberg and Marquardt, by SciPy's
-    ``least_squares``, which shortens a step to a scenario that cannot be simulated.
+    ``path`` is that of the geometric centre at the scenario's save times, two numbers each, one for a disk; or, with
+    ``quantity``, what this function of the run has then, such as angles of joints, one row for each of these times and
+    all in the same unit. The noise is assumed to be independent, with equal variances. The search is that of Levenberg
+    and Marquardt, by SciPy's ``least_squares``, which shortens a step to a scenario that cannot be simulated.
 
-    **Raises:** :class:`DesignError` when the path does not have one position for each save time or is not finite, and
-    when the start cannot be simulated.
+    **Raises:** :class:`DesignError` when the path does not have one position for each save time, or not the shape of
+    the quantity, or is not finite, and when the start cannot be simulated.
     """
     require("space", space, DesignSpace, "a DesignSpace")
     path = to_numpy(path, "path")
     times = space.scenario.times
-    flat = isinstance(space.scenario.system, Disk)
-    if path.shape != (times.size, 2)[: 1 if flat else 2]:
-        raise DesignError(
-            f"Argument `path` must be a position for each of the {times.size} save times, "
-            f"{'one number' if flat else 'two numbers'} each, but its shape is {path.shape}."
-        )
+    if quantity is None:
+        _require_positions(space, path)
+    else:
+        _require_shape(space, path, quantity)
     unknown = np.flatnonzero(~np.isfinite(path.reshape(times.size, -1)).all(axis=1))
     if unknown.size:
         others = unknown.size - 1
@@ -98,8 +102,9 @@ def identify(space: DesignSpace, path: Float[np.ndarray, "T *d"]) -> Identificat
             f"Argument `path` must be finite, but the position at t = {times[unknown[0]]:g}, `path[{unknown[0]}]`, is "
             f"{path[unknown[0]].tolist()}{more}; leave such times out of the scenario and of the path."
         )
-    path = np.asarray(places("path")(path))
-    evaluate = _residuals(space, path)
+    if quantity is None:
+        path = np.asarray(places("path")(path))
+    evaluate = _residuals(space, path, _position if quantity is None else quantity)
 
     if not np.all(np.isfinite(evaluate(tuple(space.start))[0])):
         raise DesignError(
@@ -109,12 +114,38 @@ def identify(space: DesignSpace, path: Float[np.ndarray, "T *d"]) -> Identificat
     return _identified(space, y, *evaluate(tuple(y)), converged)
 
 
-def _residuals(space: DesignSpace, path: Float[np.ndarray, "T 2"]) -> Residuals:
+def _require_positions(space: DesignSpace, path: np.ndarray) -> None:
+    times = space.scenario.times
+    flat = isinstance(space.scenario.system, Disk)
+    if path.shape != (times.size, 2)[: 1 if flat else 2]:
+        raise DesignError(
+            f"Argument `path` must be a position for each of the {times.size} save times, "
+            f"{'one number' if flat else 'two numbers'} each, but its shape is {path.shape}."
+        )
+
+
+def _require_shape(space: DesignSpace, path: np.ndarray, quantity: Callable[[Run], Array]) -> None:
+    solve = Solve.of(space.scenario, diffrax.ForwardMode())
+    shape = jax.eval_shape(lambda y: quantity(run_of(space.candidate(y), solve)), jnp.asarray(space.start)).shape
+    if path.shape != shape:
+        raise DesignError(
+            f"Argument `path` must have the shape {shape} of the quantity at the {space.scenario.times.size} save "
+            f"times, but its shape is {path.shape}."
+        )
+
+
+def _position(run: Run) -> Float[Array, "T 2"]:
+    return run.z
+
+
+def _residuals(
+    space: DesignSpace, path: Float[np.ndarray, "T *d"], quantity: Callable[[Run], Float[Array, "T *d"]]
+) -> Residuals:
     """The residuals at given unknowns and their Jacobian, by one program; NaN where either is not finite."""
     solve = Solve.of(space.scenario, diffrax.ForwardMode())
 
-    def residuals(y: Float[Array, " n"], path: Float[Array, "T d"]) -> Float[Array, " residuals"]:
-        return jnp.ravel(run_of(space.candidate(y), solve).z - path)
+    def residuals(y: Float[Array, " n"], path: Float[Array, "T *d"]) -> Float[Array, " residuals"]:
+        return jnp.ravel(quantity(run_of(space.candidate(y), solve)) - path)
 
     both = programs.jit(lambda y, path: (residuals(y, path), jax.jacfwd(residuals)(y, path)))
 
@@ -123,9 +154,11 @@ def _residuals(space: DesignSpace, path: Float[np.ndarray, "T 2"]) -> Residuals:
 
 def _identified(space: DesignSpace, y: np.ndarray, r: np.ndarray, J: np.ndarray, converged: bool) -> Identification:
     """The estimates at the unknowns y, with their errors from the Jacobian J."""
+    times = space.scenario.times.size
     _, s, Vt = np.linalg.svd(J, full_matrices=False)
     seen = determined(s)
-    rows = int(np.sum(np.any(np.abs(J.reshape(-1, 2, len(y))) > 0, axis=(0, 2)))) * len(r) // 2
+    of_each_time = np.abs(J.reshape(times, -1, len(y)))
+    rows = int(np.sum(np.any(of_each_time > 0, axis=(0, 2)))) * times
     noise = float(np.sqrt(r @ r / max(rows - int(np.sum(seen)), 1)))
     covariance = noise**2 * (Vt[seen].T / s[seen] ** 2) @ Vt[seen]
     numbers = programs.jit(lambda y: (space.numbers(y), jax.jacfwd(space.numbers)(y)))

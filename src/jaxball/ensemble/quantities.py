@@ -79,7 +79,8 @@ def values(
     quantities: Sequence[Callable[..., Any]], system: Any, t: Float[Array, ""], state: Any
 ) -> Float[Array, " k"]:
     """Quantities at one time; with a law of contact those of the body, except for quantities that depend on the law."""
-    whole, body = (system, state), (system.shown, system.shown_state(state))
+    body = system.shown, system.shown_state(state)
+    whole = (system, state) if isinstance(system, BodyOnPlane) else body
 
     def value(quantity: Callable[..., Any]) -> Float[Array, ""]:
         with traceable("quantity", quantity):

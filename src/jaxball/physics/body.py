@@ -26,6 +26,7 @@ from .motion import Driven, OnRail
 from .parameters import BodyParameters, PointMass
 from .schedules import AbstractSchedule
 from .state import BallState, DiskState, ReducedState, RotationState, State
+from .sticking import sticking_slots
 from .system import AbstractSystem
 
 AnyBody = TypeVar("AnyBody", bound="AbstractBody")
@@ -119,6 +120,16 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
             (groups, mechanisms, law, ground),
             is_leaf=lambda x: x is None,
         )
+
+    @property
+    def sticking(self) -> tuple[str, ...]:
+        """The joints that dry friction may hold at rest, by name."""
+        return tuple(self.coordinates[slot] for slot in sticking_slots(self))
+
+    @property
+    def is_hybrid(self) -> bool:
+        """Whether joints stick and slip, so that a run has modes."""
+        return bool(self.sticking)
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
         """The unsorted times at which χ̈ of a prescribed motion jumps or has a kink; none with dry friction."""

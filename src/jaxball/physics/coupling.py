@@ -16,7 +16,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..numerics.factorisation import Factors, factored
 from ..numerics.vectors import apply, cross, inverse
@@ -46,6 +46,18 @@ class Inertia(NamedTuple):
             torque = torque + jnp.sum(c * rate[..., None], axis=(0, 1))
             efforts.append(jnp.sum(c * Omega[None, None], axis=-1) + jnp.sum(H * rate[:, None, :], axis=-1))
         return torque, efforts
+
+    def holding(self, held: list[Bool[Array, "_ _"] | None]) -> "Inertia":
+        """The same where some joints are held, so that their accelerations are those of their efforts alone."""
+        c, H = [], []
+        for own, block, which in zip(self.c, self.H, held, strict=True):
+            if which is not None:
+                own = jnp.where(which[..., None], 0.0, own)
+                between = which[:, :, None] | which[:, None, :]
+                block = jnp.where(between, jnp.eye(which.shape[1], dtype=block.dtype), block)
+            c.append(own)
+            H.append(block)
+        return Inertia(self.B, c, H)
 
     def factored(self) -> "FactoredInertia":
         """The same, ready to be solved with many right-hand sides."""

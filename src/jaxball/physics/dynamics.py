@@ -10,17 +10,19 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..interface.arguments import require_value
+from ..numerics.masks import without_derivatives
 from ..numerics.vectors import apply, cross, dot, outer
 from .conditions import Condition
-from .coupling import FactoredInertia, Joints, inertia, joined, joint_forces, with_free_joints
+from .coupling import FactoredInertia, Inertia, Joints, inertia, joined, joint_forces, with_free_joints
 from .linkage import Linkage, along, linkages
 from .load import Load, load
 from .moments import AbstractMoments, Moments, moments, velocity_moments
 from .parameters import BodyParameters
 from .state import Rates, State
+from .sticking import has_directions, held, of_sticking, released, sticking_slots, with_directions
 
 SOLVABLE = (
     "so small, or the masses so nearly above the contact point, that friction at the start adds less to the normal "
@@ -31,19 +33,22 @@ SOLVABLE = (
 class Accelerations(NamedTuple):
     """Ω̇ in body axes, with θ, θ̇ and θ̈ of all that a state's ``theta`` holds.
 
-    ``at`` are all moments, ``dry`` is the torque of dry friction in body axes.
+    ``at`` are all moments, ``dry`` is the torque of dry friction in body axes, and ``holding`` the friction in joints
+    that stick, among those of :func:`~jaxball.physics.sticking.sticking_slots`; None without such joints.
     """
 
     Omegadot: Float[Array, "3"]
     angles: Rates
     at: Moments
     dry: Float[Array, "3"] | None
+    holding: Float[Array, " sticking"] | None
 
 
 class Equations(NamedTuple):
     """The equations for Ω̇ and for θ̈ of free joints at a state, which are linear with the matrix of ``coupling``.
 
-    ``angles`` and ``at`` hold no acceleration of a free joint, nor does ``apparent``, Ω × (Ω × p + 2ṗ) + p̈.
+    ``angles`` and ``at`` hold no acceleration of a free joint, nor does ``apparent``, Ω × (Ω × p + 2ṗ) + p̈. In
+    ``matrix`` the joints that stick are ``held``; in ``inertia`` none is.
     """
 
     Omega: Float[Array, "3"]
@@ -52,6 +57,8 @@ class Equations(NamedTuple):
     links: list[Linkage]
     at: Moments
     apparent: Float[Array, "3"]
+    inertia: Inertia
+    held: list[Bool[Array, "_ _"] | None]
     matrix: FactoredInertia
 
     @property
@@ -66,9 +73,23 @@ class Equations(NamedTuple):
         Omega, Gamma, at = self.Omega, self.Gamma, self.at
         turning = cross(Omega, apply(at.J, Omega) + at.l) + apply(at.Jdot, Omega) + at.ldot
         inertial = turning + cross(r * Gamma, self.apparent)
-        forces = joint_forces(t, state, self.links)
-        efforts = [Q - _inertial_efforts(link, acting, Omega) for link, Q in zip(self.free, forces, strict=True)]
+        efforts = [
+            effort if which is None else jnp.where(which, 0.0, effort)
+            for effort, which in zip(self.efforts(t, state, acting), self.held, strict=True)
+        ]
         return self.matrix.solve(acting.about_contact(at, r) - inertial, efforts)
+
+    def efforts(self, t: Float[Array, ""], state: State, acting: Load) -> Joints:
+        """Q of the free joints, without what holds those that stick, less their inertial efforts."""
+        forces = joint_forces(t, state, self.links)
+        return [Q - _inertial_efforts(link, acting, self.Omega) for link, Q in zip(self.free, forces, strict=True)]
+
+    def holding(
+        self, t: Float[Array, ""], state: State, acting: Load, Omegadot: Float[Array, "3"], thetaddot: Joints
+    ) -> Joints:
+        """What Q lacks of the effort that these accelerations need: the friction in joints that stick."""
+        _, needed = self.inertia.times(Omegadot, thetaddot)
+        return [x - y for x, y in zip(needed, self.efforts(t, state, acting), strict=True)]
 
     def reaction_without_motion(self, acting: Load) -> Float[Array, "3"]:
         """What the reaction R̃ of the plane would be if Ω̇ and θ̈ were 0."""
@@ -92,8 +113,9 @@ def equations(system: BodyParameters, t: Float[Array, ""], state: State) -> Equa
     links = linkages(system, t, angles)
     at = moments(system, t, angles, links)
     apparent = cross(Omega, cross(Omega, at.p) + 2 * at.pdot) + at.pddot
-    matrix = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links).factored()
-    return Equations(Omega, Gamma, angles, links, at, apparent, matrix)
+    whole = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links)
+    which = [held(link.group) for link in with_free_joints(links)]
+    return Equations(Omega, Gamma, angles, links, at, apparent, whole, which, whole.holding(which).factored())
 
 
 def accelerations(
@@ -102,10 +124,12 @@ def accelerations(
     """Ω̇ and θ̈ at a state, where the load is ``acting``.
 
     With the free joints' accelerations left out of p̈ and ℓ̇, the equations for Ω̇ and for the free θ̈ are linear with
-    the matrix of ``coupling``. Dry friction, proportional to a normal force that is linear in Ω̇ and θ̈ as well, adds one
-    solution with the same factors.
+    the matrix of ``coupling``, in which joints that stick are held. Dry friction at the contact, proportional to a
+    normal force that is linear in Ω̇ and θ̈ as well, adds one solution with the same factors.
     """
     acting = load(system, t, state) if acting is None else acting
+    if not has_directions(system):
+        system = with_directions(system, _directions(*without_derivatives((system, t, state, acting))))
     r, found = system.radius, equations(system, t, state)
     Omega, Gamma, at, free = found.Omega, found.Gamma, found.at, found.free
     Omegadot, thetaddot = found.solved(r, t, state, acting)
@@ -120,7 +144,25 @@ def accelerations(
         dry = N * dry
     theta, thetadot, given = found.angles
     angles = theta, thetadot, joined(given, found.links, thetaddot)
-    return Accelerations(Omegadot, angles, found.completed(thetaddot), dry)
+    holding = None
+    if any(which is not None for which in found.held):
+        holding = of_sticking(system, found.holding(t, state, acting, Omegadot, thetaddot))
+    return Accelerations(Omegadot, angles, found.completed(thetaddot), dry, holding)
+
+
+def holding_friction(
+    system: BodyParameters, t: Float[Array, ""], state: State, acting: Load | None = None
+) -> Float[Array, " sticking"]:
+    """The friction that holds the joints that stick, of a body whose joints have directions."""
+    holding = accelerations(system, t, state, acting).holding
+    assert holding is not None
+    return holding
+
+
+def _directions(system: BodyParameters, t: Float[Array, ""], state: State, acting: Load) -> Float[Array, " sticking"]:
+    """The directions in which joints with friction slip, as far as a state tells."""
+    moving = jnp.sign(state.thetadot[sticking_slots(system)])
+    return released(system, moving, lambda system: holding_friction(system, t, state, acting))
 
 
 def solvable_friction(system: BodyParameters, t: Float[Array, ""], state: State) -> Iterator[Condition]:

@@ -17,6 +17,8 @@ from ..physics.mechanisms import (
     EndStops,
     Hinge,
     JointForces,
+    JointFriction,
+    MajdSimaanFriction,
     Mechanism,
     Motor,
     PDServo,
@@ -128,6 +130,7 @@ def write_motion(motion: AbstractMotion, path: str, target: AbstractSchedule | N
 
 _NUMBER, _ZERO, _LIMIT = Key(Numbers()), Key(Numbers(), 0.0), Key(Numbers(), None)
 _END = Key(Numbers(dimension=ANGLE))
+MOST_EXPONENT = 100
 
 _FORCES: Family = {
     "motor": Module(Motor, {"signal": Key(SIGNAL), "limit": _LIMIT}),
@@ -140,6 +143,27 @@ _FORCES: Family = {
     "end-stops": Module(
         EndStops,
         {"lower": _END, "upper": _END, "stiffness": _NUMBER, "damping": Key(Numbers(dimension=TIME), 0.0)},
+    ),
+    "joint-friction": Module(
+        JointFriction,
+        {
+            "kinetic": _NUMBER,
+            "static": _LIMIT,
+            "viscous": _ZERO,
+            "stribeck": Key(Numbers(dimension=RATE), None),
+            "exponent": Key(Integer(1, MOST_EXPONENT), 2),
+            "smoothing": Key(Numbers(dimension=RATE), None),
+        },
+    ),
+    "majd-simaan-friction": Module(
+        MajdSimaanFriction,
+        {
+            "viscous": _NUMBER,
+            "kinetic": _NUMBER,
+            "peak": _NUMBER,
+            "rate": Key(Numbers(dimension=RATE)),
+            "steepness": _NUMBER,
+        },
     ),
 }
 JOINT_FORCES = Open(AbstractJointForce, _FORCES)

@@ -1,13 +1,15 @@
-"""The system of a body with a law of contact, if it can have one."""
+"""The system that is solved: a body with modes, of its contact or of its joints, as one hybrid system."""
 
 from collections.abc import Mapping
 from typing import Any
 
 from ..interface.arguments import described, require
+from ..interface.wording import all_of
 from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.law import Contact
 from ..physics.state import ReducedState
+from ..physics.stick_slip import StickSlip
 from ..physics.system import AbstractSystem
 from .events import AbstractEvent, Detachment, Slip
 
@@ -15,17 +17,23 @@ from .events import AbstractEvent, Detachment, Slip
 def system_to_solve(
     system: AbstractSystem, state: Any, contact: Contact | None, dae: bool, events: Mapping[str, AbstractEvent]
 ) -> AbstractSystem:
-    """The system that is solved: with a law of contact, the body on its plane.
+    """The system that is solved: with a law of contact, the body on its plane; with joints that stick, their modes.
 
     **Raises:** ``TypeError`` or ``ValueError`` for a law that the system or the state has no equations for.
     """
     if contact is None:
-        return system
+        return StickSlip(system) if isinstance(system, AbstractBody) and system.sticking else system
     require("contact", contact, Contact, "a Contact, such as Contact(sliding=0.3)")
     if not isinstance(system, AbstractBody):
         raise TypeError(
             f"Argument `contact` must be None for a {type(system).__name__}, which touches no plane, but it is "
             f"{described(contact)}."
+        )
+    if system.sticking:
+        have = "has" if len(system.sticking) == 1 else "have"
+        raise TypeError(
+            "Argument `contact` must be None for a body with joints that stick, because both have modes, which are not "
+            f"combined, but {all_of(system.sticking)} {have} a JointFriction; give that `smoothing`."
         )
     if isinstance(state, ReducedState):
         raise TypeError(

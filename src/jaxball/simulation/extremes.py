@@ -93,7 +93,7 @@ class ContactExtremes(Printed):
 
 
 def always_rolls(trajectory: Trajectory[Any, Any]) -> bool:
-    """Whether a run is of a body that always rolls, and so has extremes of the contact force."""
+    """Whether a run is of a body that always rolls, without modes, and so has extremes of the contact force."""
     return isinstance(trajectory.system, AbstractBody) and isinstance(trajectory.history, NoHistory)
 
 
@@ -124,9 +124,10 @@ def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
             f"{type(trajectory.system).__name__}."
         )
     if not always_rolls(trajectory):
+        modes = "joints that stick, at which forces jump" if trajectory.contact is None else "a law of contact"
         raise ValueError(
-            "Argument `trajectory` must be of a body that always rolls, but it is of one with a law of contact; its "
-            "forces at the saved times are in `observables`."
+            f"Argument `trajectory` must be of a body without modes, but it is of one with {modes}; its forces at the "
+            "saved times are in `observables`."
         )
     if trajectory.interpolant is None:
         raise ValueError(

@@ -73,6 +73,8 @@ def dae(case: Case) -> Row:
     """The paper's form in which |q|² = 1 determines one component of q, by Radau IIA of order 13."""
     if case.state.unit_vector is None:
         return Row("dae", reason=f"it is for {WITH_UNIT}, in which a component of a unit vector is algebraic")
+    if case.scenario.system.is_hybrid:
+        return Row("dae", reason="joints that stick have modes, which have no differential-algebraic form")
     return _agreement("dae", case, case.other(RadauIIA(stages=7), dae=True), "RadauIIA")
 
 

@@ -50,7 +50,8 @@ class Quantities(NamedTuple):
 
 
 def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
-    """The balances of any system in one state."""
+    """The balances of any system in one state; of a body with joints that stick, those of the body."""
+    system, state = system.shown, system.shown_state(state)
     if not isinstance(system, AbstractBody):
         laws = system.laws(t, state)._asdict()
         return Quantities({name: _constant(value) for name, value in laws.items()}, None, None)

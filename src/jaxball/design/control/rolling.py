@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ...interface.status import Status
+from ...interface.wording import all_of
 from ...numerics.arrays import Numbers, to_array
 from ...physics.body import System
 from ...physics.force import AbstractForce
@@ -80,13 +81,19 @@ class Rolling(AbstractControlProblem):
         - ``constraints``: those that must hold at all times.
 
         **Raises:** :class:`DesignError` for a system without controls, for one on a turntable, where nothing can rest,
-        for an objective or a constraint that a disk cannot meet, and for a ``place`` of the wrong size, and
-        ``ValueError`` for a system with a feedback law, and for one with free joints but no state.
+        for one with joints that stick, for an objective or a constraint that a disk cannot meet, and for a ``place`` of
+        the wrong size, and ``ValueError`` for a system with a feedback law, and for one with free joints but no state.
         """
         start, end = (to_array(t) for t in to_array(times))
         if system.ground is not None and system.ground.turntable is not None:
             raise DesignError(
                 "Argument `system` must be on a plane on which it can come to rest, but it is on a turntable."
+            )
+        if system.sticking:
+            raise DesignError(
+                "Argument `system` must have no joints that stick, because collocation is for smooth motions, but "
+                f"{all_of(system.sticking)} {'has' if len(system.sticking) == 1 else 'have'} a JointFriction; give "
+                "that `smoothing`."
             )
         found = inputs(system, start, state)
         given = system.state_type() if state is None else state

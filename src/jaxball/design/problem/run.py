@@ -142,8 +142,12 @@ class Run(eqx.Module):
 
     @property
     def joint_efforts(self) -> Float[Array, "t joints"]:
-        """Q of every joint of the mechanisms; where all are free, computed without the motion's accelerations."""
-        if any(mechanism.n_joints > len(mechanism.free) for mechanism in self.system.mechanisms):
+        """Q of every joint of the mechanisms; where all are free, computed without the motion's accelerations.
+
+        What holds a joint that sticks follows from these.
+        """
+        system = self.system
+        if system.sticking or any(mechanism.n_joints > len(mechanism.free) for mechanism in system.mechanisms):
             return self.observables.joint_efforts
 
         def one(system, t, x):

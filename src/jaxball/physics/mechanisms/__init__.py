@@ -11,6 +11,7 @@ from .forces import (
     SpeedLimitedMotor as SpeedLimitedMotor,
     Spring as Spring,
 )
+from .friction import JointFriction as JointFriction, MajdSimaanFriction as MajdSimaanFriction
 from .joints import (
     AbstractJoint as AbstractJoint,
     Accelerated as Accelerated,

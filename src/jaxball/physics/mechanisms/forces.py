@@ -70,6 +70,15 @@ class AbstractJointForce(Printed):
         """The times at which the rest of Q or one of its derivatives jumps."""
         return jnp.zeros((0,), dtype=default_dtype())
 
+    @property
+    def sticking(self) -> "tuple[AbstractJointForce, ...]":
+        """The friction by which the joint sticks, if there is one: a :class:`~jaxball.JointFriction`."""
+        return ()
+
+    def slipping(self, direction: Float[Array, "*group"]) -> "AbstractJointForce":
+        """The same force where the joint slips in a direction, 1 or −1, or sticks, 0."""
+        return self
+
     def prepare(self) -> "AbstractJointForce":
         """The same force, ready to be evaluated many times."""
         return self
@@ -94,6 +103,11 @@ class JointForces(AbstractJointForce):
     def __check_init__(self):
         for index, term in enumerate(self.terms):
             require(f"terms[{index}]", term, AbstractJointForce, "a force on a joint, such as Spring(...)")
+        if len(self.sticking) > 1:
+            raise ValueError(
+                f"Argument `terms` must have one JointFriction at most without smoothing, but it has "
+                f"{len(self.sticking)}; add up their levels in one."
+            )
 
     def __call__(self, t, theta, thetadot, state):
         return sum((term(t, theta, thetadot, state) for term in self.terms), jnp.zeros_like(theta))
@@ -114,6 +128,13 @@ class JointForces(AbstractJointForce):
 
     def kinks(self) -> Float[Array, " kinks"]:
         return concatenated([term.kinks() for term in self.terms])
+
+    @property
+    def sticking(self) -> tuple[AbstractJointForce, ...]:
+        return tuple(friction for term in self.terms for friction in term.sticking)
+
+    def slipping(self, direction: Float[Array, "*group"]) -> "JointForces":
+        return JointForces(tuple(term.slipping(direction) for term in self.terms))
 
     def prepare(self) -> "JointForces":
         return JointForces(tuple(term.prepare() for term in self.terms))
@@ -173,7 +194,7 @@ class Damper(AbstractJointForce):
 
     def conditions(self, name: str) -> Iterator[Condition]:
         if not self.negative:
-            yield _not_negative(f"{name}.coefficient", self.coefficient, "0 or positive, unless `negative` allows it")
+            yield not_negative(f"{name}.coefficient", self.coefficient, "0 or positive, unless `negative` allows it")
 
 
 class Motor(AbstractJointForce):
@@ -206,7 +227,7 @@ class Motor(AbstractJointForce):
 
     def conditions(self, name: str) -> Iterator[Condition]:
         if self.limit is not None:
-            yield _not_negative(f"{name}.limit", self.limit, "0 or positive")
+            yield not_negative(f"{name}.limit", self.limit, "0 or positive")
 
     def impulse(self, t):
         signal = self._integrable
@@ -270,7 +291,7 @@ class SpeedLimitedMotor(AbstractJointForce):
         return self.stall * (self.command(t) - thetadot / self.free_speed)
 
     def conditions(self, name: str) -> Iterator[Condition]:
-        yield _not_negative(f"{name}.stall", self.stall, "0 or positive")
+        yield not_negative(f"{name}.stall", self.stall, "0 or positive")
         yield Condition(self.free_speed > 0, f"{name}.free_speed", self.free_speed, "a positive number")
 
     def kinks(self) -> Float[Array, " kinks"]:
@@ -315,7 +336,7 @@ class PDServo(AbstractJointForce):
 
     def conditions(self, name: str) -> Iterator[Condition]:
         if self.limit is not None:
-            yield _not_negative(f"{name}.limit", self.limit, "0 or positive")
+            yield not_negative(f"{name}.limit", self.limit, "0 or positive")
 
     def kinks(self) -> Float[Array, " kinks"]:
         return self.target.kinks()
@@ -360,8 +381,8 @@ class EndStops(AbstractJointForce):
 
     def conditions(self, name: str) -> Iterator[Condition]:
         yield Condition(self.lower < self.upper, f"{name}.lower", self.lower, "less than `upper`")
-        yield _not_negative(f"{name}.stiffness", self.stiffness, "0 or positive")
-        yield _not_negative(f"{name}.damping", self.damping, "0 or positive")
+        yield not_negative(f"{name}.stiffness", self.stiffness, "0 or positive")
+        yield not_negative(f"{name}.damping", self.damping, "0 or positive")
 
 
 class FunctionJointForce(OfKinkedFunction, AbstractJointForce):
@@ -401,5 +422,5 @@ def _limited(force: Float[Array, ""], limit: Float[Array, ""] | None) -> Float[A
     return force if limit is None else jnp.clip(force, -limit, limit)
 
 
-def _not_negative(name: str, value: Float[AnyArray, "*group"], must: str) -> Condition:
+def not_negative(name: str, value: Float[AnyArray, "*group"], must: str) -> Condition:
     return Condition((value >= 0) & namespace_of(value).isfinite(value), name, value, must)

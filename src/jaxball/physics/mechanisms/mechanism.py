@@ -18,6 +18,7 @@ from ..conditions import Condition, positive
 from ..schedules import AbstractSchedule
 from ..state import State
 from .forces import AbstractJointForce
+from .friction import JointFriction
 from .joints import AbstractJoint, Accelerated, Drive, Hinge, Moved, in_place, require_drive
 
 AnyMechanism = TypeVar("AnyMechanism", bound="AbstractMechanism")
@@ -134,6 +135,26 @@ class AbstractMechanism(Printed):
         drives = (self.drives[a] for a in self.free)
         known = [drive.impulse(t) if isinstance(drive, AbstractJointForce) else None for drive in drives]
         return jnp.stack([jnp.zeros_like(t) if one is None else one for one in known])
+
+    @property
+    def frictions(self) -> dict[int, JointFriction]:
+        """The friction that may hold a free joint at rest, by the place of the joint among the free ones."""
+        found = {}
+        for place, a in enumerate(self.free):
+            drive = self.drives[a]
+            for friction in drive.sticking if isinstance(drive, AbstractJointForce) else ():
+                assert isinstance(friction, JointFriction)
+                found[place] = friction
+        return found
+
+    def slipping(self: AnyMechanism, directions: Float[Array, " sticking"]) -> AnyMechanism:
+        """The same mechanism where the joints of :attr:`frictions` slip in these directions, or stick, 0."""
+        drives = list(self.drives)
+        for which, place in enumerate(self.frictions):
+            drive = drives[self.free[place]]
+            assert isinstance(drive, AbstractJointForce)
+            drives[self.free[place]] = drive.slipping(directions[which])
+        return self.driven_by(drives)
 
     def conditions(self, name: str) -> Iterator[Condition]:
         """Every condition that its numbers must meet, with the name that sentences use; traceable."""
