@@ -6,10 +6,11 @@ The command line keeps them, in the user's cache folder. In Python, one line doe
 >>> jaxball.cache.enable()  # doctest: +SKIP
 True
 
-Only jaxball's own programs for jaxball's own systems, rails, laws and the like are kept: anything that contains
-functions or classes of yours is compiled in each process. A program is identified by jaxball's files, the versions of
-its dependencies, its compiler, XLA's flags, JAX's settings, the processor and the kinds of its arguments. It is the
-same machine code, so numbers are the same to the last bit.
+Kept are jaxball's own programs, also for rails, laws and the like that are yours, and those of functions that
+:func:`jaxball.jit` compiles. A program is identified by jaxball's files, the versions of its dependencies, its
+compiler, XLA's flags, JAX's settings, the processor, the kinds of its arguments, and what your functions and classes in
+it consist of; what cannot be identified is compiled in each process (:func:`jaxball.jit`). It is the same machine code,
+so numbers are the same to the last bit.
 """
 
 import contextlib

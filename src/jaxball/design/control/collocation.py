@@ -123,13 +123,14 @@ def _term(
     local: Float[Array, " k"],
     parameter: Float[Array, ""],
 ) -> Term:
-    def with_itself(local, parameter):
-        value, cost = equations(local, parameter)
-        return value, (cost, value)
+    def along(
+        direction: Float[Array, " k_plus_one"],
+    ) -> tuple[Float[Array, " k"], Float[Array, " k"], Float[Array, ""]]:
+        return jax.jvp(equations, (local, parameter), (direction[:-1], direction[-1]), has_aux=True)
 
-    # One derivative of one trace, because these programs take longer to compile than to run.
-    (jacobian, by_parameter), (cost, value) = jax.jacfwd(with_itself, argnums=(0, 1), has_aux=True)(local, parameter)
-    return Term(cost, value, jacobian, by_parameter)
+    # All of one trace, because these programs take longer to compile than to run.
+    value, slopes, cost = of_rows(along, jnp.eye(local.size + 1, dtype=local.dtype))
+    return Term(cost[0], value[0], slopes[:-1].T, slopes[-1])
 
 
 # The number of nodes evaluated by one call of a compiled program, the same for each mesh.

@@ -1,7 +1,8 @@
 """The schedules and the motors' signals in a solution, as a scenario, and that scenario simulated."""
 
 import dataclasses
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -9,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...numerics import programs
+from ...numerics.batches import map_rows
 from ...physics.body import Ball, Disk, System
 from ...physics.imbalance import Imbalance, imbalance
 from ...physics.schedules import PiecewiseAcceleration
@@ -134,8 +136,7 @@ def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 
     schedules = schedules_of(solution)
     rates = [*starting_angles(tuple(schedules), problem.end)["thetadot"]] if schedules else []
     whole = Run(system, jnp.asarray(run.times), run.state, run.status)
-    constraints = problem.constraints
-    largest = programs.filter_jit(lambda run: {name: jnp.max(one(run)) for name, one in constraints.items()})(whole)
+    largest = _largest(problem.constraints, whole)
     left = _imbalance(system, problem.end, jax.tree.map(lambda leaf: leaf[-1], run.state))
     missed = 0.0 if problem.place is None else np.linalg.norm(run.state.z[-1] - problem.place)
     return Resimulated(
@@ -151,6 +152,12 @@ def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 
 
 
 @programs.filter_jit
+def _largest(constraints: Mapping[str, Any], run: Run) -> dict[str, Float[Array, ""]]:
+    """The largest violation of each constraint."""
+    return {name: jnp.max(one(run)) for name, one in constraints.items()}
+
+
+@programs.filter_jit
 def _imbalance(system: System, t, state) -> Imbalance:
     return imbalance(system.prepare(), t, state)
 
@@ -160,6 +167,10 @@ def places(solution: Solution, times: Float[np.ndarray, " k"]) -> Float[np.ndarr
 
     It is (z1, z2) for a ball, z for a disk.
     """
-    packing = rolling(solution.problem).packing
-    unpacked = programs.jit(jax.vmap(packing.unpack))(jnp.asarray(times), jnp.asarray(solution.path.states(times)))
-    return np.asarray(unpacked.z)
+    states = jnp.asarray(solution.path.states(times))
+    return np.asarray(_places(rolling(solution.problem), jnp.asarray(times), states))
+
+
+@programs.jit
+def _places(problem: Rolling, times, states) -> Float[Array, "k *d"]:
+    return map_rows(problem.packing.unpack, times, states).z
