@@ -134,6 +134,22 @@ def test_an_operation_of_its_own_with_parameters_and_several_results():
     assert the_equation(function, x).primitive is both
 
 
+def test_a_function_is_traced_once_where_a_rule_of_derivatives_calls_it_again():
+    traced = []
+
+    @jax.jit
+    def sine(x):
+        traced.append(x)
+        return jnp.sin(x)
+
+    ruled = jax.custom_vjp(sine)
+    ruled.defvjp(lambda x: (sine(x), x), lambda x, cotangent: (cotangent * sine(x + jnp.pi / 2),))
+    with compat.same_mesh():
+        gradient = jax.jit(jax.grad(ruled)).trace(1.0)
+    assert len(traced) == 1
+    np.testing.assert_allclose(gradient.lower().compile()(1.0), np.cos(1.0), rtol=1e-15)
+
+
 def test_a_setting_of_traces_is_that_of_its_place():
     setting, seen = compat.setting_of_traces("outside"), []
 

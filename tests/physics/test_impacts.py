@@ -22,7 +22,7 @@ D, M, R = 0.6, 1.3, 0.9
 K = D / (M * R**2)
 collided = jax.jit(collision)
 collisions = jax.jit(jax.vmap(collision))
-jacobian = jax.jit(jax.jacrev(lambda *x: collision(*x).slip, argnums=(0, 1, 2, 3)))
+jacobian = jax.jit(jax.jacfwd(lambda *x: collision(*x).slip, argnums=(0, 1, 2, 3)))
 
 
 def contact(rng):

@@ -182,10 +182,10 @@ def test_first_slip_of_an_anisotropic_contact_solves_the_secular_equation():
         lower, upper = (kappa, upper) if np.linalg.norm(sigma) > 1 else (lower, kappa)
     free = -np.linalg.solve(S, f)
 
-    def pull(s):
-        return jnp.asarray(free) - jnp.asarray(np.linalg.inv(S)) @ (mu * N * s), jnp.ones(())
+    def pull(free, s):
+        return free - jnp.asarray(np.linalg.inv(S)) @ (mu * N * s), jnp.ones(())
 
-    found = jax.jit(lambda guess: friction.diverging(pull, guess))(-jnp.asarray(f))
+    found = jax.jit(lambda guess: friction.diverging(pull, jnp.asarray(free), guess))(-jnp.asarray(f))
     np.testing.assert_allclose(found.sigma, sigma, atol=1e-14)
     np.testing.assert_allclose(found.growth, kappa, rtol=1e-13)
 

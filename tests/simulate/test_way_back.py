@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import jaxball
+from jaxball.numerics.reverse_rules import pulled_by_forward_mode
 from jaxball.simulation.adjoint import Parts, Recorded, while_loop
 from jaxball.simulation.rows import put, put_while
 
@@ -107,7 +108,7 @@ def recorded_powers(a, b, carried_out):
         (y,) = recorded(product, pull, (y, parameters))
         return k + 1, y
 
-    recorded, parts = Recorded(), [a, b]
+    recorded, parts = Recorded("product"), [a, b]
     parameters = jnp.stack(parts)
     return while_loop(
         lambda carry: carry[0] < STEPS,
@@ -116,7 +117,7 @@ def recorded_powers(a, b, carried_out):
         max_steps=ROOM,
         buffers=lambda carry: (),
         reverse=True,
-        recorded=recorded,
+        recorded=[recorded],
         parts=Parts(parameters, parts, jnp.stack),
     )[1]
 
@@ -126,3 +127,30 @@ def test_a_recorded_part_is_only_pulled_back_and_to_what_varies():
     found = jax.jit(jax.grad(lambda a: recorded_powers(a, jnp.asarray(0.5), carried_out)))(jnp.asarray(0.6))
     np.testing.assert_allclose(found, STEPS * 1.1 ** (STEPS - 1), rtol=1e-14)
     assert carried_out == ["forward", [True, False]]  # each traced once
+
+
+def test_parts_with_loops_of_any_length_are_pulled_back_by_forward_mode():
+    """A step multiplies by x as often as it says, by one recorded part, and by y once, by another."""
+    often, once = Recorded("often"), Recorded("once")
+
+    def product(given):
+        value, factor, times = given
+        turn = jax.lax.while_loop(lambda at: at[0] < times, lambda at: (at[0] + 1, at[1] * factor), (0, value))
+        return [turn[1], times]
+
+    def end(x, y):
+        def advance(carry, counts):
+            k, value = carry
+            value, times = often(product, pulled_by_forward_mode(product), (value, x, k))
+            value, _ = once(product, pulled_by_forward_mode(product), (value, y, jnp.ones_like(k)))
+            return times + 1, value
+
+        start = jnp.asarray(0), jnp.asarray(1.0)
+        loop = {"max_steps": ROOM, "buffers": lambda carry: (), "reverse": True, "recorded": [often, once]}
+        return while_loop(lambda carry: carry[0] < STEPS, advance, start, **loop)[1]
+
+    turns = STEPS * (STEPS - 1) // 2
+    x, y = 1.02, 0.9
+    found = jax.jit(jax.grad(end, argnums=(0, 1)))(jnp.asarray(x), jnp.asarray(y))
+    expected = turns * x ** (turns - 1) * y**STEPS, STEPS * x**turns * y ** (STEPS - 1)
+    np.testing.assert_allclose(found, expected, rtol=1e-13)  # of products of 66 factors

@@ -1,7 +1,5 @@
 """The derivatives of a step of an explicit Runge–Kutta method in reverse mode, from its last stage to its first."""
 
-import functools
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import diffrax

@@ -137,9 +137,7 @@ def _struck(plane: "BodyOnPlane", done: "_Progress") -> "_Progress":
     V = after.state.V.at[2].set(jnp.where(rebounds, after.state.V[2], 0.0))
     struck = state.moved(ReleasedState(after.state.body, V, state.height))
     struck = eqx.tree_at(lambda x: x.struck, struck, state.struck - after.work)
-    return done._replace(
-        state=struck, still=done.still | after.collision.sticks, flies=done.flies | (struck.V[2] > 0)
-    )
+    return done._replace(state=struck, still=done.still | after.collision.sticks, flies=done.flies | (struck.V[2] > 0))
 
 
 def _decided(plane: "BodyOnPlane", done: "_Progress", cause: Int[Array, ""]) -> "_Progress":
