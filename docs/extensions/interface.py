@@ -66,6 +66,7 @@ PACKAGES = [
     "results",
     "control",
     "estimation",
+    "environments",
     "ensemble",
     "sweep",
     "design",

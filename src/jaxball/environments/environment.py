@@ -19,6 +19,7 @@ from ..interface.status import Status
 from ..numerics.arrays import Numbers, is_traced, number_or_none, numbers
 from ..physics.body import System
 from ..physics.contact.reaction import reaction
+from ..physics.state import BallState, DiskState, RotationState
 from ..physics.system import require_one_state
 from ..sensors import AbstractSensor
 from ..sensors.errors import random_key
@@ -344,7 +345,7 @@ def _with_limits(sampled: SampledSystem, given: Numbers | Mapping[str, Numbers] 
 
 def _start(system: System, state: PlacedState | None) -> PlacedState:
     start = at_rest(system) if state is None else state
-    require("state", start, PlacedState, "a BallState, a RotationState or a DiskState")
+    require("state", start, (BallState, RotationState, DiskState), "a BallState, a RotationState or a DiskState")
     require_one_state(system, start)
     return start
 
