@@ -30,9 +30,10 @@ def environment():
 
 
 @pytest.mark.thorough
+@pytest.mark.filterwarnings("ignore:.*A Box observation space m..imum value is -?infinity")  # it has no bounds
 def test_one_passes_gymnasiums_checks_and_seeds_determine_episodes(environment):
     single = gymnasium_env(environment)
-    check_env(single, skip_render_check=True)  # warnings are errors in these tests
+    check_env(single, skip_render_check=True)  # what it warns of is an error here
     first, _ = single.reset(seed=5)
     again, _ = single.reset(seed=5)
     np.testing.assert_array_equal(first, again)
