@@ -45,7 +45,9 @@ def test_one_passes_gymnasiums_checks_and_seeds_determine_episodes(environment):
 
 def test_many_are_reset_in_the_step_in_which_they_end(environment):
     """As Gymnasium's own SyncVectorEnv does in this mode: the last observation is in ``final_obs``."""
-    gymnasium.register("PendulumRobot-v0", vector_entry_point=lambda num_envs: gymnasium_vector_env(environment, num_envs))
+    gymnasium.register(
+        "PendulumRobot-v0", vector_entry_point=lambda num_envs: gymnasium_vector_env(environment, num_envs)
+    )
     many = gymnasium.make_vec("PendulumRobot-v0", num_envs=16, vectorization_mode="vector_entry_point")
     assert many.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
     first, _ = many.reset(seed=7)

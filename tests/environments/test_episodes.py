@@ -229,4 +229,3 @@ def test_of_a_rejected_step_that_is_not_finite_nothing_remains_in_derivatives():
     forward = jaxball.jit(jax.jacfwd(end))(u)
     assert np.all(np.isfinite(back))
     np.testing.assert_allclose(back, forward, rtol=1e-6)
-
