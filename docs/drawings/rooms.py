@@ -13,7 +13,7 @@ GROUPS = [
     ("what a user types", "#DDE6F0", ("cli", "bench")),
     ("studies", "#E6EEDF", ("design", "sweep", "verify", "paper")),
     ("files and figures", "#F3E9D8", ("plot", "results", "mjcf", "scenario")),
-    ("many runs, and feedback", "#EFE2EA", ("chaos", "stability", "ensemble", "control", "estimation")),
+    ("many runs, and feedback", "#EFE2EA", ("chaos", "stability", "ensemble", "control", "estimation", "environments")),
     ("a run", "#E2EEEE", ("simulation", "solvers")),
     ("mechanics", "#F4E0DA", ("classical", "sensors", "physics")),
     ("tools", PAPER, ()),

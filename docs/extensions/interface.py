@@ -67,6 +67,7 @@ PACKAGES = [
     "mjcf",
     "control",
     "estimation",
+    "environments",
     "ensemble",
     "sweep",
     "design",

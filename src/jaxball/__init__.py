@@ -9,6 +9,7 @@ A body (``Ball``, ``Disk``) holds point masses (``PointMass``), each with a moti
 - ``chaos``, ``stability``: Lyapunov exponents, Poincaré maps; steady motions.
 - ``control``: feedback that holds a motion: regulators, predictive control, which disturbed starts come back.
 - ``estimation``: the state of a robot from what its sensors read, and how sure that is.
+- ``environments``: robots in which policies are trained, with adapters to Gymnasium and Brax.
 - ``classical``: the heavy top, Suslov's problem and other systems.
 - ``design``, ``ensemble``, ``sweep``: designs by gradients, many runs side by side, studies.
 - ``plot``, ``results``, ``scenario``, ``mjcf``: figures, saved runs, scenario files, files of MuJoCo.
@@ -37,6 +38,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         cpu as cpu,
         design as design,
         ensemble as ensemble,
+        environments as environments,
         estimation as estimation,
         mjcf as mjcf,
         paper as paper,

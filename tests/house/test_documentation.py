@@ -48,6 +48,8 @@ LONG_PAGES = (
     "sweep-overnight.md",
     "sweeps.md",
     "track.md",
+    "train.md",
+    "training-a-policy.md",
 )
 # What 05 and 09 show, tests/equilibrium and tests/simulate/test_own_system.py compute as well.
 LONG_EXAMPLES = (

@@ -15,15 +15,15 @@ from .distributions import (
     Uniform as Uniform,
 )
 from .environment import Environment as Environment, Episode as Episode, Transition as Transition
-from .gymnasium_adapters import gymnasium_env as gymnasium_env, gymnasium_vector_env as gymnasium_vector_env
-from .lanes import in_lanes as in_lanes
-from .moment import Moment as Moment
 from .goals import (
     AbstractGoal as AbstractGoal,
     FollowPath as FollowPath,
     HoldSpeed as HoldSpeed,
     ReachPoint as ReachPoint,
 )
+from .gymnasium_adapters import gymnasium_env as gymnasium_env, gymnasium_vector_env as gymnasium_vector_env
+from .lanes import in_lanes as in_lanes
+from .moment import Moment as Moment
 from .observations import (
     AbstractObservation as AbstractObservation,
     ObservedSensors as ObservedSensors,

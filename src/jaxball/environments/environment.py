@@ -19,6 +19,7 @@ from ..interface.status import Status
 from ..numerics.arrays import Numbers, is_traced, number_or_none, numbers
 from ..physics.body import System
 from ..physics.contact.reaction import reaction
+from ..physics.state import BallState, DiskState, RotationState
 from ..physics.system import require_one_state
 from ..sensors import AbstractSensor
 from ..sensors.errors import random_key
@@ -89,8 +90,8 @@ class Environment(Printed):
     - ``goal``: such as :class:`ReachPoint`.
     - ``sample``: the time between samples.
     - ``samples``: of an episode, after which it is truncated.
-    - ``inputs``: names of what is set, as for :class:`~jaxball.control.SampledSystem`; by default all that a schedule, a
-      law or a motor moves.
+    - ``inputs``: names of what is set, as for :class:`~jaxball.control.SampledSystem`; by default all that a schedule,
+      a law or a motor moves.
     - ``limits``: the largest magnitude of each input: a number for all, a row, or numbers by name; by default those of
       the motors.
     - ``observation``: by default :class:`ObservedState`; a dictionary of sensors stands for :class:`ObservedSensors`.
@@ -104,8 +105,8 @@ class Environment(Printed):
       ``{"mass": Uniform(0.9, 1.1), "mechanisms[0].mass": Factor(Normal(1, 0.1))}``.
     - ``delay``: how many samples pass before an action acts: a number, or the least and the most, between which it is
       drawn. Until the first acts, inputs are 0.
-    - ``friction``: a coefficient μ; if given, an episode ends where the robot needs |f| > μ N after a step, and where it
-      would leave the plane.
+    - ``friction``: a coefficient μ; if given, an episode ends where the robot needs |f| > μ N after a step, and where
+      it would leave the plane.
     - ``rtol``, ``atol``: tolerances of the solve of a sample.
     - ``adjoint``: as for :func:`jaxball.simulate`; reverse mode if not given.
 
@@ -245,8 +246,8 @@ class Environment(Printed):
     def step_or_reset(self, episode: Episode, action: Float[Array, " m"]) -> Transition:
         """A step, after which an episode that is over is followed at once by a new one.
 
-        Reward, ``terminated`` and ``truncated`` are those of the step, and ``info["final_observation"]`` the observation
-        after it. Where the episode is over, ``episode`` and ``observation`` are those of a reset.
+        Reward, ``terminated`` and ``truncated`` are those of the step, and ``info["final_observation"]`` the
+        observation after it. Where the episode is over, ``episode`` and ``observation`` are those of a reset.
         """
         after = self.step(episode, action)
         over = after.terminated | after.truncated
@@ -343,8 +344,8 @@ def _with_limits(sampled: SampledSystem, given: Numbers | Mapping[str, Numbers] 
 
 
 def _start(system: System, state: PlacedState | None) -> PlacedState:
-    start = at_rest(system) if state is None else state
-    require("state", start, PlacedState, "a BallState, a RotationState or a DiskState")
+    start: Any = at_rest(system) if state is None else state
+    require("state", start, (BallState, RotationState, DiskState), "a BallState, a RotationState or a DiskState")
     require_one_state(system, start)
     return start
 

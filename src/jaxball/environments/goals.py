@@ -4,7 +4,6 @@ import abc
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -51,8 +50,8 @@ class ReachPoint(AbstractGoal):
 
     - ``point``: on the plane, length, shape (2,); of a disk, a number.
     - ``drawn``: the distribution of the point's coordinates, which are then drawn at each reset.
-    - ``within``: if given, an episode ends where the robot is closer to the point, a length, and slower than this length
-      in a unit of time.
+    - ``within``: if given, an episode ends where the robot is closer to the point, a length, and slower than this
+      length in a unit of time.
     """
 
     point: Float[Array, " d"] = eqx.field(converter=lambda x: _row("point", x), default=(0.0, 0.0))
@@ -82,8 +81,8 @@ class ReachPoint(AbstractGoal):
 class FollowPath(AbstractGoal):
     """To follow a point that moves along a path.
 
-    What is missed is the way to the point and its velocity relative to the robot, of a ball shape (4,), of a disk (2,), in
-    space axes. A policy sees both by their components ahead and to the left, and the way to where the point will be.
+    What is missed is the way to the point and its velocity relative to the robot, of a ball shape (4,), of a disk (2,),
+    in space axes. A policy sees both by their components ahead and to the left, and the way to where the point will be.
 
     **Arguments:**
 

@@ -8,7 +8,6 @@ import numpy as np
 from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
-from jaxtyping import Float
 
 from ..native import jit
 from .environment import Environment, Transition
@@ -25,7 +24,8 @@ class JaxballEnv(gymnasium.Env):
     def __init__(self, environment: Environment):
         self.environment = environment
         self.observation_space, self.action_space = _spaces(environment)
-        self._reset, self._step = jit(environment.reset), jit(environment.step)
+        self._reset: Any = jit(environment.reset)
+        self._step: Any = jit(environment.step)
         self._episode: Any = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
@@ -33,7 +33,7 @@ class JaxballEnv(gymnasium.Env):
         self._episode, seen = self._reset(jax.random.key(int(self.np_random.integers(SEEDS))))
         return _observation(seen), {}
 
-    def step(self, action: Float[np.ndarray, " m"]) -> tuple[np.ndarray, float, bool, bool, dict]:
+    def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict]:
         if self._episode is None:
             raise RuntimeError("Method `step` needs an episode; call reset() first.")
         after = self._step(self._episode, np.asarray(action, float))
@@ -67,7 +67,7 @@ class JaxballVectorEnv(VectorEnv):
         self._episodes, seen = self._reset(jax.random.split(key, self.num_envs))
         return _observation(seen), {}
 
-    def step(self, actions: Float[np.ndarray, "envs m"]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict]:
+    def step(self, actions: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict]:
         if self._episodes is None:
             raise RuntimeError("Method `step` needs episodes; call reset() first.")
         after: Transition = self._step(self._episodes, np.asarray(actions, float))

@@ -11,12 +11,12 @@ from ..interface.arguments import refusal
 
 
 def in_lanes(function: Callable[..., Any]) -> Callable[..., Any]:
-    """``function`` of each row of arrays, like ``jax.vmap(function)``: in vector lanes where ``jaxball.jit`` compiles it.
+    """``function`` of each row of arrays, like ``jax.vmap(function)``: in vector lanes if ``jaxball.jit`` compiles it.
 
     **Arguments:**
 
-    - ``function``: a pure function of PyTrees of arrays, such as ``environment.step``. All arguments of what is returned
-      have the rows as leading axis.
+    - ``function``: a pure function of PyTrees of arrays, such as ``environment.step``. All arguments of what is
+      returned have the rows as leading axis.
 
     Compiled by ``jaxball.jit`` the rows are computed several at a time, each in a lane of the processor's vectors, and
     what all share once. Elsewhere it is ``jax.vmap``.

@@ -30,8 +30,8 @@ from .moment import Moment
 class AbstractObservation(Printed):
     """What a policy observes of the robot; what it sees of the goal comes after it.
 
-    A kind of observation implements ``__call__``, and ``begin`` if it remembers something from sample to sample. Both are
-    traced, for one robot.
+    A kind of observation implements ``__call__``, and ``begin`` if it remembers something from sample to sample. Both
+    are traced, for one robot.
     """
 
     def begin(self, key: Any, moment: Moment) -> Any:
@@ -53,15 +53,15 @@ class ObservedState(AbstractObservation):
 
     They are, in this order, of a ball and of a disk,
 
-    - the velocity of the centre, ahead and to the left, and the angular velocity Ω·Γ about the vertical (3); the velocity
-      (1);
+    - the velocity of the centre, ahead and to the left, and the angular velocity Ω·Γ about the vertical (3); the
+      velocity (1);
     - with ``attitude``, the vertical Γ in body axes (3); its first and third component (2);
     - with ``joints``, of each joint and mass in the state cos θ and sin θ where it turns, or else θ, and θ̇;
-    - with ``masses``, where each mass is, from the centre, and its velocity relative to that: ahead, to the left, and up
-      (6); ahead and up (4).
+    - with ``masses``, where each mass is, from the centre, and its velocity relative to that: ahead, to the left, and
+      up (6); ahead and up (4).
 
-    Ahead is the direction in which the body rolls about its axis E2. On a plane that is not level and at rest, a heading
-    matters as well; then observe with sensors, or write an observation of your own.
+    Ahead is the direction in which the body rolls about its axis E2. On a plane that is not level and at rest, a
+    heading matters as well; then observe with sensors, or write an observation of your own.
 
     **Arguments:**
 
@@ -150,8 +150,8 @@ class ObservedSensors(AbstractObservation):
         for name, sensor in self.sensors.items():
             if sensor.errors is not None and (sensor.errors.rate is not None or sensor.errors.delay):
                 raise ValueError(
-                    f"Argument `sensors[{name!r}].errors` must have no rate and no delay in an environment, which reads "
-                    "every sensor at each sample, but it has; leave them out, and delay the inputs instead."
+                    f"Argument `sensors[{name!r}].errors` must have no rate and no delay in an environment, which "
+                    "reads every sensor at each sample, but it has; leave them out, and delay the inputs instead."
                 )
 
     def begin(self, key, moment):

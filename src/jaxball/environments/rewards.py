@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..interface.printing import Printed
-from ..numerics.arrays import numbers
+from ..numerics.arrays import Numbers, to_array
 from .moment import Moment
 
 
@@ -44,8 +44,11 @@ class QuadraticReward(AbstractReward):
         return -jnp.sum(_for(self.misses, misses) * misses**2) - jnp.sum(_for(self.inputs, moment.u) * moment.u**2)
 
 
-def _weights(name: str, given: object) -> Float[Array, "..."]:
-    return numbers(name)(given) if jnp.ndim(given) == 0 else numbers(name, ("k",))(given)  # pyright: ignore
+def _weights(name: str, given: Numbers) -> Float[Array, "..."]:
+    array = to_array(given, name)
+    if array.ndim > 1:
+        raise ValueError(f"Argument `{name}` must be a number or a row of numbers, but its shape is {array.shape}.")
+    return array
 
 
 def _for(weights: Float[Array, "..."], values: Float[Array, " k"]) -> Float[Array, " k"]:
