@@ -38,6 +38,7 @@ LONG_PAGES = (
     "comparing-solvers.md",
     "contact-and-events.md",
     "derivatives.md",
+    "estimate.md",
     "extending.md",
     "files.md",
     "holding-a-motion.md",

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from jaxball.control import FeedbackHistory
-from jaxball.estimation import LoopEstimate
+from jaxball.estimation.estimate import Followed, LoopEstimate
 from jaxball.plot.view.feedback import half_axes
 from tests.support.browser import SOFTWARE, chromium, needs_chromium
 
@@ -28,7 +28,8 @@ def run(ball_trajectory):
     P = P.at[-1].set(jnp.nan)
     zero = jnp.zeros(count)
     times = jnp.asarray(ball_trajectory.times)
-    estimate = LoopEstimate(times, thought, zero[:, None][:, :0], P, zero, zero.astype(int), DIRECTIONS, ())
+    followed = Followed(thought, zero[:, None][:, :0], P, zero, zero.astype(int))
+    estimate = LoopEstimate(times, DIRECTIONS, (), followed)
     return dataclasses.replace(ball_trajectory, history=FeedbackHistory(nominal, zero[:, None], estimate, ("u",)))
 
 

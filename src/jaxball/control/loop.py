@@ -78,7 +78,8 @@ class ClosedLoop(Printed):
         numbered = jnp.minimum(jnp.arange(count), nominal.samples)
         states = jax.tree.map(lambda leaf: leaf[numbered], nominal.states)
         estimate = self.feedback.estimated(self.times, self.memory)
-        return FeedbackHistory(states, until_end(self.u, count), estimate, self.plant.inputs)
+        u = until_end(self.u, count)
+        return FeedbackHistory(states, u, estimate, self.plant.inputs)  # pyright: ignore[reportCallIssue]
 
     def __repr__(self) -> str:
         if is_traced(self.u):

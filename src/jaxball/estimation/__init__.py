@@ -2,8 +2,9 @@
 
 ``ErrorStateFilter`` estimates the state, and the biases of sensors, from readings with errors
 (:class:`jaxball.sensors.SensorErrors`) and the exact flow of the simulation between them; ``OutputFeedback`` holds a
-motion by such estimates. No figures and no files: :mod:`jaxball.plot` draws the results. Estimates of parameters from a
-path are in :mod:`jaxball.design`.
+motion by such estimates. ``fit`` finds parameters and the initial state from a log. No figures and no files:
+:mod:`jaxball.plot` draws the results. Estimates of the parameters of a scenario from a path are in
+:mod:`jaxball.design`.
 """
 
 TYPE_CHECKING = False

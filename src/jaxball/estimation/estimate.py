@@ -1,5 +1,6 @@
 """What a filter has found: the estimates, how sure they are, and whether they deserve it."""
 
+import abc
 from typing import NamedTuple
 
 import equinox as eqx
@@ -43,25 +44,46 @@ class AbstractEstimate(Printed):
     """The state of a robot at each sample, as far as its sensors tell, and how sure that is.
 
     - ``times``: of the samples, shape (K,).
-    - ``state``: the estimated states, with the samples as leading axis.
-    - ``covariance``: of the errors of local coordinates and biases, in the order of ``directions`` and ``biases``,
-      shape (K, n, n).
-    - ``bias``: the estimated biases of sensors, by name.
-    - ``nis``: the normalised innovation squared νᵀS⁻¹ν: distributed as χ², with as many degrees as were ``read``; NaN
-      where nothing was.
-    - ``read``: how many numbers were read.
     - ``directions``: the local coordinates of a state, by name.
     - ``biases``: the estimated biases, by name.
     """
 
-    times: eqx.AbstractVar[Float[Array, " K"]]
-    state: eqx.AbstractVar[PlacedState]
-    covariance: eqx.AbstractVar[Float[Array, "K n n"]]
-    bias: eqx.AbstractVar[dict[str, Float[Array, " K"]]]
-    nis: eqx.AbstractVar[Float[Array, " K"]]
-    read: eqx.AbstractVar[Int[Array, " K"]]
-    directions: eqx.AbstractVar[tuple[str, ...]]
-    biases: eqx.AbstractVar[tuple[str, ...]]
+    times: Float[Array, " K"]
+    directions: tuple[str, ...] = eqx.field(static=True)
+    biases: tuple[str, ...] = eqx.field(static=True)
+
+    @property
+    @abc.abstractmethod
+    def state(self) -> PlacedState:
+        """The estimated states, with the samples as leading axis."""
+
+    @property
+    @abc.abstractmethod
+    def bias_values(self) -> Float[Array, "K biases"]:
+        """The estimated biases of sensors, in the order of ``biases``."""
+
+    @property
+    @abc.abstractmethod
+    def covariance(self) -> Float[Array, "K n n"]:
+        """Of the errors of local coordinates and biases, in the order of ``directions`` and ``biases``."""
+
+    @property
+    @abc.abstractmethod
+    def nis(self) -> Float[Array, " K"]:
+        """The normalised innovation squared νᵀS⁻¹ν: distributed as χ², with as many degrees as were read.
+
+        NaN where nothing was.
+        """
+
+    @property
+    @abc.abstractmethod
+    def read(self) -> Int[Array, " K"]:
+        """How many numbers were read at each sample."""
+
+    @property
+    def bias(self) -> dict[str, Float[Array, " K"]]:
+        """The estimated biases of sensors, by name."""
+        return {name: self.bias_values[:, k] for k, name in enumerate(self.biases)}
 
     @property
     def deviations(self) -> dict[str, Float[Array, " K"]]:
@@ -103,54 +125,69 @@ class AbstractEstimate(Printed):
         return int(jnp.sum(is_uncertain(last[:n, :n])))
 
 
-class LoopEstimate(AbstractEstimate):
-    """What a filter in a closed loop estimated, at the samples and the end of the run, where nothing was read: NaN.
+class Followed(NamedTuple):
+    """The estimates of a closed loop at its samples and its end, where nothing was read: NaN, and 0 in ``read``.
 
-    Fields as of an :class:`AbstractEstimate`; ``bias_values`` are the biases, shape (K, biases).
+    - ``state``, ``bias``, ``P``: with each sample's reading; of errors in local coordinates, then in biases.
+    - ``nis``, ``read``: the normalised innovation squared, and how many numbers were read.
     """
 
-    times: Float[Array, " K"]
     state: PlacedState
-    bias_values: Float[Array, "K biases"]
-    covariance: Float[Array, "K n n"]
+    bias: Float[Array, "K biases"]
+    P: Float[Array, "K n n"]
     nis: Float[Array, " K"]
     read: Int[Array, " K"]
-    directions: tuple[str, ...] = eqx.field(static=True)
-    biases: tuple[str, ...] = eqx.field(static=True)
+
+
+class LoopEstimate(AbstractEstimate):
+    """What a filter in a closed loop estimated, at the samples and at the end of the run, where it is NaN.
+
+    - ``followed``: the estimates.
+    - The others: as of an :class:`AbstractEstimate`.
+    """
+
+    followed: Followed
 
     @property
-    def bias(self) -> dict[str, Float[Array, " K"]]:
-        """The estimated biases of sensors, by name."""
-        return {name: self.bias_values[:, k] for k, name in enumerate(self.biases)}
+    def state(self) -> PlacedState:
+        return self.followed.state
+
+    @property
+    def bias_values(self) -> Float[Array, "K biases"]:
+        return self.followed.bias
+
+    @property
+    def covariance(self) -> Float[Array, "K n n"]:
+        return self.followed.P
+
+    @property
+    def nis(self) -> Float[Array, " K"]:
+        return self.followed.nis
+
+    @property
+    def read(self) -> Int[Array, " K"]:
+        return self.followed.read
 
 
 class Estimate(AbstractEstimate):
     """What a filter has found, as an :class:`AbstractEstimate`, with the whole pass of the filter.
 
-    - ``times``: of the samples, shape (K,).
     - ``filtered``: the whole pass of the filter.
-    - ``directions``: the local coordinates of a state, by name.
-    - ``biases``: the estimated biases, by name.
+    - The others: as of an :class:`AbstractEstimate`.
     """
 
-    times: Float[Array, " K"]
     filtered: Filtered
-    directions: tuple[str, ...]
-    biases: tuple[str, ...]
 
     @property
     def state(self) -> PlacedState:
-        """The estimated states, with the samples as leading axis."""
         return self.filtered.state
 
     @property
-    def bias(self) -> dict[str, Float[Array, " K"]]:
-        """The estimated biases of sensors, by name."""
-        return {name: self.filtered.bias[:, k] for k, name in enumerate(self.biases)}
+    def bias_values(self) -> Float[Array, "K biases"]:
+        return self.filtered.bias
 
     @property
     def covariance(self) -> Float[Array, "K n n"]:
-        """Of the errors of local coordinates and biases, in the order of ``directions`` and ``biases``."""
         return self.filtered.P
 
     @property
@@ -161,13 +198,11 @@ class Estimate(AbstractEstimate):
 
     @property
     def nis(self) -> Float[Array, " K"]:
-        """The normalised innovation squared νᵀS⁻¹ν: distributed as χ², with as many degrees as were read."""
         found = jax.vmap(_weighted)(self.filtered.S, self.filtered.innovation)
         return jnp.where(self.read > 0, found, jnp.nan)
 
     @property
     def read(self) -> Int[Array, " K"]:
-        """How many numbers were read at each sample."""
         return jnp.sum(self.filtered.there, axis=1)
 
     def smoothed(self) -> "Estimate":
@@ -219,7 +254,7 @@ def _smoothed(estimate: Estimate) -> Estimate:
     found = jax.lax.scan(back, last, (before, following, filtered.F), reverse=True)[1]
     whole = jax.tree.map(lambda x, end: jnp.concatenate([x, end[None]]), found, last)
     smooth = filtered._replace(state=whole.state, bias=whole.bias, P=whole.P)
-    return Estimate(estimate.times, smooth, estimate.directions, estimate.biases)
+    return Estimate(estimate.times, estimate.directions, estimate.biases, smooth)
 
 
 def _weighted(P: Float[Array, "n n"], x: Float[Array, " n"]) -> Float[Array, ""]:

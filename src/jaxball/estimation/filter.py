@@ -166,7 +166,7 @@ class ErrorStateFilter(Printed):
         read = self._aligned(readings)
         count, first = len(read.y), to_array(t0, "t0")
         filtered = _filtered(self, read, start, deviations, self._inputs(u, count - 1), first)
-        return Estimate(self.times(first, count), filtered, start.directions, self.names_of_biases(start))
+        return Estimate(self.times(first, count), start.directions, self.names_of_biases(start), filtered)
 
     def unobservable(
         self, start: PlacedState, samples: int, *, u: Numbers | None = None, t0: Numbers = 0.0

@@ -325,7 +325,7 @@ def _fit(problem: _Problem, x: Float[Array, " n"], scale: Float[np.ndarray, " n"
     seen = determined(s)
     covariance = (Vt[seen].T / s[seen] ** 2) @ Vt[seen] * np.outer(scale, scale)
     lost = np.any(np.abs(Vt[~seen]) > KNOWN, axis=0)
-    covariance = np.where(lost[:, None] | lost[None], 0.0, covariance)
+    covariance = np.where(np.logical_or.outer(lost, lost), 0.0, covariance)
     covariance[lost, lost] = np.inf
     names = _names(problem)
     read = {name: np.isfinite(np.asarray(rows)) for name, rows in problem.readings.items()}

@@ -18,7 +18,7 @@ from ..physics.body import System
 from ..sensors import AbstractSensor
 from ..sensors.errors import with_errors
 from .belief import Belief
-from .estimate import LoopEstimate
+from .estimate import Followed, LoopEstimate
 from .filter import ErrorStateFilter, Reading
 
 
@@ -124,9 +124,10 @@ class OutputFeedback(AbstractFeedback):
 
     def begin(self) -> Remembered:
         belief = self.known.start(self.nominal.state(0), self.spread)
-        rows = [jnp.zeros((self.nominal.samples, *shape), belief.P.dtype) for shape in _shapes(belief)]
+        none = (jnp.zeros((self.nominal.samples, *shape), belief.P.dtype) for shape in _shapes(belief))
+        xi, bias, P, nis = none
         read = jnp.zeros(self.nominal.samples, int)
-        return Remembered(belief, self.nominal.input(0), self.feedback.begin(), *rows, read)
+        return Remembered(belief, self.nominal.input(0), self.feedback.begin(), xi, bias, P, nis, read)
 
     def __call__(self, k, state, memory):
         nominal, known = self.nominal, self.known
@@ -154,7 +155,8 @@ class OutputFeedback(AbstractFeedback):
         state, bias, P, nis = jax.tree.map(lambda rows: until_end(rows, count), found)
         known, first = self.known, self.nominal.state(0)
         biases = known.names_of_biases(first)
-        return LoopEstimate(times, state, bias, P, jnp.where(read > 0, nis, jnp.nan), read, first.directions, biases)
+        followed = Followed(state, bias, P, jnp.where(read > 0, nis, jnp.nan), read)
+        return LoopEstimate(times, first.directions, biases, followed)
 
 
 def _shapes(belief: Belief) -> tuple[tuple[int, ...], ...]:

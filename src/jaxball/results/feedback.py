@@ -1,5 +1,6 @@
 """A run under feedback in a file: the motion that it holds, its inputs, and what was estimated."""
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -7,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..control.history import FeedbackHistory
-from ..estimation import LoopEstimate
+from ..estimation.estimate import Followed, LoopEstimate
 from ..numerics.arrays import to_array
 from ..physics.hybrid import AbstractHistory
 from ..simulation.variables import Variable
@@ -75,15 +76,16 @@ def read_feedback(about: Mapping[str, Any], arrays: Mapping[str, np.ndarray], st
     def of(prefix: str) -> Any:
         return type(states)(**{name: to_array(arrays[f"{prefix}_{name}"]) for name in vars(states)})
 
-    history = FeedbackHistory(of("nominal"), to_array(arrays["inputs"]), None, names_in(about, INPUTS))
+    u, inputs = to_array(arrays["inputs"]), names_in(about, INPUTS)
+    history = FeedbackHistory(of("nominal"), u, None, inputs)  # pyright: ignore[reportCallIssue]
     if BIASES not in about:
         return history
     times, biases = to_array(arrays["time"]), names_in(about, BIASES)
     found = {name: arrays.get(f"estimate_{name}", np.zeros((times.size, 0))) for name in OF_ESTIMATE}
     bias, P, nis = (to_array(found[name]) for name in ("bias", "covariance", "nis"))
     read = jnp.asarray(found["read"], dtype=int)
-    estimate = LoopEstimate(times, of("estimate"), bias, P, nis, read, history.directions, biases)
-    return FeedbackHistory(history.nominal, history.u, estimate, history.inputs)
+    estimate = LoopEstimate(times, history.directions, biases, Followed(of("estimate"), bias, P, nis, read))
+    return dataclasses.replace(history, estimate=estimate)
 
 
 def names_in(about: Mapping[str, Any], attribute: str) -> tuple[str, ...]:

@@ -81,7 +81,7 @@ def robot_of(scenario: "Scenario") -> System:
     assert isinstance(system, System)  # which alone has feedback
     if not pushes:
         return system
-    forces = pushes if system.force is None else (system.force, *pushes)
+    forces = [*([] if system.force is None else [system.force]), *pushes]
     whole = Wrenches(tuple(forces)) if len(forces) > 1 else forces[0]
     return eqx.tree_at(lambda s: s.force, system, whole, is_leaf=lambda x: x is None)
 

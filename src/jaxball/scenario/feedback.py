@@ -93,7 +93,7 @@ class RegulatorSettings(FeedforwardSettings):
     R: Any
     Qf: Any = None
 
-    def along(self, run, sample, rtol, atol):
+    def along(self, run: Any, sample: float, rtol: float, atol: float) -> "AbstractFeedback":
         from ..control.track import tvlqr
 
         return tvlqr(run, self.Q, self.R, self.Qf, sample=sample, inputs=self.inputs, rtol=rtol, atol=atol)
@@ -128,8 +128,10 @@ class PredictiveSettings(RegulatorSettings):
 
     def along(self, run, sample, rtol, atol):
         from ..control.prediction import mpc
+        from ..control.track import Track
 
         track = super().along(run, sample, rtol, atol)
+        assert isinstance(track, Track)
         return mpc(track, self.horizon, limits=self.limits, friction=self.friction, penalty=self.penalty)
 
 
