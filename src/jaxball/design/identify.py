@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 from scipy.optimize import least_squares
 
 from ..interface.arguments import require
+from ..numerics import programs
 from ..numerics.arrays import to_numpy
 from ..physics.body import Disk
 from .problem.plane import places
@@ -167,7 +168,7 @@ def _residuals(
     def residuals(y: Float[Array, " n"]) -> Float[Array, " residuals"]:
         return jnp.ravel(quantity(run_of(space.candidate(y), solve)) - jnp.asarray(path))
 
-    both = jax.jit(lambda y: (residuals(y), jax.jacfwd(residuals)(y)))
+    both = programs.jit(lambda y: (residuals(y), jax.jacfwd(residuals)(y)))
 
     @functools.lru_cache(maxsize=1)
     def evaluate(y: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
