@@ -71,6 +71,15 @@ EXAMPLES = {
         },
         long=True,
     ),
+    "11_measured_robot.py": Example(
+        "Measured robot",
+        "roboball-2",
+        {
+            "measured-robot.png": "Angles over time, measured as dots and predicted as lines: in the stand a pendulum "
+            "that swings less and less and stops, on the floor a shell that rocks with its pendulum"
+        },
+        long=True,
+    ),
     "ball_past_a_post.py": Example(
         "Ball past a post",
         "ball",

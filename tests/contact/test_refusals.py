@@ -81,7 +81,7 @@ SENTENCES = {
             jaxball.classical.RigidBodyState(Omega=(1.0, 0.0, 0.0)),
             contact=LAW,
         ),
-        "Argument `contact` must be None for a FreeRigidBody, which touches no plane, but it is a Contact.",
+        "Argument `contact` must be None for a FreeRigidBody, which is neither a Ball nor a Disk, but it is a Contact.",
     ),
 }
 

@@ -1,6 +1,7 @@
 """Parameters recovered from paths that were simulated with noise."""
 
 import functools
+import tomllib
 
 import numpy as np
 import pytest
@@ -60,6 +61,45 @@ def test_masses_at_the_centre_cannot_be_told_from_the_shell():
     assert np.all(np.isinf(result.deviations[:2]))
     assert result.deviations[2] < 0.01
     assert "cannot tell apart body.mass and masses[1].mass" in str(result)
+
+
+BLOCK = """
+format = 1
+kind = "disk"
+body = { mass = 1.0, inertia = 0.5, gravity = 0.0 }
+time = { start = 0.0, end = 4.0, saves = 101 }
+initial = { theta = [0.62], thetadot = [0.0] }
+
+[[mechanisms]]
+masses = [{ mass = 0.5 }]
+
+[[mechanisms.joints]]
+kind = "slider"
+axis = [0.0, 0.0, 1.0]
+force = [{ kind = "spring", stiffness = 8.0 }, { kind = "joint-friction", kinetic = 0.3, static = 0.45 }]
+"""
+ON_BLOCK = ("mechanisms[0].joints[0].force[0].stiffness", "mechanisms[0].joints[0].force[1].kinetic")
+
+
+def joint_position(run):
+    return run.state.theta
+
+
+@pytest.mark.slow
+def test_a_spring_and_friction_are_found_from_the_motion_of_a_joint():
+    """Of a block that turns back five times; without noise, to what 1e-9 of the sum of squares leaves."""
+    document = tomllib.loads(BLOCK)
+    path = np.asarray(DesignSpace(document, []).scenario.simulate().state.theta)
+    space = DesignSpace(document, [Variable((p,), start=x) for p, x in zip(ON_BLOCK, (8.2, 0.33), strict=True)])
+    result = identify(space, path, joint_position)
+    np.testing.assert_allclose(result.estimates, (8.0, 0.3), atol=1e-4)
+    assert result.alike == []
+
+
+def test_a_path_of_another_shape_than_the_quantity_is_told():
+    space = DesignSpace(tomllib.loads(BLOCK), [Variable((ON_BLOCK[0],))])
+    with pytest.raises(DesignError, match=r"have the shape \(101, 1\) of the quantity .* its shape is \(101,\)"):
+        identify(space, np.zeros(101), joint_position)
 
 
 def test_a_path_of_another_length_is_told():

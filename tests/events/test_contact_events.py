@@ -209,7 +209,7 @@ class TestArguments:
 
     def test_no_plane_no_detachment(self):
         top = jaxball.classical.FreeRigidBody(inertia=(1.0, 2.0, 3.0))
-        with pytest.raises(TypeError, match='FreeRigidBody, which touches no plane, but "lift" is one'):
+        with pytest.raises(TypeError, match='FreeRigidBody, which is neither a Ball nor a Disk, but "lift" is one'):
             simulate(top, [0.0, 1.0], events={"lift": Detachment()})
 
 

@@ -60,6 +60,7 @@ LONG_EXAMPLES = (
     "08_identification.py",
     "09_own_system.py",
     "10_wobble.py",
+    "11_measured_robot.py",
 )
 
 

@@ -25,6 +25,7 @@ NAMES = (
     "pendulum-and-yoke",
     "pendulum-on-a-slope",
     "roboball",
+    "roboball-2",
     "rolling-robot",
     "routh-sphere",
     "six-tubes",

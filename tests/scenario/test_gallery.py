@@ -156,6 +156,20 @@ def test_roboball_rolls_at_the_speed_at_which_motor_weight_and_resistance_balanc
     np.testing.assert_allclose(seen.joint_efforts[-1], [-torque], atol=1e-5)
 
 
+@pytest.mark.thorough
+def test_roboball_2_swings_until_friction_holds_both_joints():
+    """While both stick it is a rigid ball that rolls, so its energy stays, and neither effort passes 0.7 N m."""
+    trajectory, times, seen = run("roboball-2")
+    stuck = np.all(np.asarray(trajectory.history.sticks), axis=1)
+    assert stuck[-1]
+    assert times[stuck][0] < 5.0
+    assert np.all(stuck[times > 5.0])
+    energy = np.asarray(seen.kinetic_energy + seen.potential_energy)
+    np.testing.assert_allclose(energy[stuck], energy[-1], rtol=1e-9)
+    assert energy[0] - energy[-1] > 1.0
+    assert np.abs(seen.joint_efforts[stuck]).max() < 0.7
+
+
 def test_spokes_keep_the_momentum_of_a_balanced_ball():
     """(J + M r²) ω_h and J ω₃ stay, with J = 0.4 + 4/3 θ² of the four masses of 0.5 at θ from the centre."""
     trajectory, times, seen = run("spokes")

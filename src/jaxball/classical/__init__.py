@@ -1,4 +1,4 @@
-"""Classical systems of mechanics, after the appendix of Putkaradze & Rogers (2018), each with its laws.
+"""Classical systems of mechanics, those of the appendix of Putkaradze & Rogers (2018) and others, with their laws.
 
 :func:`jaxball.simulate` takes them like a ball, and also a user's own system: an :class:`AbstractClassicalSystem` with
 an :class:`AbstractClassicalState`. No integrator, no figures and no files are imported here.
@@ -9,6 +9,11 @@ from .axis import AbstractAxis as AbstractAxis, FunctionAxis as FunctionAxis, Ha
 from .base import (
     AbstractClassicalState as AbstractClassicalState,
     AbstractClassicalSystem as AbstractClassicalSystem,
+)
+from .ellipsoid import (
+    EllipsoidLaws as EllipsoidLaws,
+    EllipsoidState as EllipsoidState,
+    RollingEllipsoid as RollingEllipsoid,
 )
 from .heavy_top import HeavyTop as HeavyTop, HeavyTopLaws as HeavyTopLaws
 from .particle import (

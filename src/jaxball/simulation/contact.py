@@ -26,8 +26,8 @@ def system_to_solve(
     require("contact", contact, Contact, "a Contact, such as Contact(sliding=0.3)")
     if not isinstance(system, AbstractBody):
         raise TypeError(
-            f"Argument `contact` must be None for a {type(system).__name__}, which touches no plane, but it is "
-            f"{described(contact)}."
+            f"Argument `contact` must be None for a {type(system).__name__}, which is neither a Ball nor a Disk, but "
+            f"it is {described(contact)}."
         )
     if system.sticking:
         have = "has" if len(system.sticking) == 1 else "have"

@@ -43,8 +43,8 @@ def checked(system: Any, events: Mapping[str, AbstractEvent] | None) -> dict[str
     touching = [name for name, event in events.items() if isinstance(event, Detachment | Slip)]
     if touching and not isinstance(system, AbstractBody):
         raise TypeError(
-            f"Argument `events` must not hold a Detachment or a Slip for a {type(system).__name__}, which touches no "
-            f'plane, but "{touching[0]}" is one.'
+            f"Argument `events` must not hold a Detachment or a Slip for a {type(system).__name__}, which is neither a "
+            f'Ball nor a Disk, but "{touching[0]}" is one.'
         )
     return dict(events)
 

@@ -114,9 +114,9 @@ class MajdSimaanFriction(AbstractJointForce):
     >>> import jax.numpy as jnp
     >>> from jaxball import BallState, MajdSimaanFriction
     >>> friction = MajdSimaanFriction(viscous=0.0, kinetic=0.5, peak=0.2, rate=0.01, steepness=10.0)
-    >>> rates = jnp.array([0.0, 0.004, 1.0])
+    >>> rates = jnp.array([0.001, 0.004, 1.0])
     >>> friction(jnp.array(0.0), jnp.array(0.0), rates, BallState()).round(3)
-    Array([ 0.   , -0.621, -0.5  ], dtype=float64)
+    Array([-0.423, -0.621, -0.5  ], dtype=float64)
     """
 
     viscous: Float[Array, "*group"] = eqx.field(converter=numbers("viscous"))

@@ -1,0 +1,186 @@
+"""An ellipsoid that rolls on a horizontal plane: spheroids, and the rattleback."""
+
+from collections.abc import Iterator
+from typing import ClassVar, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..numerics.arrays import Numbers, numbers
+from ..numerics.trigonometry import sine_cosine
+from ..numerics.vectors import apply, cross, dot, inverse, outer
+from ..numerics.versor import derivative, rotation_matrix, vertical_in_body
+from ..physics.conditions import Condition, positive, positive_inertia, real_inertia
+from .base import AbstractClassicalState, AbstractClassicalSystem
+from .rigid_body import principal_moments
+
+
+class EllipsoidState(AbstractClassicalState):
+    """(q, Ω, z) of an ellipsoid that rolls; at rest on the end of its third axis by default.
+
+    **Arguments:**
+
+    - ``q``: a versor with its real part first, whose rotation Λ maps body vectors to space vectors, shape (4,).
+    - ``Omega``: Ω, body axes, rad/time, shape (3,).
+    - ``z``: the path of the geometric centre over the plane, length, shape (2,).
+
+    **Example:**
+
+    >>> from jaxball.classical import EllipsoidState
+    >>> EllipsoidState(Omega=(0.0, 0.0, 2.0))
+    EllipsoidState(q=(1.0, 0.0, 0.0, 0.0), Omega=(0.0, 0.0, 2.0), z=(0.0, 0.0))
+    """
+
+    q: Float[Array, "*batch 4"] = eqx.field(converter=numbers("q", (4,), batch=True), default=(1.0, 0.0, 0.0, 0.0))
+    Omega: Float[Array, "*batch 3"] = eqx.field(converter=numbers("Omega", (3,), batch=True), default=(0.0, 0.0, 0.0))
+    z: Float[Array, "*batch 2"] = eqx.field(converter=numbers("z", (2,), batch=True), default=(0.0, 0.0))
+
+    unit_vector = "q"
+
+    @property
+    def Lambda(self) -> Float[Array, "*batch 3 3"]:
+        """The rotation matrix Λ from body to space."""
+        return rotation_matrix(self.q)
+
+    @property
+    def Gamma(self) -> Float[Array, "*batch 3"]:
+        """Γ = Λ⁻¹ e3."""
+        return vertical_in_body(self.q)
+
+
+class EllipsoidLaws(NamedTuple):
+    """What a rolling ellipsoid conserves.
+
+    - ``energy``: E = ½⟨𝕁Ω, Ω⟩ + ½ m |V|² + m g × the height of the centre of mass over the plane, mass length²/time².
+    - ``versor_squared``: |q|² = 1.
+    """
+
+    energy: Float[Array, ""]
+    versor_squared: Float[Array, ""]
+
+
+class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState]):
+    """A rigid body with the surface of an ellipsoid, which rolls without slipping on a horizontal plane.
+
+    It touches the plane where the outer normal of its surface is −Γ, at c = −A²Γ / √(Γ·A²Γ) from the geometric centre,
+    with A the semi-axes. Two equal semi-axes make a spheroid, three a ball. Principal axes of inertia that are turned
+    about the vertical against the semi-axes make a rattleback, which prefers one direction of spin.
+
+    Nothing acts but gravity and the plane, which holds it as far as is needed: it never slips and never leaves the
+    plane. :meth:`reaction` tells where that is no longer so.
+
+    **Arguments:**
+
+    - ``mass``: m, in units of mass.
+    - ``semiaxes``: of the surface along the body axes, length, shape (3,).
+    - ``inertia``: the principal moments (d1, d2, d3) about the centre of mass, mass length², shape (3,).
+    - ``turn``: by how much the first two principal axes are turned about E3 against the semi-axes, rad.
+    - ``offset``: from the geometric centre to the centre of mass, body axes, length, shape (3,).
+    - ``gravity``: g, length/time².
+
+    **Raises:** ``ValueError`` when a shape is wrong. Values are not checked here, so that they may be traced; see
+    :func:`jaxball.problems`.
+
+    **Source:** the equations are those of a rolling rigid body, E. J. Routh, *Dynamics of a System of Rigid Bodies,
+    Advanced Part*, 6th edition, 1905, §241; T. R. Kane and D. A. Levinson, *Realistic mathematical modeling of the
+    rattleback*, International Journal of Non-Linear Mechanics 17 (1982), 175.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import simulate
+    >>> from jaxball.classical import EllipsoidState, RollingEllipsoid
+    >>> egg = RollingEllipsoid(semiaxes=(1.0, 1.0, 1.5), inertia=(0.65, 0.65, 0.4))
+    >>> lying = EllipsoidState(q=(jnp.sqrt(0.5), jnp.sqrt(0.5), 0.0, 0.0), Omega=(0.0, 0.0, 1.0))
+    >>> simulate(egg, [0.0, 2.0], lying).state.z[-1].round(6)  # it rolls about its long axis along e1
+    Array([-2.,  0.], dtype=float64)
+    """
+
+    mass: Float[Array, ""]
+    semiaxes: Float[Array, "3"]
+    inertia: Float[Array, "3"]
+    turn: Float[Array, ""]
+    offset: Float[Array, "3"]
+    gravity: Float[Array, ""]
+
+    title: ClassVar[str] = "rolling ellipsoid"
+    state_type: ClassVar[type[EllipsoidState]] = EllipsoidState
+
+    def __init__(
+        self,
+        *,
+        mass: Numbers = 1.0,
+        semiaxes: Numbers,
+        inertia: Numbers,
+        turn: Numbers = 0.0,
+        offset: Numbers = (0.0, 0.0, 0.0),
+        gravity: Numbers = 1.0,
+    ):
+        self.mass, self.turn, self.gravity = (
+            numbers(name)(x) for name, x in (("mass", mass), ("turn", turn), ("gravity", gravity))
+        )
+        self.semiaxes, self.inertia = numbers("semiaxes", (3,))(semiaxes), principal_moments(inertia)
+        self.offset = numbers("offset", (3,))(offset)
+
+    @property
+    def J(self) -> Float[Array, "3 3"]:
+        """𝕁, the inertia about the centre of mass, in body axes."""
+        sine, cosine = sine_cosine(self.turn)
+        zero, one = jnp.zeros_like(sine), jnp.ones_like(sine)
+        axes = jnp.stack(
+            [jnp.stack([cosine, sine, zero]), jnp.stack([-sine, cosine, zero]), jnp.stack([zero, zero, one])]
+        )
+        return jnp.sum(self.inertia[:, None, None] * axes[:, :, None] * axes[:, None, :], axis=0)
+
+    def contact(self, Gamma: Float[Array, "3"]) -> Float[Array, "3"]:
+        """c, from the geometric centre to the point that touches the plane, body axes; −c·Γ is the centre's height."""
+        return -(self.semiaxes**2) * Gamma / self._height(Gamma)
+
+    def reaction(self, t: Float[Array, ""], state: EllipsoidState) -> Float[Array, "3"]:
+        """The force of the plane in space axes: two components of friction, and the normal force."""
+        return apply(state.Lambda, self._force(state, self._Omegadot(state)))
+
+    def field(self, t: Float[Array, ""], state: EllipsoidState) -> EllipsoidState:
+        """𝕁Ω̇ = 𝕁Ω × Ω + s × R with s from the centre of mass to the contact, and V = s × Ω; q̇ = ½ q Ω♯."""
+        velocity = apply(state.Lambda, cross(self.contact(state.Gamma), state.Omega))
+        return EllipsoidState(derivative(state.q, state.Omega), self._Omegadot(state), velocity[:2])
+
+    def laws(self, t: Float[Array, ""], state: EllipsoidState) -> EllipsoidLaws:
+        s, Omega, Gamma = self.contact(state.Gamma) - self.offset, state.Omega, state.Gamma
+        V = cross(s, Omega)
+        kinetic = (dot(apply(self.J, Omega), Omega) + self.mass * dot(V, V)) / 2
+        return EllipsoidLaws(kinetic - self.mass * self.gravity * dot(s, Gamma), jnp.sum(state.q**2))
+
+    def conditions(self) -> Iterator[Condition]:
+        yield Condition(positive(self.mass), "mass", self.mass, "a positive number")
+        yield Condition(positive(self.semiaxes), "semiaxes", self.semiaxes, "three positive numbers")
+        yield positive_inertia(self.inertia)
+        yield real_inertia(self.inertia)
+        yield Condition(jnp.isfinite(self.turn), "turn", self.turn, "a finite number")
+        inside = jnp.sum((self.offset / self.semiaxes) ** 2) < 1
+        yield Condition(inside, "offset", self.offset, "a point inside the surface")
+        yield Condition(jnp.isfinite(self.gravity), "gravity", self.gravity, "a finite number")
+
+    def _height(self, Gamma: Float[Array, "3"]) -> Float[Array, ""]:
+        """√(Γ·A²Γ), the height of the geometric centre over the plane."""
+        return jnp.sqrt(jnp.sum((self.semiaxes * Gamma) ** 2))
+
+    def _moving(self, state: EllipsoidState) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+        """s, and the rest of m⁻¹R when Ω̇ is 0: ṡ × Ω + Ω × (s × Ω) + gΓ."""
+        Omega, Gamma = state.Omega, state.Gamma
+        Gammadot, height, squared = cross(Gamma, Omega), self._height(Gamma), self.semiaxes**2
+        s = self.contact(Gamma) - self.offset
+        sdot = -squared * (Gammadot - Gamma * dot(Gamma, squared * Gammadot) / height**2) / height
+        return s, cross(sdot, Omega) + cross(Omega, cross(s, Omega)) + self.gravity * Gamma
+
+    def _Omegadot(self, state: EllipsoidState) -> Float[Array, "3"]:
+        s, rest = self._moving(state)
+        J = self.J
+        about_contact = J + self.mass * (dot(s, s) * jnp.eye(3, dtype=s.dtype) - outer(s, s))
+        torque = cross(apply(J, state.Omega), state.Omega) + self.mass * cross(s, rest)
+        return apply(inverse(about_contact), torque)
+
+    def _force(self, state: EllipsoidState, Omegadot: Float[Array, "3"]) -> Float[Array, "3"]:
+        s, rest = self._moving(state)
+        return self.mass * (cross(s, Omegadot) + rest)
