@@ -41,6 +41,15 @@ DRAKE = Engine(
         Setting("Lagged", "MultibodyPlant, discrete_contact_approximation: the default", _discrete("lagged")),
         Setting("SAP", "the same", _discrete("sap")),
         Setting("TAMSI", "the same", _discrete("tamsi")),
+        Setting("continuous", "time_step 0: compliant contact; the step is the accuracy", {"continuous": True}),
     ),
 )
-ENGINES = {engine.family.name: engine for engine in (MUJOCO, DRAKE)}
+PYBULLET = Engine(
+    Family("PyBullet", "pybullet_", ("pybullet",), "engines"),
+    (
+        Setting("as it comes", "the defaults, without its damping"),
+        # "Choose the maximum number of constraint solver iterations": the default is 50.
+        Setting("500 iterations", "Quickstart Guide, setPhysicsEngineParameter", {"numSolverIterations": 500}),
+    ),
+)
+ENGINES = {engine.family.name: engine for engine in (MUJOCO, DRAKE, PYBULLET)}

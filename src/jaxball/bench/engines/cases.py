@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from ...physics.state import BallState
 from ...scenario import Scenario, load_scenario
 from .contract import Case
 
-SOLID = {"mass": 1.0, "inertia": (0.016, 0.016, 0.016), "radius": 0.2, "gravity": 9.81}  # 2/5 m r²
+SOLID: dict[str, Any] = {"mass": 1.0, "inertia": (0.016,) * 3, "radius": 0.2, "gravity": 9.81}  # 2/5 m r²
 
 
 def _slope() -> Scenario:
@@ -33,7 +34,8 @@ def _slide() -> Scenario:
 
 def _pendulum() -> Scenario:
     torque = Motor(Sinusoids(0.0, amplitude=[0.25], frequency=[2.0]))
-    ball = Ball(**SOLID | {"inertia": (0.02, 0.024, 0.022)}, mechanisms=[planar_pendulum(0.5, 0.1, drive=torque)])
+    shell: dict[str, Any] = SOLID | {"inertia": (0.02, 0.024, 0.022)}
+    ball = Ball(**shell, mechanisms=[planar_pendulum(0.5, 0.1, drive=torque)])
     start = BallState(Omega=(0.5, 2.0, 0.3), theta=(0.3,), thetadot=(0.0,))
     return Scenario("pendulum", ball, start, np.linspace(0.0, 5.0, 51), rtol=1e-12, atol=1e-12)
 

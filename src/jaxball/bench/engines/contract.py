@@ -1,6 +1,6 @@
 """The contract of the engines: a case, the settings of an engine, and the motion that it computes."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -68,3 +68,12 @@ class Motion(NamedTuple):
     theta: Float[np.ndarray, "T n"]
     thetadot: Float[np.ndarray, "T n"]
     seconds: float
+
+
+Row = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # of a motion, at one time
+
+
+def motion_of(rows: Sequence[Row], seconds: float) -> Motion:
+    """The motion whose arrays have these rows."""
+    q, Omega, centre, V, theta, thetadot = (np.stack(column) for column in zip(*rows, strict=True))
+    return Motion(q, Omega, centre, V, theta, thetadot, seconds)

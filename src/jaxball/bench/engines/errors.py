@@ -37,7 +37,8 @@ class Errors(NamedTuple):
 
 def exact(scenario: Scenario) -> Exact:
     """The motion by a run of the scenario; raises a ``RuntimeError`` if the run fails."""
-    system, run = scenario.system, scenario.simulate(throw=True)
+    system: Any = scenario.system
+    run = scenario.simulate(throw=True)
     r = float(system.radius)
     g = float(system.gravity)
     return Exact(*_seen(run), r, float(system.total_mass) * g * r, float(np.sqrt(g * r)))
@@ -57,7 +58,7 @@ def _seen(run: Trajectory[Any, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 def errors(scenario: Scenario, motion: Motion, true: Exact) -> Errors:
     """The errors of a motion."""
-    system = scenario.system
+    system: Any = scenario.system
     speed, energy = _of_states(system, scenario.times, states(system, motion))
     return _between(motion.centre[:, :2], np.asarray(speed), np.asarray(energy), true)
 
@@ -82,7 +83,7 @@ def states(system: System, motion: Motion) -> ReleasedState:
     return ReleasedState(body, motion.V, height)
 
 
-def _of_states(system: System, times: np.ndarray, state: ReleasedState):
+def _of_states(system: System, times: np.ndarray, state: ReleasedState) -> tuple[Any, Any]:
     """The speed of slip along the plane, and the energy."""
 
     def one(t, state):

@@ -1,18 +1,20 @@
 """MuJoCo: the robot as MJCF, stepped with ``mj_step``."""
 
 import contextlib
+import importlib
 import time
 from collections.abc import Iterator
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from ...mjcf import Exported, to_mjcf
 from ...physics.body import Disk
 from ...physics.state import DiskState
-from .contract import Case, Motion, Setting
+from .contract import Case, Motion, Row, Setting, motion_of
 
+# Untyped, because it need not be installed where types are checked.
+mujoco: Any = importlib.import_module("mujoco")
 INTEGRATORS = {
     name: getattr(mujoco.mjtIntegrator, f"mjINT_{name.upper()}") for name in ("Euler", "implicitfast", "RK4")
 }
@@ -30,14 +32,14 @@ def run(case: Case, setting: Setting, timestep: float) -> Motion:
         model.geom_friction[:, 0] = case.friction
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
-    rows, seconds = [_row(model, data, scenario)], 0.0
+    rows, seconds = [_row(data, scenario)], 0.0
     with _controlled(exported, scenario.times[0], timestep, int(steps.sum())):
         for count in steps:
             begin = time.process_time()
             mujoco.mj_step(model, data, int(count))
             seconds += time.process_time() - begin
-            rows.append(_row(model, data, scenario))
-    return Motion(*(np.stack(column) for column in zip(*rows, strict=True)), seconds)
+            rows.append(_row(data, scenario))
+    return motion_of(rows, seconds)
 
 
 @contextlib.contextmanager
@@ -79,7 +81,7 @@ def _set(model: Any, values: Any, timestep: float) -> None:
         model.geom_solimp[:] = values["solimp"]
 
 
-def _row(model: Any, data: Any, scenario: Any) -> tuple[np.ndarray, ...]:
+def _row(data: Any, scenario: Any) -> Row:
     names = scenario.system.coordinates
     theta = np.array([data.joint(name).qpos[0] for name in names])
     thetadot = np.array([data.joint(name).qvel[0] for name in names])
@@ -88,8 +90,8 @@ def _row(model: Any, data: Any, scenario: Any) -> tuple[np.ndarray, ...]:
         x, rise, phi = (data.joint(name).qpos[0] for name in ("x", "z", "phi"))
         vx, vz, phidot = (data.joint(name).qvel[0] for name in ("x", "z", "phi"))
         in_space = DiskState(phi=phi, phidot=phidot, z=x).in_space()
-        still = (np.array([x, 0.0, r + rise]), np.array([vx, 0.0, vz]))
-        return np.asarray(in_space.q), np.asarray(in_space.Omega), *still, theta, thetadot
+        centre, V = np.array([x, 0.0, r + rise]), np.array([vx, 0.0, vz])
+        return np.asarray(in_space.q), np.asarray(in_space.Omega), centre, V, theta, thetadot
     shell = data.joint("shell")
     qpos, qvel = shell.qpos.copy(), shell.qvel.copy()
     return qpos[3:], qvel[3:], qpos[:3], qvel[:3], theta, thetadot
