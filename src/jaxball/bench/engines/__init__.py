@@ -45,7 +45,7 @@ DRAKE = Engine(
     ),
 )
 PYBULLET = Engine(
-    Family("PyBullet", "pybullet_", ("pybullet",), "engines"),
+    Family("PyBullet", "pybullet_", ("pybullet",), "pybullet"),
     (
         Setting("as it comes", "the defaults, without its damping"),
         # "Choose the maximum number of constraint solver iterations": the default is 50.
