@@ -9,10 +9,19 @@ from ...interface.output import check_folder
 from ..jax_setup import set_up_jax
 from ..options import BadInputError, positive
 
+ENGINES = "engines"
+
 
 def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("problems", nargs="*", metavar="PROBLEM", help="problems to solve (default: all)")
-    parser.add_argument("--solvers", nargs="+", default=[], metavar="NAME", help="solvers, packages, or parts of names")
+    parser.add_argument(
+        "problems",
+        nargs="*",
+        metavar="PROBLEM",
+        help="problems to solve (default: all); after the word engines, robots to simulate in general engines",
+    )
+    parser.add_argument(
+        "--solvers", nargs="+", default=[], metavar="NAME", help="solvers, packages, or parts of names; or engines"
+    )
     parser.add_argument("--tolerances", nargs="+", type=positive, metavar="RTOL", help="default: 1e-4 to 1e-13")
     parser.add_argument("--budget", type=positive, metavar="SECONDS", help="time for the timed calls of each setting")
     parser.add_argument("--limit", type=positive, metavar="SECONDS", help="skip settings whose solves take longer")
@@ -25,6 +34,8 @@ def run(options: argparse.Namespace) -> int:
     if not options.list:
         check_folder(options.out, "--out")
     set_up_jax()
+    if options.problems[:1] == [ENGINES]:
+        return _engines(options)
     from ... import bench
 
     if options.list:
@@ -43,6 +54,25 @@ def run(options: argparse.Namespace) -> int:
     with interrupt_message(lambda: _stopped(options.out)):
         results = bench.bench(plan.problems, plan.contenders, settings, options.out)
     return INTERRUPTED if results.interrupted else 0
+
+
+def _engines(options: argparse.Namespace) -> int:
+    """Robots in general engines, beside the exact solution."""
+    for name in ("tolerances", "budget", "limit"):
+        if getattr(options, name) is not None:
+            raise BadInputError(f"Argument `--{name}` must be left out after `engines`, whose time steps are given.")
+    from ...bench import SelectionError
+    from ...bench.engines import run as engines
+
+    if options.list:
+        print(engines.listing())
+        return 0
+    try:
+        plan = engines.plan(options.problems[1:], options.solvers, quick=options.quick)
+    except SelectionError as error:
+        raise BadInputError(str(error)) from None
+    engines.measure(plan, options.out)
+    return 0
 
 
 def _stopped(out: Path) -> str:

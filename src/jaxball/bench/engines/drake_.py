@@ -1,0 +1,117 @@
+"""Drake: the robot as MJCF, in a MultibodyPlant that is discrete or continuous."""
+
+import importlib
+import logging
+import re
+import time
+from typing import Any
+
+import numpy as np
+
+from ...mjcf import Exported, MJCFError, to_mjcf
+from ...numerics.arrays import to_array
+from ...physics.body import Ball
+from ...physics.contact.released import ReleasedState, released
+from ...scenario import Scenario
+from .contract import Case, Motion, Row, Setting, motion_of
+
+# Untyped, because it need not be installed where types are checked.
+drake: Any = importlib.import_module("pydrake.all")
+
+SAMPLES = 20  # of a torque, in each interval between save times
+
+
+def run(case: Case, setting: Setting, timestep: float) -> Motion:
+    """The motion of a robot; raises :class:`~jaxball.mjcf.MJCFError` where Drake cannot express it.
+
+    Of a continuous plant, ``timestep`` is the accuracy that its integrator is asked for.
+    """
+    scenario, continuous = case.scenario(), setting.values.get("continuous", False)
+    exported = to_mjcf(scenario)
+    _check(scenario, exported)
+    step = 0.0 if continuous else timestep
+    config = drake.MultibodyPlantConfig(time_step=step, contact_model="point", **setting.values.get("plant", {}))
+    builder = drake.DiagramBuilder()
+    plant, _ = drake.AddMultibodyPlant(config, builder)
+    sliding = case.friction if scenario.contact is None else float(scenario.contact.sliding)
+    text = re.sub('friction="[^"]*"', f'friction="{sliding!r} 0 0"', exported.text)
+    _parse(plant, text)
+    _set_gravity(plant, scenario)
+    plant.Finalize()
+    if exported.controls:
+        times = np.linspace(scenario.times[0], scenario.times[-1], SAMPLES * (len(scenario.times) - 1) + 1)
+        torque = drake.PiecewisePolynomial.CubicShapePreserving(times, exported.controls_at(times).T, False)
+        source = builder.AddSystem(drake.TrajectorySource(torque))
+        builder.Connect(source.get_output_port(), plant.get_actuation_input_port())
+    simulator = drake.Simulator(builder.Build())
+    if continuous:
+        accurate = {"accuracy": timestep, "use_error_control": True, "max_step_size": 0.1}
+        drake.ApplySimulatorConfig(drake.SimulatorConfig(integration_scheme="runge_kutta3", **accurate), simulator)
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    _start(plant, context, scenario)
+    simulator.Initialize()
+    rows, seconds = [_row(plant, context, scenario)], 0.0
+    for t in scenario.times[1:] - scenario.times[0]:
+        begin = time.process_time()
+        simulator.AdvanceTo(float(t))
+        seconds += time.process_time() - begin
+        rows.append(_row(plant, context, scenario))
+    return motion_of(rows, seconds)
+
+
+def _parse(plant: Any, text: str) -> None:
+    """Adds the robot, without a warning for every attribute that Drake does not read."""
+    log = logging.getLogger("drake")
+    level = log.level
+    log.setLevel(logging.ERROR)
+    try:
+        drake.Parser(plant).AddModelsFromString(text, "xml")
+    finally:
+        log.setLevel(level)
+
+
+def _check(scenario: Scenario, exported: Exported) -> None:
+    if not isinstance(scenario.system, Ball):
+        raise MJCFError("A disk is left out, because Drake does not read the slides of its MJCF.")
+    if any("servos" in note for note in exported.notes):
+        raise MJCFError("Prescribed masses are left out, because Drake reads no servos from MJCF.")
+
+
+def _set_gravity(plant: Any, scenario: Scenario) -> None:
+    system: Any = scenario.system
+    ground = system.ground
+    up = np.array([0.0, 0.0, 1.0]) if ground is None else np.asarray(ground.up())
+    plant.mutable_gravity_field().set_gravity_vector(-float(system.gravity) * up)
+
+
+def _start(plant: Any, context: Any, scenario: Scenario) -> None:
+    """The initial state of the scenario."""
+    system: Any = scenario.system
+    state: Any = scenario.state
+    t = to_array(float(scenario.times[0]))
+    state = state if isinstance(state, ReleasedState) else released(system, t, state)
+    body, shell = state.body, plant.GetBodyByName("shell")
+    q = np.asarray(body.q / np.linalg.norm(body.q))
+    pose = drake.RigidTransform(drake.Quaternion(q), [*np.asarray(body.z), float(system.radius) + float(state.height)])
+    plant.SetFreeBodyPose(context, shell, pose)
+    velocity = drake.SpatialVelocity(np.asarray(body.Lambda) @ np.asarray(body.Omega), np.asarray(state.V))
+    plant.SetFreeBodySpatialVelocity(context=context, body=shell, V_JpJc=velocity)
+    for name, theta, rate in zip(system.coordinates, np.asarray(body.theta), np.asarray(body.thetadot), strict=True):
+        joint = plant.GetJointByName(name)
+        joint.SetPositions(context, [theta])
+        joint.SetVelocities(context, [rate])
+    if system.ground is not None and system.ground.turntable is not None:
+        rate = system.ground.turntable.turning.derivatives(t)[1]
+        plant.GetJointByName("turntable").SetVelocities(context, [float(rate)])
+
+
+def _row(plant: Any, context: Any, scenario: Scenario) -> Row:
+    shell = plant.GetBodyByName("shell")
+    pose, velocity = shell.EvalPoseInWorld(context), shell.EvalSpatialVelocityInWorld(context)
+    turn = pose.rotation()
+    system: Any = scenario.system
+    joints = [plant.GetJointByName(name) for name in system.coordinates]
+    theta = np.array([joint.GetPositions(context)[0] for joint in joints])
+    thetadot = np.array([joint.GetVelocities(context)[0] for joint in joints])
+    Omega = turn.matrix().T @ velocity.rotational()
+    return turn.ToQuaternion().wxyz(), Omega, pose.translation(), velocity.translational(), theta, thetadot

@@ -1,0 +1,75 @@
+"""``jaxball export`` and ``jaxball import``: their files and their refusals."""
+
+import csv
+import os
+import tomllib
+
+import mujoco
+import numpy as np
+import pytest
+
+from jaxball.cli import main
+
+ROBOT = """
+format = 1
+title = "a pendulum in a ball"
+kind = "ball"
+body = { mass = 1.0, radius = 0.5, inertia = [0.1, 0.1, 0.1], gravity = 9.8 }
+time = { start = 0.0, end = 1.0, step = 0.5 }
+
+[[mechanisms]]
+joints = [{ kind = "hinge", axis = [0.0, 1.0, 0.0], force = { kind = "motor", signal = 0.25 } }]
+masses = [{ mass = 0.5, place = [0.0, 0.0, -0.25] }]
+"""
+
+
+@pytest.fixture
+def robot(tmp_path, monkeypatch):
+    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))  # which other tests must not see changed
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "robot.toml").write_text(ROBOT)
+    return tmp_path
+
+
+def test_a_robot_goes_to_mujoco_and_back(robot, capsys):
+    assert main(["export", "robot.toml", "--to", "mjcf", "--out", "robot.xml", "--controls", "controls.csv"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("The body always rolls here;")
+    assert said.endswith("written: robot.xml, controls.csv\n")
+    model = mujoco.MjModel.from_xml_path("robot.xml")
+    assert np.isclose(model.body_mass.sum(), 1.5)
+    header, *rows = csv.reader((robot / "controls.csv").read_text().splitlines())
+    assert header == ["t", "mechanisms[0].joints[0]"]
+    assert rows == [["0.0", "0.25"], ["0.5", "0.25"], ["1.0", "0.25"]]
+    assert main(["import", "robot.xml", "--out", "again.toml", "--end", "1", "--step", "0.5", "--quiet"]) == 0
+    given, again = tomllib.loads(ROBOT), tomllib.loads((robot / "again.toml").read_text())
+    assert capsys.readouterr().out == ""
+    assert again["body"] == given["body"]
+    assert again["mechanisms"] == [
+        {"joints": given["mechanisms"][0]["joints"], "masses": given["mechanisms"][0]["masses"]}
+    ]
+    assert again["time"]["end"] == 1.0
+
+
+def test_files_go_to_standard_output(robot, capsys):
+    assert main(["export", "robot.toml", "--to", "mjcf", "--timestep", "0.001"]) == 0
+    captured = capsys.readouterr()
+    assert mujoco.MjModel.from_xml_string(captured.out).opt.timestep == 0.001
+    assert captured.err.startswith("The body always rolls here;")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["export", "suslov", "--to", "mjcf"], "Key `kind` must be a ball or a disk to be written as MJCF"),
+        (["export", "robot.toml", "--to", "mjcf", "--out", "a.txt"], "Argument `--out` must end in .xml"),
+        (["import", "robot.toml"], "The file must be XML, but it is not"),
+        (["import", "none.xml"], 'FILE must be a file of MuJoCo, but it is "none.xml"'),
+        (["bench", "engines", "slop"], "PROBLEM must contain slope, slide"),
+        (["bench", "engines", "--limit", "2"], "Argument `--limit` must be left out after `engines`"),
+    ],
+)
+def test_what_is_impossible_is_refused_with_a_sentence(robot, capsys, arguments, sentence):
+    assert main(arguments) == 2
+    assert capsys.readouterr().err.startswith(f"jaxball: {sentence}")
+    assert sorted(path.name for path in robot.iterdir()) == ["robot.toml"]
