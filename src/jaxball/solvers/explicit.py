@@ -1,5 +1,6 @@
 """The derivatives of a step of an explicit Runge–Kutta method in reverse mode, from its last stage to its first."""
 
+import functools
 from typing import Any, NamedTuple
 
 import diffrax
