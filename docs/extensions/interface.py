@@ -100,6 +100,7 @@ ELSEWHERE = (
     "lineax",
     "matplotlib",
     "xarray",
+    "gymnasium",
 )
 
 
