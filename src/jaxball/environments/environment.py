@@ -217,7 +217,7 @@ class Environment(Printed):
     def step(self, episode: Episode, action: Float[Array, " m"]) -> Transition:
         """A sample later, with the inputs held that the actions so far and the delay give.
 
-        Where the solve fails, the robot stays where it was, and the episode is terminated, with the status of the solve.
+        Where the solve fails, the robot stays where it was, and the episode is terminated with the status of the solve.
         An episode that is over can be stepped further, as if it went on; ``truncated`` stays true.
         """
         h, limits = self.sampled.sample, self.sampled.limits
