@@ -136,4 +136,5 @@ EXAMPLES = {
         },
         long=True,
     ),
+    "train_with_skrl.py": Example("Training with skrl", "disk", long=True),
 }

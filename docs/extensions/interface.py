@@ -101,6 +101,7 @@ ELSEWHERE = (
     "lineax",
     "matplotlib",
     "xarray",
+    "gymnasium",
 )
 
 

@@ -217,8 +217,8 @@ class Environment(Printed):
     def step(self, episode: Episode, action: Float[Array, " m"]) -> Transition:
         """A sample later, with the inputs held that the actions so far and the delay give.
 
-        An episode that is over may be stepped further; nothing says again that it is over but ``truncated``. Where the
-        solve fails, the robot stays where it was, and the episode is terminated, with the status of the solve.
+        Where the solve fails, the robot stays where it was, and the episode is terminated with the status of the solve.
+        An episode that is over can be stepped further, as if it went on; ``truncated`` stays true.
         """
         h, limits = self.sampled.sample, self.sampled.limits
         waiting = jnp.concatenate([(limits * jnp.clip(action, -1.0, 1.0))[None], episode.waiting[:-1]])
