@@ -295,3 +295,22 @@ def test_what_a_loop_reads_and_carries_is_counted():
     equation = the_equation(grow, 1.0, 2.0)
     assert [compat.argument(equation, name) for name in ("cond_nconsts", "body_nconsts")] == [1, 1]
     assert len(compat.argument(equation, "body_jaxpr").jaxpr.outvars) == 2
+
+
+def test_what_is_compiled_tells_what_it_was_made_of():
+    def f(x, n):
+        return x * n
+
+    assert compat.jitted(jax.jit(f, static_argnums=1)) == (f, (1,), ("n",))
+    assert compat.jitted(jax.jit(f)) == (f, (), ())
+    assert compat.jitted(f) is None
+
+
+def test_classes_tell_how_their_objects_are_taken_apart():
+    class Pair:
+        pass
+
+    assert compat.node_functions(Pair) == ()
+    apart, together = (lambda pair: ((), None)), (lambda _, parts: Pair())
+    jax.tree_util.register_pytree_node(Pair, apart, together)
+    assert compat.node_functions(Pair) == (apart, together)

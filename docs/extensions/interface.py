@@ -30,6 +30,7 @@ CHAPTERS = {
             "simulation.arguments",
             "simulation.trajectory",
             "interface.status",
+            "numerics.users_programs",
             "native",
             "results",
             "scenario",

@@ -174,13 +174,13 @@ def jitted(value: Any) -> tuple[Any, ...] | None:
     if type(value) is not type(_jitted):
         return None
     try:
-        content = value.__getstate__()
+        content: Any = value.__getstate__()
         return value.__wrapped__, tuple(content["static_argnums"]), tuple(content["static_argnames"])
     except (AttributeError, KeyError, TypeError):
         raise RuntimeError(f"JAX {jax.__version__} does not tell what a compiled function consists of.") from None
 
 
-_jitted = jax.jit(lambda x: x)  # of whose type are all that it returns
+_jitted: Any = jax.jit(lambda x: x)  # of whose type are all that it returns
 
 
 def primitive(name: str, function: Callable[..., Any], results: int | None = None) -> Any:

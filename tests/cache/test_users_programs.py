@@ -286,6 +286,7 @@ def test_results_may_contain_what_is_the_users_own(in_process):
     assert found.shape is shape  # that of this process
 
 
+@pytest.mark.thorough
 def test_systems_with_functions_of_users_are_found(in_process):
     """Their programs are those of jaxball."""
 
@@ -321,6 +322,7 @@ print(len(traced), *(float(x).hex() for x in results))
 """
 
 
+@pytest.mark.thorough
 def test_processes_find_programs_of_users_modules(tmp_path):
     """The second process traces nothing; the third, whose module has one other line, only what uses that."""
     (tmp_path / "script.py").write_text(SCRIPT)

@@ -209,7 +209,8 @@ def by_gauss_newton(program: AbstractProgram) -> Callable[..., Lagrangians]:
         def along(direction: Float[Array, " numbers"]) -> tuple[Any, Any, Any]:
             return jax.jvp(simulated, (x,), (direction,), has_aux=True)
 
-        runs, slopes, rest = jax.vmap(along, out_axes=(None, 0, None))(jnp.eye(x.size, dtype=x.dtype))
+        runs, slopes, rest = of_rows(along, jnp.eye(x.size, dtype=x.dtype))
+        runs, rest = jax.tree.map(lambda leaf: leaf[0], (runs, rest))
 
         def lagrangian(y: Float[Array, " n"]) -> tuple[Float[Array, ""], Evaluation]:
             change = program.numbers(y) - x
@@ -221,8 +222,11 @@ def by_gauss_newton(program: AbstractProgram) -> Callable[..., Lagrangians]:
             (value, at), slope = jax.value_and_grad(lagrangian, has_aux=True)(y)
             return slope, (value, slope, at)
 
-        hessian, (value, slope, at) = jax.jacfwd(gradient, has_aux=True)(y)
-        return _lagrangians(program, value, slope, at, multipliers)._replace(hessian=hessian)
+        columns, found = of_rows(
+            lambda v: jax.jvp(gradient, (y,), (v,), has_aux=True)[1:], jnp.eye(y.size, dtype=y.dtype)
+        )
+        value, slope, at = jax.tree.map(lambda leaf: leaf[0], found)
+        return _lagrangians(program, value, slope, at, multipliers)._replace(hessian=columns.T)
 
     return programs.jit(functools.partial(of_rows, one))
 
