@@ -365,8 +365,7 @@ class Switching(AbstractSwitching):
 
 
 def _transition(unpack: Callable[[Any], Any], given: tuple[Array, Array, Any, Array, Accuracy]) -> list[Array]:
-    """What follows an event, if there is one, with vectors in the place of states."""
-    t, y, _, event, _ = given
+    """What follows an event, as a :class:`Transition` with vectors in the place of states; zeros if there is none."""
 
     @jax.jit
     def transition(t: Array, y: Array, args: Any, event: Array, accuracy: Accuracy) -> list[Array]:
@@ -375,11 +374,10 @@ def _transition(unpack: Callable[[Any], Any], given: tuple[Array, Array, Any, Ar
         before, after = (packing.pack(done.t, state) for state in (done.before, done.after))
         return list(done._replace(before=before, after=after))
 
-    def nothing(*_: Any) -> list[Array]:
-        no = jnp.asarray(False)
-        return list(Transition(t, y, y, event, jnp.full_like(t, jnp.inf), no, no, no, jnp.asarray(int(Status.SUCCESS))))
+    def nothing(*given: Any) -> list[Array]:
+        return [jnp.zeros(x.shape, x.dtype) for x in jax.eval_shape(transition, *given)]
 
-    return jax.lax.cond(event != NONE, transition, nothing, *given)
+    return jax.lax.cond(given[3] != NONE, transition, nothing, *given)
 
 
 class _AfterReset(NamedTuple):

@@ -24,7 +24,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ...numerics import cooper_verner
-from ...numerics.arrays import Numbers
 from ...numerics.norms import root
 from ...numerics.vectors import apply, dot, inverse
 from ..body import AbstractBody
@@ -40,8 +39,8 @@ LIMITED = 1e-3  # a rebound slower than Newton's by a smaller fraction, in squar
 class _Care(NamedTuple):
     """The longest step, over the impulse in which v_s changes by its own size; the slip that counts as zero."""
 
-    share: Numbers
-    still: Numbers
+    share: Float[Array, ""] | float
+    still: Float[Array, ""] | float
 
 
 # Where σ does not turn but would if something changed, a step of any length is exact for values, not for derivatives.
@@ -177,7 +176,9 @@ class _Process(NamedTuple):
         pull = self.pull(_direction(x))
         return x + jnp.append(h * pull, h * x[2] + 0.5 * h**2 * pull[2])
 
-    def longest(self, x: Float[Array, "4"], share: Numbers, error: Float[Array, ""]) -> Float[Array, ""]:
+    def longest(
+        self, x: Float[Array, "4"], share: Float[Array, ""] | float, error: Float[Array, ""]
+    ) -> Float[Array, ""]:
         """A step with this error of v_s, which is smaller the less σ turns; at most a fraction of v_s."""
         D, sigma = self.D, _direction(x)
         pull = self.pull(sigma)[:2]

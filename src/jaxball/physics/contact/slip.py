@@ -110,7 +110,8 @@ def end(found: Response, mu: Float[Array, ""], slip: Float[Array, "3"]) -> End:
     def fastest(x: Float[Array, "6"]) -> Float[Array, ""]:
         sigma = unit(x[:2])
         acting, turned = jax.jvp(lambda sigma: sliding(*still, sigma), (sigma,), (left(sigma),))
-        return sum(root(jnp.sum(one.slip_acceleration[:2] ** 2)) for one in (acting, turned))
+        a, change = acting.slip_acceleration[:2], turned.slip_acceleration[:2]
+        return root(jnp.sum(a**2)) + root(jnp.sum(change**2))
 
     def advanced(x: Float[Array, "6"], _: None) -> tuple[Float[Array, "6"], None]:
         rate = fastest(jax.lax.stop_gradient(x))
@@ -227,8 +228,11 @@ class _Start(NamedTuple):
         x = jnp.tile(x0, (DEGREE + 1, 1))
         return _Window(span, tangents, x, inverse, jnp.asarray(0), jnp.asarray(False))
 
-    def accelerations(self, window: _Window, turned: bool = False) -> tuple[Array, Array, Array | None]:
-        """At the nodes, the slip accelerations, the rates of the states, and how the former change if σ is turned."""
+    def accelerations(self, window: _Window, turned: bool = False) -> tuple[Array, Array, Array]:
+        """At the nodes, the slip accelerations and the rates of the states.
+
+        If σ is ``turned``, also how the accelerations change with the tangents, otherwise zeros.
+        """
         unravel = ravel_pytree(self.state)[1]
 
         def at_node(t: Float[Array, ""], x: Float[Array, " size"], tangent: Float[Array, ""]) -> tuple:
@@ -242,7 +246,7 @@ class _Start(NamedTuple):
                 return acting.slip_acceleration[:2], ravel_pytree(moved)[0]
 
             if not turned:
-                return *pulled(tangent), None
+                return *pulled(tangent), jnp.zeros_like(self.sigma)
             a, change, rate = jax.jvp(pulled, (tangent,), (jnp.ones_like(tangent),), has_aux=True)
             return a, rate, change
 
@@ -266,8 +270,7 @@ class _Start(NamedTuple):
         """The tangents of a window that has been found, after as many more sweeps as give their derivatives."""
 
         def sweep(window: _Window, _: None) -> tuple[_Window, None]:
-            a, rate, _ = self.accelerations(window)
-            _, aside, _, x = self.integrated(window, a, rate)
+            aside, x = self.integrated(window, *self.accelerations(window)[:2])[1::2]
             return window._replace(x=x, tangents=window.turned(aside)), None
 
         return jax.lax.scan(sweep, window, None, length=SWEEPS)[0].tangents
