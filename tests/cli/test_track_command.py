@@ -9,7 +9,7 @@ import pytest
 import jaxball
 from jaxball.cli import main
 from jaxball.control import basin
-from tests.support.corpus import UNDER_FEEDBACK
+from tests.support.under_feedback import UNDER_FEEDBACK
 
 
 @pytest.fixture(autouse=True)

@@ -8,6 +8,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:  # for type checkers and editors, the same interface
     from .errors import ScenarioError as ScenarioError
     from .feedback import (
+        AbstractFeedbackSettings as AbstractFeedbackSettings,
         EstimatorSettings as EstimatorSettings,
         FeedforwardSettings as FeedforwardSettings,
         PredictiveSettings as PredictiveSettings,

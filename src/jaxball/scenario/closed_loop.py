@@ -17,7 +17,7 @@ from ..estimation import OutputFeedback
 from ..physics.body import System
 from ..simulation.trajectory import Trajectory
 from .errors import ScenarioError
-from .feedback import FeedforwardSettings, in_keys, sample_of
+from .feedback import AbstractFeedbackSettings, in_keys, sample_of
 from .files import read_document, write_scenario
 from .paths import with_numbers
 from .table import keeping_defaults
@@ -106,7 +106,7 @@ def system_of_run(scenario: "Scenario", u: Float[np.ndarray, "T m"]) -> System:
     return recorded(sampled.system, sampled.places, times, jnp.asarray(u[:-1]))
 
 
-def settings_of(scenario: "Scenario") -> FeedforwardSettings:
+def settings_of(scenario: "Scenario") -> AbstractFeedbackSettings:
     """The settings of its feedback.
 
     **Raises:** :class:`ScenarioError` where it has none.

@@ -1,5 +1,6 @@
 """Feedback and estimators in a scenario file: what holds the motion of the scenario, and what it knows of the state."""
 
+import abc
 import contextlib
 import re
 from collections.abc import Iterator, Mapping
@@ -41,10 +42,10 @@ OF_MODEL = ("body", "force", "ground", "resistance", "masses", "mechanisms", "ac
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class FeedforwardSettings:
-    """A run with the inputs of a motion alone, without feedback; what all kinds of feedback have.
+class AbstractFeedbackSettings(abc.ABC):
+    """What holds the motion of a scenario, which is its run without feedback; the samples are the save times.
 
-    The motion is that of the scenario, and the samples are its save times.
+    A kind of feedback implements ``along``.
 
     - ``inputs``: the names of the inputs, None for all that a schedule, a law or a motor moves.
     - ``limits``: the largest magnitude of each input, a number or by name; None for those of the motors.
@@ -62,14 +63,9 @@ class FeedforwardSettings:
     pushes: tuple[Push, ...] = ()
     model: Named = field(default_factory=dict)
 
+    @abc.abstractmethod
     def along(self, run: "Trajectory[Any, Any]", sample: float, rtol: float, atol: float) -> "AbstractFeedback":
         """The feedback along a run of the model."""
-        from ..control.feedback import Feedforward
-        from ..control.nominal import nominal_of, samples_in
-        from ..control.sampled import SampledSystem
-
-        sampled = SampledSystem.of(run.system, sample, self.inputs, rtol, atol)
-        return Feedforward(sampled, nominal_of(run, sampled, samples_in(run.times, sample)))
 
     def check(self, sampled: "SampledSystem") -> None:
         """Raises a ``ValueError`` for names and sizes that do not fit the robot."""
@@ -82,11 +78,24 @@ class FeedforwardSettings:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class RegulatorSettings(FeedforwardSettings):
+class FeedforwardSettings(AbstractFeedbackSettings):
+    """The inputs of the motion alone, without feedback: arguments as of :class:`AbstractFeedbackSettings`."""
+
+    def along(self, run, sample, rtol, atol):
+        from ..control.feedback import Feedforward
+        from ..control.nominal import nominal_of, samples_in
+        from ..control.sampled import SampledSystem
+
+        sampled = SampledSystem.of(run.system, sample, self.inputs, rtol, atol)
+        return Feedforward(sampled, nominal_of(run, sampled, samples_in(run.times, sample)))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RegulatorSettings(AbstractFeedbackSettings):
     """The linear quadratic regulator along the motion of a scenario, of :func:`jaxball.control.tvlqr`.
 
     - ``Q``, ``R``, ``Qf``: its weights: a number, numbers by name, a row or a matrix.
-    - The others: as of :class:`FeedforwardSettings`.
+    - The others: as of :class:`AbstractFeedbackSettings`.
     """
 
     Q: Any
@@ -119,7 +128,7 @@ class PredictiveSettings(RegulatorSettings):
     - ``horizon``: the number of samples that it looks ahead.
     - ``friction``: the coefficient μ that it keeps to; None for any.
     - ``penalty``: the cost of exceeding a limit by its own size, per time.
-    - The others: as of :class:`RegulatorSettings`.
+    - ``Q``, ``R``, ``Qf``: as of :class:`RegulatorSettings`; the others as of :class:`AbstractFeedbackSettings`.
     """
 
     horizon: int
@@ -258,13 +267,13 @@ class Fixed(NamedTuple):
     solve: Mapping[str, Any]
 
 
-def read_feedback(values: Any, path: str) -> FeedforwardSettings:
+def read_feedback(values: Any, path: str) -> AbstractFeedbackSettings:
     """What holds the motion of the scenario."""
     return read_family(values, path, FEEDBACK)
 
 
 def write_settings(
-    feedback: FeedforwardSettings | None, estimator: EstimatorSettings | None
+    feedback: AbstractFeedbackSettings | None, estimator: EstimatorSettings | None
 ) -> dict[str, dict[str, Any]]:
     """The tables [feedback] and [estimator], where there are such."""
     tables = {} if feedback is None else {"feedback": write_family(feedback, "feedback", FEEDBACK)}
@@ -272,7 +281,7 @@ def write_settings(
 
 
 def check_feedback(
-    feedback: FeedforwardSettings | None,
+    feedback: AbstractFeedbackSettings | None,
     estimator: EstimatorSettings | None,
     sensors: Mapping[str, AbstractSensor],
     fixed: Fixed,
@@ -348,7 +357,7 @@ def check_model(model: Named, document: Mapping[str, Any]) -> None:
 
 
 def _check_fit(
-    feedback: FeedforwardSettings,
+    feedback: AbstractFeedbackSettings,
     estimator: EstimatorSettings | None,
     system: System,
     sensors: Mapping[str, AbstractSensor],

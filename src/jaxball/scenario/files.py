@@ -37,8 +37,8 @@ from .errors import each_of, raise_first, tried
 from .feedback import (
     ESTIMATOR,
     KEYS as FEEDBACK_KEYS,
+    AbstractFeedbackSettings,
     EstimatorSettings,
-    FeedforwardSettings,
     Fixed,
     check_feedback,
     read_feedback,
@@ -162,7 +162,7 @@ class Contents(NamedTuple):
     times: SaveTimes
     solve: dict[str, Any]
     sensors: dict[str, AbstractSensor]
-    feedback: FeedforwardSettings | None = None
+    feedback: AbstractFeedbackSettings | None = None
     estimator: EstimatorSettings | None = None
 
     def scenario(self) -> Scenario:

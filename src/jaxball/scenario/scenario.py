@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..control.loop import ClosedLoop
     from ..simulation.events import AbstractEvent
     from ..simulation.trajectory import Trajectory
-    from .feedback import EstimatorSettings, FeedforwardSettings
+    from .feedback import AbstractFeedbackSettings, EstimatorSettings
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class Scenario:
     - ``contact``: the :class:`~jaxball.Contact`, the law by which a ball or a disk may slip, fly and bounce; None for
       one that always rolls.
     - ``sensors``: those of :mod:`jaxball.sensors` whose readings are saved and drawn with a run, by name.
-    - ``feedback``: a :class:`FeedforwardSettings`, or one of its subclasses, with which a run is a closed loop along
+    - ``feedback``: such as :class:`RegulatorSettings`, with which a run is a closed loop along
       the motion that the scenario has without it, sampled at the save times; None for a run without feedback.
     - ``estimator``: the :class:`EstimatorSettings` of feedback from what the sensors read; None for that of the state.
 
@@ -67,7 +67,7 @@ class Scenario:
     project: bool = False
     contact: Contact | None = None
     sensors: Mapping[str, AbstractSensor] = dataclasses.field(default_factory=dict)
-    feedback: "FeedforwardSettings | None" = None
+    feedback: "AbstractFeedbackSettings | None" = None
     estimator: "EstimatorSettings | None" = None
 
     def __repr__(self) -> str:
