@@ -66,7 +66,7 @@ def test_masses_at_the_centre_cannot_be_told_from_the_shell():
 BLOCK = """
 format = 1
 kind = "disk"
-body = { mass = 1.0, inertia = 0.5, gravity = 0.0 }
+body = { mass = 1.0, radius = 1.0, inertia = 0.5, gravity = 0.0 }
 time = { start = 0.0, end = 4.0, saves = 101 }
 initial = { theta = [0.62], thetadot = [0.0] }
 
