@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jaxball.design import DesignError, DesignSpace, Variable, identify
+from jaxball.scenario import read_document
 from tests.design.documents import builtin
 
 NOISE = 1e-3
@@ -66,7 +67,7 @@ def test_masses_at_the_centre_cannot_be_told_from_the_shell():
 BLOCK = """
 format = 1
 kind = "disk"
-body = { mass = 1.0, inertia = 0.5, gravity = 0.0 }
+body = { mass = 1.0, radius = 1.0, inertia = 0.5, gravity = 0.0 }
 time = { start = 0.0, end = 4.0, saves = 101 }
 initial = { theta = [0.62], thetadot = [0.0] }
 
@@ -89,7 +90,7 @@ def joint_position(run):
 def test_a_spring_and_friction_are_found_from_the_motion_of_a_joint():
     """Of a block that turns back five times; without noise, to what 1e-9 of the sum of squares leaves."""
     document = tomllib.loads(BLOCK)
-    path = np.asarray(DesignSpace(document, []).scenario.simulate().state.theta)
+    path = np.asarray(read_document(document).simulate().state.theta)
     space = DesignSpace(document, [Variable((p,), start=x) for p, x in zip(ON_BLOCK, (8.2, 0.33), strict=True)])
     result = identify(space, path, joint_position)
     np.testing.assert_allclose(result.estimates, (8.0, 0.3), atol=1e-4)

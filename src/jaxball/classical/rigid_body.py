@@ -10,7 +10,7 @@ from ..numerics.vectors import apply, cross, dot
 from ..numerics.versor import derivative
 from ..physics.conditions import Condition, positive_inertia, real_inertia
 from .base import AbstractClassicalSystem
-from .state import RigidBodyState
+from .state import OrientedState, RigidBodyState
 
 
 class FreeBodyLaws(NamedTuple):
@@ -94,6 +94,6 @@ def kinetic_energy(inertia: Float[Array, "3"], Omega: Float[Array, "3"]) -> Floa
     return 0.5 * dot(inertia * Omega, Omega)
 
 
-def versor_squared(state: RigidBodyState) -> Float[Array, ""]:
+def versor_squared(state: OrientedState) -> Float[Array, ""]:
     """|q|²."""
     return (state.q * state.q).sum()

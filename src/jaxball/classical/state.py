@@ -8,7 +8,26 @@ from ..numerics.versor import rotation_matrix, vertical_in_body
 from .base import AbstractClassicalState
 
 
-class RigidBodyState(AbstractClassicalState):
+class OrientedState(AbstractClassicalState):
+    """(q, Ω), which states of rigid bodies begin with: ``q`` of shape (4,), ``Omega`` of shape (3,)."""
+
+    q: Float[Array, "*batch 4"] = eqx.field(converter=numbers("q", (4,), batch=True), default=(1.0, 0.0, 0.0, 0.0))
+    Omega: Float[Array, "*batch 3"] = eqx.field(converter=numbers("Omega", (3,), batch=True), default=(0.0, 0.0, 0.0))
+
+    unit_vector = "q"
+
+    @property
+    def Lambda(self) -> Float[Array, "*batch 3 3"]:
+        """The rotation matrix Λ from body to space."""
+        return rotation_matrix(self.q)
+
+    @property
+    def Gamma(self) -> Float[Array, "*batch 3"]:
+        """Γ = Λ⁻¹ e3."""
+        return vertical_in_body(self.q)
+
+
+class RigidBodyState(OrientedState):
     """(q, Ω) of a rigid body with a fixed point; at rest and upright by default.
 
     ``q`` is a versor, whose rotation Λ maps body vectors to space vectors, and ``Omega`` the body
@@ -25,21 +44,6 @@ class RigidBodyState(AbstractClassicalState):
     >>> RigidBodyState(Omega=(0.0, 0.0, 2.0))
     RigidBodyState(q=(1.0, 0.0, 0.0, 0.0), Omega=(0.0, 0.0, 2.0))
     """
-
-    q: Float[Array, "*batch 4"] = eqx.field(converter=numbers("q", (4,), batch=True), default=(1.0, 0.0, 0.0, 0.0))
-    Omega: Float[Array, "*batch 3"] = eqx.field(converter=numbers("Omega", (3,), batch=True), default=(0.0, 0.0, 0.0))
-
-    unit_vector = "q"
-
-    @property
-    def Lambda(self) -> Float[Array, "*batch 3 3"]:
-        """The rotation matrix Λ from body to space."""
-        return rotation_matrix(self.q)
-
-    @property
-    def Gamma(self) -> Float[Array, "*batch 3"]:
-        """Γ = Λ⁻¹ e3."""
-        return vertical_in_body(self.q)
 
 
 class ParticleState(AbstractClassicalState):

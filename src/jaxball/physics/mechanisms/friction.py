@@ -77,7 +77,7 @@ class JointFriction(AbstractJointForce):
         direction = jnp.sign(thetadot) if self.direction is None else self.direction
         return -direction * self._level(direction * thetadot) - self.viscous * thetadot
 
-    def _level(self, speed: Float[Array, ""]) -> Float[Array, ""]:
+    def _level(self, speed: Float[Array, "*rates"]) -> Float[Array, "*rates"]:
         if self.stribeck is None:
             return self.kinetic
         return self.kinetic + (self.largest - self.kinetic) * jnp.exp(-((speed / self.stribeck) ** self.exponent))
