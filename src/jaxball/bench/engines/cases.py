@@ -1,6 +1,7 @@
 """The robots that all engines simulate; their numbers are our own, but for those of the paper."""
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -19,12 +20,14 @@ from .contract import Case
 SOLID: dict[str, Any] = {"mass": 1.0, "inertia": (0.016,) * 3, "radius": 0.2, "gravity": 9.81}  # 2/5 m r²
 
 
+@functools.cache
 def _slope() -> Scenario:
     ball = Ball(**SOLID, ground=Ground(angle=0.2))
     start = BallState(Omega=(-5.0, 0.0, 1.0))
     return Scenario("slope", ball, start, np.linspace(0.0, 3.0, 31), rtol=1e-12, atol=1e-12)
 
 
+@functools.cache
 def _slide() -> Scenario:
     start = ReleasedState(BallState(Omega=(0.0, -10.0, 0.0)), V=(3.0, 0.5, 0.0))
     return Scenario(
@@ -32,6 +35,7 @@ def _slide() -> Scenario:
     )
 
 
+@functools.cache
 def _pendulum() -> Scenario:
     torque = Motor(Sinusoids(0.0, amplitude=[0.25], frequency=[2.0]))
     shell: dict[str, Any] = SOLID | {"inertia": (0.02, 0.024, 0.022)}
@@ -41,7 +45,7 @@ def _pendulum() -> Scenario:
 
 
 def _builtin(name: str) -> Callable[[], Scenario]:
-    return lambda: dataclasses.replace(load_scenario(name), rtol=1e-12, atol=1e-12)
+    return functools.cache(lambda: dataclasses.replace(load_scenario(name), rtol=1e-12, atol=1e-12))
 
 
 _ALL = (

@@ -12,6 +12,7 @@ from ...mjcf import Exported, MJCFError, to_mjcf
 from ...numerics.arrays import to_array
 from ...physics.body import Ball
 from ...physics.contact.released import ReleasedState, released
+from ...physics.mechanisms import Hinge
 from ...scenario import Scenario
 from .contract import Case, Motion, Row, Setting, motion_of
 
@@ -75,6 +76,9 @@ def _check(scenario: Scenario, exported: Exported) -> None:
         raise MJCFError("A disk is left out, because Drake does not read the slides of its MJCF.")
     if any("servos" in note for note in exported.notes):
         raise MJCFError("Prescribed masses are left out, because Drake reads no servos from MJCF.")
+    mechanisms: Any = scenario.system.mechanisms  # with joints, or they could not have been written
+    if any(not isinstance(joint, Hinge) for mechanism in mechanisms for joint in mechanism.joints):
+        raise MJCFError("Mechanisms with other joints than hinges are left out, because this file starts no others.")
 
 
 def _set_gravity(plant: Any, scenario: Scenario) -> None:
@@ -98,11 +102,11 @@ def _start(plant: Any, context: Any, scenario: Scenario) -> None:
     plant.SetFreeBodySpatialVelocity(context=context, body=shell, V_JpJc=velocity)
     for name, theta, rate in zip(system.coordinates, np.asarray(body.theta), np.asarray(body.thetadot), strict=True):
         joint = plant.GetJointByName(name)
-        joint.SetPositions(context, [theta])
-        joint.SetVelocities(context, [rate])
+        joint.set_angle(context, theta)
+        joint.set_angular_rate(context, rate)
     if system.ground is not None and system.ground.turntable is not None:
         rate = system.ground.turntable.turning.derivatives(t)[1]
-        plant.GetJointByName("turntable").SetVelocities(context, [float(rate)])
+        plant.GetJointByName("turntable").set_angular_rate(context, float(rate))
 
 
 def _row(plant: Any, context: Any, scenario: Scenario) -> Row:
@@ -111,7 +115,7 @@ def _row(plant: Any, context: Any, scenario: Scenario) -> Row:
     turn = pose.rotation()
     system: Any = scenario.system
     joints = [plant.GetJointByName(name) for name in system.coordinates]
-    theta = np.array([joint.GetPositions(context)[0] for joint in joints])
-    thetadot = np.array([joint.GetVelocities(context)[0] for joint in joints])
+    theta = np.array([joint.get_angle(context) for joint in joints])
+    thetadot = np.array([joint.get_angular_rate(context) for joint in joints])
     Omega = turn.matrix().T @ velocity.rotational()
     return turn.ToQuaternion().wxyz(), Omega, pose.translation(), velocity.translational(), theta, thetadot

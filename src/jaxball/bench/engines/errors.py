@@ -2,6 +2,7 @@
 
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -59,7 +60,7 @@ def _seen(run: Trajectory[Any, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray
 def errors(scenario: Scenario, motion: Motion, true: Exact) -> Errors:
     """The errors of a motion."""
     system: Any = scenario.system
-    speed, energy = _of_states(system, scenario.times, states(system, motion))
+    speed, energy = _of_states(system, to_array(scenario.times), states(system, motion))
     return _between(motion.centre[:, :2], np.asarray(speed), np.asarray(energy), true)
 
 
@@ -83,12 +84,13 @@ def states(system: System, motion: Motion) -> ReleasedState:
     return ReleasedState(body, motion.V, height)
 
 
-def _of_states(system: System, times: np.ndarray, state: ReleasedState) -> tuple[Any, Any]:
+@eqx.filter_jit
+def _of_states(system: System, times: Any, state: ReleasedState) -> tuple[Any, Any]:
     """The speed of slip along the plane, and the energy."""
+    system = system.prepare()
 
-    def one(t, state):
+    def one(t: Any, state: ReleasedState) -> tuple[Any, Any]:
         slip = slip_velocity(system, t, state)
         return jnp.sqrt(jnp.sum(slip[:2] ** 2)), released_energy(system, t, state)
 
-    system = system.prepare()
-    return jax.jit(jax.vmap(one))(to_array(times), state)
+    return jax.vmap(one)(times, state)
