@@ -9,7 +9,7 @@ from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from ..native import jit
+from ..numerics.users_programs import jit
 from .environment import Environment, Transition
 from .lanes import in_lanes
 
