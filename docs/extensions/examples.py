@@ -101,6 +101,15 @@ EXAMPLES = {
         },
         long=True,
     ),
+    "figure_eight_held.py": Example(
+        "Figure eight held",
+        "six-tubes",
+        {
+            "figure-eight-held.png": "Paths from above: without feedback the ball leaves the figure eight after two "
+            "pushes, with feedback of the state or of what sensors read it stays on it"
+        },
+        long=True,
+    ),
     "problem_disk_control.toml": Example("Problem: disk, control", "disk"),
     "problem_disk_on_top.toml": Example("Problem: disk, masses on top", "disk"),
     "problem_disk_tracking.toml": Example("Problem: disk, tracking", "disk"),
