@@ -9,7 +9,7 @@ import pytest
 import tomli_w
 
 import jaxball
-from jaxball.control import Push, closed_loop, tvlqr
+from jaxball.control import Push, closed_loop, mpc, tvlqr
 from jaxball.estimation import OutputFeedback
 from jaxball.scenario import ScenarioError, read_document, read_scenario, write_scenario
 from jaxball.scenario.closed_loop import model_of
@@ -19,6 +19,7 @@ from jaxball.verify import verify
 from tests.support.under_feedback import PREDICTIVE, UNDER_FEEDBACK
 
 FEEDFORWARD = re.sub(r"kind = \"tvlqr\"\nQ = .*\nR = .*\nQf = .*", 'kind = "feedforward"', UNDER_FEEDBACK)
+WEIGHTS = {"phi": 1.0, "theta": 1.0}
 STUDY = {"format": 1, "axes": [{"path": "body.mass", "values": [1.0]}]}
 FEEDFORWARD = re.sub(r"\n\[estimator\].*(?=\n\[time\])", "", FEEDFORWARD, flags=re.DOTALL)
 
@@ -42,7 +43,7 @@ def robot(mass):
 def test_a_run_is_the_closed_loop_that_the_file_describes(run):
     """The regulator and the filter know another mass; both solve with the same tolerances, in another program."""
     motion = jaxball.simulate(robot(0.9), np.linspace(0.0, 1.0, 21))
-    track = tvlqr(motion, Q={"phi": 1.0, "theta": 1.0}, R=1.0, Qf=1.0, sample=0.05)
+    track = tvlqr(motion, Q=WEIGHTS, R=1.0, Qf=1.0, sample=0.05)
     sensors = {
         "camera": Position(errors=SensorErrors(noise=0.01, missing=0.2)),
         "gyro": Gyroscope(errors=SensorErrors(noise=0.02, bias=0.05, random_walk=0.01)),
@@ -102,6 +103,20 @@ def test_feedforward_is_the_motion_with_pushes_and_another_start():
     free = jaxball.simulate(pushed, known.times, start)
     np.testing.assert_allclose(run.state.z, free.state.z, rtol=0, atol=1e-8)
     assert run.history.estimate is None
+
+
+@pytest.mark.slow
+def test_predictive_control_plans_with_the_limits_of_the_file():
+    """Programs for its plans are solved to 1e-9 of their cost, which leaves some 1e-5 of the inputs."""
+    track = tvlqr(jaxball.simulate(robot(0.9), np.linspace(0.0, 1.0, 21)), Q=WEIGHTS, R=1.0, Qf=1.0, sample=0.05)
+    control = mpc(track, 4, limits=0.5, friction=0.3, penalty=100.0)
+    known = read_scenario(PREDICTIVE)
+    pushed = jaxball.Disk(**{**robot(1.0).arguments, "force": known.feedback.pushes[0]})
+    loop = closed_loop(control, {"phi": 0.2, "z": -0.2}, system=pushed, limits=0.5, delay=1)
+    run = known.simulate(throw=True)
+    assert np.max(np.abs(loop.u)) > 0.1
+    np.testing.assert_allclose(run.history.u[:-1], loop.u, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(run.state.z, loop.states.z, rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize("text", [UNDER_FEEDBACK, PREDICTIVE, FEEDFORWARD])
