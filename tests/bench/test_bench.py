@@ -71,6 +71,7 @@ def test_every_solver_takes_part_or_is_said_to_be_left_out(quick):
     assert "Left out as explicit on a stiff problem: Gauss, diffrax Dopri8" in printed
 
 
+@pytest.mark.thorough
 def test_errors_of_the_ball_are_those_of_the_reference(quick):
     _, _, content = quick
     exact = reference.ball().values[-1]
@@ -78,6 +79,7 @@ def test_errors_of_the_ball_are_those_of_the_reference(quick):
         assert row["error"] == float(np.max(np.abs(np.array(row["state"]) - exact)[6:]))
 
 
+@pytest.mark.thorough
 def test_concentrations_add_up_to_one(quick):
     """Robertson's reaction keeps a linear sum, and every solver of these keeps such sums to rounding."""
     _, _, content = quick
@@ -87,6 +89,7 @@ def test_concentrations_add_up_to_one(quick):
         assert abs(sum(row["state"]) - 1) <= 1e-9, row["solver"]
 
 
+@pytest.mark.thorough
 def test_times_and_counts_belong_to_solves(quick):
     _, _, content = quick
     for row in content["rows"]:
@@ -101,6 +104,7 @@ def test_times_and_counts_belong_to_solves(quick):
                 assert row["evaluations"] >= stages * (row["steps"] + (row["rejected"] or 0))
 
 
+@pytest.mark.thorough
 def test_collocation_evaluates_at_every_stage(quick):
     """Eight stages, and each step's iteration passes at least once through all."""
     _, _, content = quick
@@ -110,6 +114,7 @@ def test_collocation_evaluates_at_every_stage(quick):
         assert row["evaluations"] >= 8 * (row["steps"] + row["rejected"])
 
 
+@pytest.mark.thorough
 def test_a_finer_tolerance_gives_a_smaller_error_at_more_work(quick):
     _, _, content = quick
     rows = content["rows"]
@@ -120,6 +125,7 @@ def test_a_finer_tolerance_gives_a_smaller_error_at_more_work(quick):
             assert (fine["evaluations"] or math.inf) > (coarse["evaluations"] or 0)
 
 
+@pytest.mark.thorough
 def test_the_run_is_described(quick):
     _, _, content = quick
     assert datetime.fromisoformat(content["date"]).tzinfo is not None
@@ -130,6 +136,7 @@ def test_the_run_is_described(quick):
     assert content["problems"]["robertson"]["relative_error"]
 
 
+@pytest.mark.thorough
 def test_tables_show_the_cheapest_setting_and_the_ratio_to_the_fastest(quick):
     out, _, content = quick
     text = (out / "table.md").read_text(encoding="utf-8")
@@ -146,6 +153,7 @@ def test_tables_show_the_cheapest_setting_and_the_ratio_to_the_fastest(quick):
             assert line[4] == f"{best[line[0]] / min(best.values()):.2f}"
 
 
+@pytest.mark.thorough
 def test_the_two_kinds_of_figure_are_written(quick):
     out, _, _ = quick
     for problem in ("ball", "robertson"):

@@ -7,6 +7,8 @@ import pytest
 import jaxball
 from jaxball.control import Feedforward, closed_loop, tvlqr
 
+pytestmark = pytest.mark.thorough  # all share programs that take seconds to compile
+
 H = 0.02
 MOTOR = jaxball.Sinusoids(0.0, amplitude=[0.3], frequency=[3.0])
 SLIDE = jaxball.Sinusoids(0.5, amplitude=[0.2], frequency=[2.0])

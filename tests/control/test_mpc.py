@@ -11,6 +11,8 @@ from jaxball.control import closed_loop, mpc, tvlqr
 from jaxball.physics.observables import observe
 from tests.control import robots
 
+pytestmark = pytest.mark.thorough  # all share programs that take seconds to compile
+
 H, HORIZON = 0.1, 8
 
 
@@ -72,10 +74,9 @@ XI = np.zeros(12)
 XI[[3, 6]] = 0.3
 
 
-ALONE = [pytest.param(0.5, None, marks=pytest.mark.thorough), pytest.param(10.0, 0.03, marks=pytest.mark.thorough)]
+ALONE = [(0.5, None), (10.0, 0.03)]
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(("limit", "friction"), [*ALONE, (0.6, 0.04)], ids=str)
 def test_the_plan_is_the_solution_of_the_program_with_active_limits(track, limit, friction):
     """SciPy's barrier method stops where its cost is up to 1e-4 above the least, at inputs that are off by 1e-3."""
@@ -119,7 +120,6 @@ def test_without_active_limits_it_is_the_regulator(track):
     np.testing.assert_allclose(plan.z[0, 12:], expected, rtol=0, atol=1e-12)
 
 
-@pytest.mark.thorough
 def test_the_rows_are_derivatives_of_the_reaction(track):
     """f and N over the weight, by central differences of observables, with steps of 1e-5 of numbers of size 1."""
     control = mpc(track, HORIZON, friction=0.3)
@@ -151,7 +151,6 @@ def test_limits_that_cannot_be_kept_are_exceeded_least_and_named(track):
     np.testing.assert_allclose(np.asarray(plan.multipliers)[exceeded], penalty, rtol=1e-5)
 
 
-@pytest.mark.thorough
 def test_a_closed_loop_keeps_limits_that_the_regulator_would_exceed(track):
     """The linear prediction of friction is that of the motion; deviations of 0.1 change it by some per cent."""
     start = 0.3 * XI

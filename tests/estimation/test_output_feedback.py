@@ -16,6 +16,9 @@ START = {"phi": 0.3, "z": -0.3, "thetadot": -0.2}
 SPREAD = {"phi": 0.3, "phidot": 0.1, "z": 0.3, "theta": 0.1, "thetadot": 0.3}
 
 
+pytestmark = pytest.mark.thorough  # all share programs that take seconds to compile
+
+
 @pytest.fixture(scope="module")
 def track():
     """A disk that its pendulum holds at rest."""
@@ -39,7 +42,6 @@ def test_with_nearly_exact_sensors_it_is_feedback_of_the_state(track):
     np.testing.assert_allclose(seen.xi, exact.xi, rtol=0, atol=1e-5)
 
 
-@pytest.mark.thorough
 def test_poor_sensors_are_better_than_none_and_tell_how_good_they_are(track):
     poor = OutputFeedback.of(track, sensors(0.02, missing=0.5), spread=SPREAD)
     held = closed_loop(poor, START)
@@ -50,7 +52,6 @@ def test_poor_sensors_are_better_than_none_and_tell_how_good_they_are(track):
     assert float(jnp.mean(within)) > 0.95  # of a normal distribution, 0.997; errors of one run are correlated
 
 
-@pytest.mark.thorough
 def test_a_robot_with_other_parameters_is_held(track):
     """Nearly as by the feedback of its state: in the end to a tenth of the deviation at the start."""
     other = robots.with_pendulum(jaxball.Motor(0.0), mass=1.1)

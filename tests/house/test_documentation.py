@@ -35,6 +35,7 @@ EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
 LONG_PAGES = (
     "changing-the-paper.md",
     "chaos-and-stability.md",
+    "classical-systems.md",
     "comparing-solvers.md",
     "contact-and-events.md",
     "derivatives.md",
@@ -43,6 +44,7 @@ LONG_PAGES = (
     "files.md",
     "holding-a-motion.md",
     "mechanisms.md",
+    "sensors.md",
     "shaping-a-rail.md",
     "slip-and-flight.md",
     "solvers.md",

@@ -45,6 +45,7 @@ def test_the_page_has_two_walks():
     assert list(walks()) == ["A run, from a file to a figure", "A gradient"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("walk", walks())
 def test_a_walk_enters_the_functions_that_the_page_names_in_this_order(walk, tmp_path):
     program, steps = walks()[walk]

@@ -87,7 +87,9 @@ def test_bounces_are_a_geometric_series():
 @pytest.mark.parametrize(
     ("differentiate", "adjoint"), [(jax.jacfwd, diffrax.ForwardMode()), (jax.jacrev, None)], ids=["forward", "reverse"]
 )
-@pytest.mark.parametrize("jit", [jax.jit, jaxball.jit], ids=["xla", "native"])
+@pytest.mark.parametrize(
+    "jit", [pytest.param(jax.jit, id="xla", marks=pytest.mark.thorough), pytest.param(jaxball.jit, id="native")]
+)
 def test_derivatives_go_through_the_times_of_events(differentiate, adjoint, jit):
     """They are those of the closed form, in which each time depends on the start and on restitution."""
     found = jit(differentiate(lambda x, e: at_the_end(x, e, adjoint), argnums=(0, 1)))(1.0, 0.8)
@@ -200,6 +202,9 @@ def test_modes_are_integers_that_only_resets_change():
     np.testing.assert_allclose(run.state.x, expected, rtol=0, atol=1e-9)
     np.testing.assert_allclose(run.switches.times[:2], [1.0, released], rtol=0, atol=1e-9)
 
+
+@pytest.mark.thorough
+def test_the_time_of_a_mode_has_a_derivative():
     def end(omega):  # 1 + (1 + π/ω) − t, so that the derivative is −π/ω²
         return jaxball.simulate(Latch(omega), TIMES).state.x[-1]
 

@@ -11,7 +11,7 @@ from tests.support import lagrange, newton_euler, robots
 from tests.support.robot_balls import ball_of, follow, state_of
 
 MOMENTS = 5  # of each robot, by one compiled program
-SEEDS = [*range(3), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 8))]
+SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 8))]
 
 
 @pytest.fixture(scope="module", params=SEEDS)

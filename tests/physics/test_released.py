@@ -16,7 +16,7 @@ from tests.support.robot_balls import ball_of, state_of
 from tests.support.robots import Pushed, Slides
 
 MOMENTS = 4  # of each robot, by one compiled program
-SEEDS = [*range(2), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 8))]
+SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 8))]
 ORIGIN = np.zeros(3)
 
 
