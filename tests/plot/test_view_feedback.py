@@ -12,6 +12,7 @@ from scipy.stats import chi2
 
 from jaxball.control import FeedbackHistory
 from jaxball.estimation.estimate import Followed, LoopEstimate
+from jaxball.physics.hybrid import NO_HISTORY
 from jaxball.plot.view.feedback import half_axes
 from tests.support.browser import SOFTWARE, chromium, needs_chromium
 
@@ -30,7 +31,9 @@ def run(ball_trajectory):
     times = jnp.asarray(ball_trajectory.times)
     followed = Followed(thought, zero[:, None][:, :0], P, zero, zero.astype(int))
     estimate = LoopEstimate(times, DIRECTIONS, (), followed)
-    return dataclasses.replace(ball_trajectory, history=FeedbackHistory(nominal, zero[:, None], estimate, ("u",)))
+    return dataclasses.replace(
+        ball_trajectory, history=FeedbackHistory(NO_HISTORY.switches, nominal, zero[:, None], estimate, ("u",))
+    )
 
 
 def arrays(document, name):

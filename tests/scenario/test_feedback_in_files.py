@@ -16,12 +16,10 @@ from jaxball.scenario.closed_loop import model_of
 from jaxball.sensors import Gyroscope, Position, SensorErrors
 from jaxball.sweep import read_study
 from jaxball.verify import verify
-from tests.support.under_feedback import PREDICTIVE, UNDER_FEEDBACK
+from tests.support.under_feedback import FEEDFORWARD, PREDICTIVE, UNDER_FEEDBACK
 
-FEEDFORWARD = re.sub(r"kind = \"tvlqr\"\nQ = .*\nR = .*\nQf = .*", 'kind = "feedforward"', UNDER_FEEDBACK)
 WEIGHTS = {"phi": 1.0, "theta": 1.0}
 STUDY = {"format": 1, "axes": [{"path": "body.mass", "values": [1.0]}]}
-FEEDFORWARD = re.sub(r"\n\[estimator\].*(?=\n\[time\])", "", FEEDFORWARD, flags=re.DOTALL)
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from jaxball.scenario.sources import document_of
 from jaxball.sweep import read_study
 
 from .every_mechanism import EVERY_MECHANISM
-from .under_feedback import PREDICTIVE, UNDER_FEEDBACK
+from .under_feedback import FEEDFORWARD, PREDICTIVE, UNDER_FEEDBACK
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
@@ -405,7 +405,8 @@ def scenarios() -> dict[str, dict[str, Any]]:
     """The built-in scenarios, those of the documentation, and two with everything that a body can have."""
     texts = {name: builtin_text(name) for name in builtin_scenarios()}
     texts |= _blocks("reference/scenario-files.md", "```toml\n(.*?)```") | {"every motion": EVERY_MOTION}
-    texts |= {"every mechanism": EVERY_MECHANISM, "under feedback": UNDER_FEEDBACK, "predictive": PREDICTIVE}
+    texts |= {"every mechanism": EVERY_MECHANISM, "under feedback": UNDER_FEEDBACK}
+    texts |= {"predictive": PREDICTIVE, "feedforward": FEEDFORWARD}
     return {name: tomllib.loads(text) for name, text in texts.items()}
 
 
@@ -428,12 +429,10 @@ def problems() -> dict[str, dict[str, Any]]:
 def with_everything() -> list[dict[str, Any]]:
     """Documents that have all keys there are, but for `balance`."""
     classical = ("free-rigid-body", "heavy-top", "suslov", "nonholonomic-particle", "vakonomic-particle")
+    with_all_keys = ("every motion", "every mechanism", "under feedback", "predictive", "feedforward")
     named = [name for name in problems() if name.startswith("every kind")]
     return [
-        *(
-            scenarios()[name]
-            for name in (*classical, "disk", "every motion", "every mechanism", "under feedback", "predictive")
-        ),
+        *(scenarios()[name] for name in (*classical, "disk", *with_all_keys)),
         studies()["every axis"],
         *(problems()[name] for name in named),
     ]

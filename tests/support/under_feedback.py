@@ -44,9 +44,6 @@ end = 1.0
 step = 0.05
 """
 
-PREDICTIVE = re.sub(
-    r"\n\[estimator\].*(?=\n\[time\])",
-    "",
-    UNDER_FEEDBACK.replace('"tvlqr"', '"mpc"\nhorizon = 4\nfriction = 0.3\npenalty = 100.0'),
-    flags=re.DOTALL,
-)
+OF_STATE = re.sub(r"\n\[estimator\].*(?=\n\[time\])", "", UNDER_FEEDBACK, flags=re.DOTALL)
+PREDICTIVE = OF_STATE.replace('"tvlqr"', '"mpc"\nhorizon = 4\nfriction = 0.3\npenalty = 100.0')
+FEEDFORWARD = re.sub(r'"tvlqr"\nQ = .*\nR = .*\nQf = .*', '"feedforward"', OF_STATE)

@@ -7,28 +7,25 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..physics.hybrid import NO_HISTORY, AbstractHistory, Switches
+from ..physics.hybrid import AbstractHistory, Switches
 from ..physics.state import PlacedState
 
 
 class FeedbackHistory(AbstractHistory):
     """The history of a run under feedback, at its saved times, which are the samples.
 
+    - ``switches``: those of no system, because the body rolls throughout.
     - ``nominal``: the states of the motion that is held.
     - ``u``: the inputs from each time on; NaN at the end, after which there are none, shape (T, m).
     - ``estimate``: the :class:`~jaxball.estimation.LoopEstimate` of a feedback from sensors; else None.
     - ``inputs``: the names of the inputs.
     """
 
+    switches: Switches
     nominal: PlacedState
     u: Float[Array, "T m"]
     estimate: Any
     inputs: tuple[str, ...] = eqx.field(static=True)
-
-    @property
-    def switches(self) -> Switches:
-        """None: the body rolls throughout."""
-        return NO_HISTORY.switches
 
     @property
     def directions(self) -> tuple[str, ...]:
@@ -45,8 +42,9 @@ class FeedbackHistory(AbstractHistory):
         return [f"under feedback {sees}, by {', '.join(self.inputs)}"]
 
     def at_rows(self, rows: slice) -> "FeedbackHistory":
-        arrays, names = eqx.partition(self, eqx.is_array)
-        return eqx.combine(jax.tree.map(lambda leaf: leaf[rows], arrays), names)
+        arrays, names = eqx.partition((self.nominal, self.u, self.estimate), eqx.is_array)
+        nominal, u, estimate = eqx.combine(jax.tree.map(lambda leaf: leaf[rows], arrays), names)
+        return FeedbackHistory(self.switches, nominal, u, estimate, self.inputs)
 
 
 def until_end(rows: Float[Array, "samples ..."], count: int) -> Float[Array, "samples_and_end ..."]:

@@ -17,6 +17,7 @@ from ..numerics import programs
 from ..numerics.arrays import Numbers, is_traced, to_array
 from ..physics.body import System
 from ..physics.force import AbstractWrench
+from ..physics.hybrid import NO_HISTORY
 from ..physics.system import require_one_state
 from ..simulation.trajectory import Trajectory
 from .feedback import AbstractFeedback
@@ -79,7 +80,7 @@ class ClosedLoop(Printed):
         states = jax.tree.map(lambda leaf: leaf[numbered], nominal.states)
         estimate = self.feedback.estimated(self.times, self.memory)
         u = until_end(self.u, count)
-        return FeedbackHistory(states, u, estimate, self.plant.inputs)  # pyright: ignore[reportCallIssue]
+        return FeedbackHistory(NO_HISTORY.switches, states, u, estimate, self.plant.inputs)
 
     def __repr__(self) -> str:
         if is_traced(self.u):

@@ -10,7 +10,7 @@ import numpy as np
 from ..control.history import FeedbackHistory
 from ..estimation.estimate import Followed, LoopEstimate
 from ..numerics.arrays import to_array
-from ..physics.hybrid import AbstractHistory
+from ..physics.hybrid import NO_HISTORY, AbstractHistory
 from ..simulation.variables import Variable
 from .variables import Variables, described_fields, history_attributes, history_values
 
@@ -77,7 +77,7 @@ def read_feedback(about: Mapping[str, Any], arrays: Mapping[str, np.ndarray], st
         return type(states)(**{name: to_array(arrays[f"{prefix}_{name}"]) for name in vars(states)})
 
     u, inputs = to_array(arrays["inputs"]), names_in(about, INPUTS)
-    history = FeedbackHistory(of("nominal"), u, None, inputs)  # pyright: ignore[reportCallIssue]
+    history = FeedbackHistory(NO_HISTORY.switches, of("nominal"), u, None, inputs)
     if BIASES not in about:
         return history
     times, biases = to_array(arrays["time"]), names_in(about, BIASES)
