@@ -33,8 +33,8 @@ def estimate(estimate: AbstractEstimate, truth: PlacedState | None = None, confi
     - ``truth``: the states at the samples, as a simulation has them.
     - ``confidence``: the probability.
 
-    **Raises:** as :meth:`jaxball.estimation.AbstractEstimate.errors`; ``ValueError`` for a probability that is not between 0
-    and 1.
+    **Raises:** as :meth:`jaxball.estimation.AbstractEstimate.errors`; ``ValueError`` for a probability that is not
+    between 0 and 1.
     """
     if not 0 < confidence < 1:
         raise ValueError(f"Argument `confidence` must be between 0 and 1, but it is {confidence}.")
