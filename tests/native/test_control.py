@@ -116,6 +116,32 @@ def test_branches_that_overwrite(length):
     agree(f, 3, numbers(length))
 
 
+@pytest.mark.parametrize("length", LENGTHS)
+@pytest.mark.parametrize("which", [0, 1, 2])
+def test_what_a_branch_hands_on_and_is_read_after_it(length, which):
+    """Where one branch hands an array on, once or twice, another one does not write what it gives into that array."""
+
+    def f(which, x):
+        y = jnp.sort(x)
+        return lax.switch(which, [lambda: (y, y), lambda: (2 * y, y + 1), lambda: (y[::-1], y)]), 3 * y
+
+    agree(f, which, numbers(length))
+
+
+@pytest.mark.parametrize("overwrites", [True, False])
+@pytest.mark.parametrize("first", [True, False])
+def test_what_is_made_of_an_array_that_one_branch_overwrites(overwrites, first):
+    """It is not first computed in that branch, and read after it."""
+
+    def f(overwrites, x):
+        y = jnp.sort(x)
+        back = y[::-1]  # nothing that is computed at once
+        ways = [lambda: y.at[3].set(7.0), lambda: 2 * x]
+        return lax.cond(overwrites == first, *(ways if first else ways[::-1])), 3 * back
+
+    agree(f, overwrites, numbers(100))
+
+
 def test_branches_in_a_batch():
     agree(jax.vmap(lambda c, x: lax.cond(c, jnp.sin, jnp.cos, x)), numbers(30) > 0, numbers(30), ulps=4)
     condition = lambda c: c[1] < 9.0  # noqa: E731

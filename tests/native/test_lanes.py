@@ -107,6 +107,27 @@ def scattered(a):
     return empty.at[places].add(a), empty.at[places, 1].set(3.0, mode="drop")
 
 
+def far_outside(a):
+    """An update that is left out in some lanes reads and writes nothing there."""
+    kept, full = jnp.zeros(16), jnp.zeros((80, 2))
+    far = jnp.where(a > 1, 3, jnp.where(a > 0, 2**31 - 1, -(2**31)))
+    return kept.at[far].set(a, mode="drop"), full.at[far].add(a), full.at[far, 1].set(a, mode="drop")
+
+
+def handed_on(a):
+    """Lanes that go another way hand what they are given on twice, and all read it afterwards."""
+
+    def turn(carry):
+        i, x, y, count = carry
+        z, w, more = lax.cond((i + a).astype(int) % 3 == 0, lambda: (x + a, 2 * x, 3), lambda: (x, x, 0))
+        return i + 1, 0.5 * (z[::-1] + x), y.at[i].add(w[i]), count + more
+
+    def loop(n):
+        return lax.while_loop(lambda c: c[0] < 6 + a, turn, (0, a * jnp.arange(1.0 * n), jnp.ones(n), 0))[1:]
+
+    return loop(10), loop(60)
+
+
 def summed(a):
     wave = 1.5 + jnp.sin(a * jnp.arange(90.0))
     return jnp.sum(wave), jnp.argmax(wave), jnp.cumsum(wave), jnp.sort(wave), jnp.max(wave)
@@ -131,6 +152,8 @@ CASES = {
     "loops in loops": loops_in_loops,
     "branches in loops": branches_in_loops,
     "scattered": scattered,
+    "scattered far outside": far_outside,
+    "branches that hand on": handed_on,
     "sums and orders": summed,
     "products of matrices": lambda a: (a * jnp.arange(144.0).reshape(12, 12)) @ jnp.arange(144.0).reshape(12, 12),
     "a loop of as many turns in each lane": lambda a: lax.fori_loop(0, 30, lambda i, s: s * 0.9 + a * i, a),

@@ -1,4 +1,4 @@
-"""Small programs drawn at random: expressions, loops, branches and slices, against XLA."""
+"""Small programs drawn at random: expressions, loops, branches and slices, against XLA; also in lanes."""
 
 import jax
 import jax.numpy as jnp
@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from jax import lax
+
+from jaxball.native import lanes
 
 from .comparison import native
 
@@ -40,8 +42,11 @@ BINARY = [
 ]
 
 
-def steps(depth):
-    """A step takes some arrays and gives as many: a list of such is a program."""
+def steps(depth, loops=("loop", "while")):
+    """A step takes some arrays and gives as many: a list of such is a program.
+
+    - ``loops``: of as many turns each time, or of another number, which reverse mode can't differentiate.
+    """
     place = st.integers(0, 2)
     plain = st.one_of(
         st.tuples(st.just("unary"), st.integers(0, len(UNARY) - 1), place, place),
@@ -49,14 +54,16 @@ def steps(depth):
         st.tuples(st.just("set"), place, place, st.integers(-2, 9)),
         st.tuples(st.just("slice"), place, place),
         st.tuples(st.just("exchange"), place, place),
+        st.tuples(st.just("drop"), place, place, st.integers(0, 200)),
     )
     if not depth:
         return st.lists(plain, min_size=1, max_size=4)
-    inner = steps(depth - 1)
+    inner = steps(depth - 1, loops)
     nested = st.one_of(
         plain,
-        st.tuples(st.just("loop"), st.integers(0, 3), inner),
+        st.tuples(st.sampled_from(loops), place, st.integers(0, 3), inner),
         st.tuples(st.just("branch"), place, inner, inner),
+        st.tuples(st.just("hand on"), place, st.booleans(), st.lists(place, min_size=2, max_size=2), inner),
         st.tuples(st.just("scan"), place, inner),
     )
     return st.lists(nested, min_size=1, max_size=4)
@@ -76,8 +83,15 @@ def follow(program, arrays, i):
             arrays[how[0]] = lax.dynamic_update_slice(arrays[how[0]], 0.5 * arrays[how[1]][1:3], (i,))
         elif name == "exchange":
             arrays[how[0]], arrays[how[1]] = arrays[how[1]], arrays[how[0]]
+        elif name == "drop":
+            at = i + jnp.where(arrays[how[1]][1] > 0, how[2], 0)  # may lie outside
+            arrays[how[0]] = arrays[how[0]].at[at].set(0.5 * arrays[how[1]][0], mode="drop")
         elif name == "loop":
-            arrays = list(lax.fori_loop(0, how[0], lambda j, c, inner=how[1]: follow(inner, c, j), tuple(arrays)))
+            arrays = list(lax.fori_loop(0, how[1], lambda j, c, inner=how[2]: follow(inner, c, j), tuple(arrays)))
+        elif name == "while":
+            arrays = list(many_turns(how[2], arrays, how[1] + jnp.where(arrays[how[0]][0] > 0, 2, 0)))
+        elif name == "hand on":
+            arrays = handed_on(how, arrays, i)
         elif name == "branch":
             yes, no = (lambda c, inner=inner: follow(inner, c, i) for inner in how[1:])
             arrays = list(lax.cond(jnp.sum(arrays[how[0]]) > 0.3, yes, no, tuple(arrays)))
@@ -87,6 +101,21 @@ def follow(program, arrays, i):
             )
             arrays = [*arrays[:2], 0.5 * last]
     return tuple(arrays)
+
+
+def many_turns(program, arrays, turns):
+    """As many turns of a program as the numbers say."""
+    return lax.while_loop(
+        lambda c: c[0] < turns, lambda c: (c[0] + 1, follow(program, c[1], c[0])), (0, tuple(arrays))
+    )[1]
+
+
+def handed_on(how, arrays, i):
+    """Two of three arrays, each what one branch makes of it or, in the other, one that is handed on as it was given."""
+    which, first, given, program = how
+    ways = [lambda: tuple(arrays[k] for k in given), lambda: follow(program, arrays, i)[:2]]
+    given_back = lax.cond(jnp.sum(arrays[which]) > 0.3, *(ways if first else ways[::-1]))
+    return [0.5 * (new + old) for new, old in zip(given_back, arrays[:2], strict=True)] + [arrays[2]]
 
 
 @pytest.mark.thorough
@@ -104,7 +133,7 @@ def test_programs_agree(program, length, i):
 
 
 @settings(max_examples=6)
-@given(steps(1), st.sampled_from([4, 70]))
+@given(steps(1, ("loop",)), st.sampled_from([4, 70]))
 def test_their_derivatives_agree(program, length):
     arrays = tuple(np.random.default_rng(7).uniform(0.1, 1, length) for _ in range(3))
 
@@ -113,3 +142,35 @@ def test_their_derivatives_agree(program, length):
 
     for found, expected in zip(native(jax.grad(f), arrays), jax.jit(jax.grad(f))(arrays), strict=True):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+
+def in_lanes(program, length):
+    """Asserts that compilers agree on a program of which each row is computed in a lane."""
+    rows = tuple(np.random.default_rng(2).uniform(-1, 1, (19, length)) for _ in range(3))
+
+    def f(rows):
+        return lax.map(lambda arrays: follow(program, arrays, 1), rows)
+
+    for found, expected in zip(native(f, rows), jax.jit(f)(rows), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
+
+
+@pytest.fixture(scope="module")
+def everything_in_lanes():
+    """Also what does not pay."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lanes, "LEAST_WORK", 0)
+        yield
+
+
+@pytest.mark.thorough
+@settings(max_examples=20)
+@given(steps(2), st.sampled_from([4, 70]))
+def test_programs_agree_in_lanes(everything_in_lanes, program, length):
+    in_lanes(program, length)
+
+
+@settings(max_examples=6)
+@given(steps(1), st.sampled_from([4, 70]))
+def test_small_programs_agree_in_lanes(everything_in_lanes, program, length):
+    in_lanes(program, length)

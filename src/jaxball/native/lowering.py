@@ -154,7 +154,9 @@ class Function:
         if isinstance(array, Memory) and array.buffer.shared:
             return array
         if isinstance(array, Memory) and array.buffer.writable and array.varying >= lanes:
-            if value in operation.last and operation.reads[value] == 1 and array.buffer.owners > 1:
+            # What is computed in a branch is there in no other, and not after it.
+            always = value.block is operation.results[position].block
+            if value in operation.last and operation.reads[value] == 1 and array.buffer.owners > 1 and always:
                 self._settle_readers(value, array.buffer)
             if value in operation.last and operation.reads[value] == 1 and array.buffer.owners == 1:
                 return array

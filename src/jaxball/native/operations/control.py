@@ -348,7 +348,7 @@ class _Branches:
                         numbers = in_vectors(function.builder, array.dtype, array.shape, numbers)
                     self.cases[position].append((numbers, ""))
                 elif self.targets[position] is None:
-                    self._choose_target(position, array)
+                    self._choose_target(position, region, array)
             moves = [(target, array) for target, array in zip(self.targets, results, strict=True) if target is not None]
             storage.move([target for target, _ in moves], [array for _, array in moves])
             for position, small in enumerate(self.small):
@@ -358,10 +358,14 @@ class _Branches:
         self.given.bring_back()
         storage.sweep(mark)
 
-    def _choose_target(self, position: int, array: Array) -> None:
-        """The memory of a result: where the first branch has it already, if that is only its own."""
-        taken = {target.buffer.name for target in self.targets if target is not None}
+    def _choose_target(self, position: int, region: Block, array: Array) -> None:
+        """The memory of a result: where the first branch has it already, if that is only its own.
+
+        What a branch hands on as it was given it is its own if nobody reads that after the branches.
+        """
+        value, taken = region.results[position], {target.buffer.name for target in self.targets if target is not None}
         own = isinstance(array, Memory) and array.buffer.writable and array.buffer.owners == 1
+        own &= value.block is region or value in self.given.arrays
         same = array.varying == self.varying[position]
         if not isinstance(array, Memory) or not own or not same or array.buffer.name in taken:
             array = self.function.storage.allocate(array.shape, array.dtype, self.varying[position])

@@ -186,6 +186,8 @@ class _Places:
                 inside = b.binary("and", BOOL, inside, b.within(i, 0, length - size + 1))
             else:
                 inside = np.bool_(False)
+        if in_lanes(inside):  # where an update is left out, its place is read, and written as it was
+            place = [b.clamped(i, length - 1) for i, length in zip(place, self.shape, strict=True)]
         return inside, place
 
 
