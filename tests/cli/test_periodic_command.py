@@ -142,7 +142,7 @@ def test_a_chart_tells_bodies_that_cannot_be(capsys):
     assert content["status"][0] == [3, 3]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_robot_that_has_settled_comes_back_once_in_a_turn(capsys):
     """Where the motor's torque, stall (|command| − v / free speed), is the resistance's, rolling v."""
     speed = STALL * abs(COMMAND) / (ROLLING + STALL / FREE_SPEED)

@@ -124,7 +124,7 @@ def test_reading_a_scenario_does_need_them():
     assert not {"diffrax", "matplotlib", "xarray", "pandas"} & set(heavy)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_saved_run_is_drawn_without_solvers(tmp_path):
     made = [["simulate", "disk", "--end", "0.1", "--quiet", "--out", str(tmp_path / "run.npz")]]
     drawn = [

@@ -175,7 +175,7 @@ def test_an_impact_at_the_start_is_a_switch():
     np.testing.assert_allclose(np.sum(lost), run.contact.struck[-1], rtol=1e-12)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_slip_that_friction_nearly_holds_ends():
     """Its direction returns much faster than it slows down, so that steps are too short to halve its speed."""
     versor = np.array([0.846, 0.267, 0.238, -0.395])

@@ -58,7 +58,7 @@ def test_friction_that_grows_with_the_speed_stops_a_slip_as_an_exponential(start
     np.testing.assert_allclose(run.contact.rubbed[-1], lost, rtol=0, atol=1e-11)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_derivatives_by_the_numbers_of_a_law():
     """∂v/∂c of the closed form at t = 0.4, before the slip ends."""
     mu, c, v0 = 0.1, 0.05, 1.4
@@ -75,7 +75,7 @@ def test_derivatives_by_the_numbers_of_a_law():
     np.testing.assert_allclose(jax.jacfwd(speed)(jnp.asarray(c)), jax.jacfwd(closed)(c), rtol=0, atol=1e-9)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_law_that_does_not_depend_on_the_speed_is_a_coefficient():
     """Where nothing is isotropic, through slips that begin and end, on a slope: the same run."""
     ball = Ball(mass=M, inertia=(0.5, 0.6, 0.7), offset=(0.1, 0.0, -0.2), radius=R, gravity=G, ground=Ground(0.3, 0.2))

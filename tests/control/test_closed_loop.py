@@ -70,8 +70,8 @@ def test_a_robot_with_other_parameters_comes_back_too(track):
     np.testing.assert_allclose(loop.xi[-1, [0, 3]], 0, atol=0.02)
 
 
+@pytest.mark.parametrize("mode", [pytest.param("reverse", marks=pytest.mark.slow), "forward"])
 @pytest.mark.thorough
-@pytest.mark.parametrize("mode", ["reverse", "forward"])
 def test_gradients_of_the_cost_are_those_of_differences(track, mode):
     """By all gains along a direction, and by the mass. Limits are off, at which the cost has kinks.
 

@@ -151,6 +151,7 @@ def test_limits_that_cannot_be_kept_are_exceeded_least_and_named(track):
     np.testing.assert_allclose(np.asarray(plan.multipliers)[exceeded], penalty, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_closed_loop_keeps_limits_that_the_regulator_would_exceed(track):
     """The linear prediction of friction is that of the motion; deviations of 0.1 change it by some per cent."""
     start = 0.3 * XI

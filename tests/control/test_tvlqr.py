@@ -112,7 +112,7 @@ def test_the_gains_are_those_of_the_recursion_for_p(moving):
         P, p = Q + A.T @ P @ A - G.T @ K, A.T @ (P @ c + p) - G.T @ offset
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_nominal_inputs_give_the_motion(moving):
     """Held means of efforts miss each next state by the third order in the sample, so halving it divides that by 8."""
     misses = []

@@ -40,7 +40,7 @@ def broken(p, adjoint=None):
     return simulate(Ball(mass=1.0, inertia=(0.5, 0.6, 0.7), masses=[mass]), TIMES, adjoint=adjoint)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_run_that_stops_where_a_number_is_not_finite():
     p = jnp.array([1.3, 1.0])
 

@@ -25,7 +25,7 @@ def run_with_motors():
     return Run(disk, jnp.asarray(TIMES), run.state, run.status)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_efforts_of_joints_are_those_of_their_motors():
     run, weight = run_with_motors(), 2.0 * GRAVITY
     by_accelerations = jax.jit(lambda run: run.observables.joint_efforts)(run)  # Σ m χ_a·(a + γ)
@@ -39,7 +39,7 @@ def test_efforts_of_joints_are_those_of_their_motors():
     np.testing.assert_allclose(jnp.max(violation, axis=0), expected, rtol=1e-8)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_friction_is_found_from_a_path():
     """A ball with a pendulum, from rest on a slope, whose path has noise of a thousandth of the radius."""
     document = builtin("pendulum-on-a-slope", start=0.0, end=8.0, saves=161)

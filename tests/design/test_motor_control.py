@@ -106,7 +106,7 @@ def test_a_joint_that_is_accelerated_finds_the_same_torque(driven):
     np.testing.assert_allclose(run.observables.joint_efforts[:-1, 0], torque, atol=1e-4)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_rotor_rolls_a_disk_as_a_double_integrator_does():
     """(D − C + M r²) z̈ = −r Q, with D − C the shell's inertia: Q = −6 (D − C + M r²) z (1 − 2 t/T) / (r T²).
 

@@ -141,7 +141,7 @@ def test_a_slip_ends_when_friction_has_made_it_roll():
         np.testing.assert_allclose(run.contact.rubbed[:, -1], V**2 / 7, rtol=1e-9)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_what_rows_share_may_be_given_once():
     rows, many = random_ensemble()
     system, state, law = jax.tree.map(lambda leaf: leaf[:6], built(rows))

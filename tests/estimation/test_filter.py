@@ -186,7 +186,7 @@ def test_inputs_are_known_to_the_filter():
     np.testing.assert_allclose(estimate.state.phi, run.state.phi, rtol=0, atol=1e-8)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_derivative_of_a_deviation_by_the_noise_of_a_sensor(free_disk):
     """Against central differences, whose error is of the order of the square of their step."""
     disk, _, run = free_disk

@@ -70,7 +70,7 @@ def test_quadratic_drag_slows_a_rolling_ball_as_one_over_the_time(v0):
     np.testing.assert_allclose(slope, -v0 * abs(v0) * TIMES / inertia / grown**2, rtol=0, atol=1e-10)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_force_linear_in_the_velocities_is_the_resistance_of_a_medium():
     """On a slope with a turntable, with an offset and a pendulum, as the ball slides, rolls, flies and bounces."""
     arm = jaxball.planar_pendulum(0.3, 0.4, drive=jaxball.Spring(1.0))

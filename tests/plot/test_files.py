@@ -40,7 +40,7 @@ def test_all_figures_of_the_disk(disk_trajectory, tmp_path):
         assert 0.005 < ink(path) < 0.3, path
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_ball_without_masses_has_no_figure_of_a_dot(bare_trajectory, thrown_trajectory, tmp_path):
     """In the body, the centre of mass of a shell stays where it is; in space it does where it is the centre."""
     for run, without in (
