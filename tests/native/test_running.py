@@ -104,24 +104,29 @@ def test_a_handler_of_signals_may_run_a_program():
 
 @pytest.mark.parametrize(
     "programs",
-    [pytest.param(500, marks=pytest.mark.thorough), pytest.param(10_000, marks=pytest.mark.slow)],
+    [pytest.param(300, marks=pytest.mark.thorough), pytest.param(10_000, marks=pytest.mark.slow)],
 )
 def test_memory_does_not_grow(programs):
-    """Programs that are made and dropped leave nothing behind."""
+    """Programs that are made and dropped leave nothing behind, once LLVM has the memory that it works in.
+
+    That takes some 200 programs. Afterwards pages that are not full yet take up to 0.5 MB, and 10,000 programs 0.8 MB; a
+    program that was kept would take at least 4 kB.
+    """
+    from jaxball.native import operations  # noqa: F401 (whose rules are entered)
 
     def made(k):
         return Executable(compiled(module, 1))([np.full(100, float(k))])
 
     module = jax.jit(lambda x: lax.fori_loop(0, 3, lambda i, x: jnp.sin(x) + x[::-1], x)).lower(np.ones(100))
     module = module.compiler_ir("stablehlo")
-    for k in range(30):
+    for k in range(250):
         made(k)
     gc.collect()
     before = resident()
     for k in range(programs):
         made(k)
     gc.collect()
-    assert resident() - before < 1.5e6  # of which 0.5 MB is what pages of memory that are not full yet take
+    assert resident() - before < 0.6e6 + 100 * programs
 
 
 def resident():
