@@ -64,7 +64,7 @@ def test_balanced_on_a_slope_is_on_the_vertical_through_the_contact_point():
     np.testing.assert_allclose([beside(0), beside(1)], [0.0, away**2], atol=1e-16)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_guess_on_a_slope_begins_and_ends_at_rest():
     """The pendulum's lean and the torque that holds it are those of the closed forms, at both ends."""
     target = design.FollowTrajectory(design.Through([[0.0, 0.0], [PLACE, 0.0]]), rest_to_rest=True)

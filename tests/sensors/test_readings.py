@@ -126,7 +126,7 @@ def drive(t, state, p):
     return -2.0 * state.theta[:1] + state.Omega[:1]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_masses_carry_sensors_too():
     """On rails by schedule and by law, in a mechanism of joints and in one that is a function: by their places."""
     sensors = {
@@ -263,7 +263,7 @@ def test_a_failed_run_has_no_readings_where_it_did_not_come():
         np.testing.assert_array_equal(np.isfinite(np.asarray(values).reshape(len(known), -1)).all(axis=1), known)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_readings_have_derivatives():
     @jax.jit  # by the compiler of the derivatives, in the same steps
     def felt(place):

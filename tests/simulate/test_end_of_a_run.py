@@ -81,7 +81,7 @@ def agrees(efforts):
     np.testing.assert_allclose(efforts[:, 0], [0.3, -0.5, -0.5], rtol=0, atol=1e-12)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_motor_has_the_last_step_at_the_end_wherever_it_is_looked_at(tmp_path):
     system, start, _ = SYSTEMS["motor"]
     times = np.array([0.0, 0.5, END])
@@ -125,7 +125,7 @@ def test_where_the_end_is_looked_at(kinks, end, expected):
     assert float(jax.grad(lambda end: seen_from_before(kinks, end))(end)) == 1.0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_what_bends_at_the_end_needs_no_more_than_its_own_derivative():
     """N at the end of a disk that is pushed to there, against differences of runs, of the times of the last piece."""
 

@@ -89,7 +89,7 @@ def turned(ball, t, state):
     return state.q[1]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_events_happen_when_they_do_in_another_run(solver):
     events = {"turned": Event(turned, terminal=True)}
     times = [simulate(BALL, TIMES, solver=method, events=events).reached for method in (solver, DOPRI8)]
@@ -103,7 +103,7 @@ def test_projection(solver):
     np.testing.assert_allclose(np.linalg.norm(state.q, axis=1), 1.0, rtol=0, atol=5e-16)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("differentiate", [jax.grad, jax.jacfwd], ids=["reverse", "forward"])
 def test_derivatives_agree_with_those_of_dopri8(solver, differentiate):
     adjoint = diffrax.ForwardMode() if differentiate is jax.jacfwd else None

@@ -165,13 +165,13 @@ class TestDerivatives:
         value, along = jax.jit(lambda y: jax.jvp(end, (y,), (y,)))(self.Y0)
         np.testing.assert_allclose(along, value, rtol=0, atol=self.LEFT[method.solver])
 
-    @pytest.mark.thorough
+    @pytest.mark.slow
     def test_reverse_mode_is_exact_for_the_steps_taken(self, method):
         end = functools.partial(self.end, method)
         value, along = jax.jit(lambda y: (end(y), jax.jacrev(end)(y) @ y))(self.Y0)
         np.testing.assert_allclose(along, value, rtol=0, atol=self.LEFT[method.solver])
 
-    @pytest.mark.thorough
+    @pytest.mark.slow
     def test_derivative_with_respect_to_the_end_is_the_slope(self, method):
         slope = jax.jacrev(functools.partial(self.end, method), argnums=1)(self.Y0, jnp.asarray(3.0))
         end = self.end(method, self.Y0)

@@ -45,7 +45,7 @@ def test_rows_slide_as_far_as_their_friction_says(tmp_path):
     assert [float(scenario.contact.static), float(scenario.state.V[0])] == [0.1, 1.0]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_what_is_found_of_rows_knows_how_they_slide(tmp_path):
     """N is that of the weight, and the energy with what friction took stays; the disk goes as far as its slip says."""
     finds = 'find = ["distance", "energy_drift", "least_normal_force", "largest_friction"]'

@@ -32,7 +32,7 @@ def test_what_is_found_stands_in_the_store_and_the_table(tmp_path):
     np.testing.assert_array_equal(table["distance"], data["distance"])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_every_method_of_a_scenario_finds_the_same(tmp_path):
     """Each at a tolerance of 1e-10 for the states, which a distance over two units of time inherits."""
     found = {}
