@@ -4,6 +4,7 @@ So every axis, point and place has the numbers that it has here. A link is a bod
 MuJoCo requires; the masses that it carries are bodies fixed in it.
 """
 
+import functools
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -18,30 +19,13 @@ from ..physics.mechanisms import AbstractJoint, Carriage, Hinge, Mechanism, Slid
 from ..physics.motion import AbstractPrescribedMotion, Fixed, OnRail
 from ..physics.parameters import PointMass
 from ..physics.rails import AbstractRail, Circle, Tube
-from ..physics.schedules import AbstractSchedule
-from .drives import Control, write_drive, write_servo
+from ..physics.schedules import AbstractSchedule, FunctionSchedule
+from .drives import Control, write_drive
 from .elements import LEAST, MJCFError, add
 
 ALONG = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 ON_AXIS = 1e-12  # relative to the radius of a circle
 SHOWN = 0.04  # the radius of the sphere that shows a mass, relative to that of the shell
-
-
-class AlongAxis(AbstractSchedule):
-    """One coordinate of a prescribed motion as a schedule."""
-
-    motion: AbstractPrescribedMotion
-    axis: int
-
-    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
-        return self.motion(t)[self.axis]
-
-    def derivatives(self, t: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
-        x, v, a = (values[self.axis] for values in self.motion.kinematics(t))
-        return x, v, a
-
-    def advanced(self, by: Float[Array, ""]) -> "AlongAxis":
-        raise NotImplementedError
 
 
 @dataclass
@@ -103,8 +87,12 @@ def _write_mass(item: PointMass, name: str, shell: ET.Element, links: Links) -> 
     _add_least(body)
     for axis, direction in enumerate(ALONG.items()):
         joint = add(body, "joint", name=f"{name}.{direction[0]}", type="slide", axis=direction[1])
-        _drive(joint, AlongAxis(motion, axis), mass, links)
+        _drive(joint, FunctionSchedule(functools.partial(_coordinate, axis), motion), mass, links)
     _add_mass(body, f"{name}.mass", mass, np.zeros(3), links)
+
+
+def _coordinate(axis: int, t: Float[Array, ""], motion: AbstractPrescribedMotion) -> Float[Array, ""]:
+    return motion(t)[axis]
 
 
 def _write_mechanism(mechanism: Mechanism, name: str, shell: ET.Element, links: Links) -> None:
@@ -134,11 +122,8 @@ def _write_mechanism(mechanism: Mechanism, name: str, shell: ET.Element, links: 
 def _drive(joint: ET.Element, drive: Any, inertia: float, links: Links) -> None:
     name = joint.get("name", "")
     links.schedules[name] = drive if isinstance(drive, AbstractSchedule) else None
-    if isinstance(drive, AlongAxis):
-        links.controls.append(write_servo(name, name, drive, links.actuators, inertia, links.timestep))
-    else:
-        drive = drive.prepare() if isinstance(drive, AbstractSchedule) else drive
-        links.controls += write_drive(drive, joint, links.actuators, inertia, links.timestep)
+    drive = drive.prepare() if isinstance(drive, AbstractSchedule) else drive
+    links.controls += write_drive(drive, joint, links.actuators, inertia, links.timestep)
 
 
 def _add_joint(body: ET.Element, name: str, joint: AbstractJoint, before: Float[np.ndarray, "3"]) -> ET.Element:
