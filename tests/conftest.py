@@ -46,7 +46,7 @@ def pytest_configure(config):
     """Compiling takes most of the default run; only long studies gain more from optimised programs than they cost."""
     unoptimised = "not slow" in config.option.markexpr
     if _checks_shapes(config):
-        jaxtyping.install_import_hook(checked.modules(), "beartype.beartype")
+        checked.install()
     from tests.support import programs
 
     jax.config.update("jax_disable_most_optimizations", unoptimised)
