@@ -21,18 +21,21 @@ NAMES = (
     "ellipse-and-eight",
     "gyroscopic-pendulum",
     "moball",
+    "norma",
     "pendulum",
     "pendulum-and-yoke",
     "pendulum-on-a-slope",
     "roboball",
     "roboball-2",
     "rolling-robot",
+    "rotunbot",
     "routh-sphere",
     "six-tubes",
     "spokes",
     "three-rotors",
     "turntable",
     "vibrating-plane",
+    "yoke-robot",
 )
 RELEASED = ("bouncing-ball", "bowling-ball", "hoop-with-backspin", "slipping-ball")
 CONSERVATIVE = ("free-rigid-body", "heavy-top", "nonholonomic-particle", "rattleback", "suslov", "vakonomic-particle")
