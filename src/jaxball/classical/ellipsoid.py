@@ -12,9 +12,8 @@ from ..numerics.trigonometry import sine_cosine
 from ..numerics.vectors import apply, cross, dot, inverse, outer
 from ..numerics.versor import derivative
 from ..physics.conditions import Condition, positive, positive_inertia, real_inertia
-from .base import AbstractClassicalSystem
 from .rigid_body import principal_moments, versor_squared
-from .state import OrientedState
+from .state import AbstractClassicalSystem, OrientedState
 
 
 class EllipsoidState(OrientedState):

@@ -18,13 +18,12 @@ from .. import native
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.batches import even_size, map_batches
-from ..numerics.masks import with_unknown_derivatives
+from ..numerics.differentiation import with_unknown_derivatives
 from ..simulation.observers import Found, Observation
 from ..simulation.simulate import Method, simulated_and_found
 from ..simulation.trajectory import Trajectory
 from ..simulation.watch import locate
-from .quantities import values
-from .reductions import AbstractReduction, Observed, Quantity
+from .reductions import AbstractReduction, Observed, Quantity, values
 
 
 class Settings(NamedTuple):

@@ -15,7 +15,7 @@ from jaxtyping import Array, ArrayLike, Float
 from ..numerics import programs
 from ..numerics.arrays import to_array
 from ..numerics.calculus import Furthest
-from ..numerics.norms import length
+from ..numerics.vectors import length
 from .conditions import Condition, Problem
 from .confinement import (
     TIME_SAMPLES,

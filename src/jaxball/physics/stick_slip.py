@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..numerics.masks import without_derivatives
+from ..numerics.differentiation import without_derivatives
 from .body import AbstractBody
 from .conditions import Condition, Problem
 from .dynamics import holding_friction

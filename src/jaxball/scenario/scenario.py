@@ -13,7 +13,7 @@ from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem
 from ..sensors import AbstractSensor
-from ..simulation.defaults import DEFAULT_TOLERANCE
+from ..simulation import DEFAULT_TOLERANCE
 from .errors import ScenarioError
 from .solve import check_dae
 from .solvers import SOLVERS

@@ -9,7 +9,7 @@ from ..classical import NonholonomicParticle, VakonomicParticle
 from ..physics.body import Disk
 from ..physics.contact.law import Contact
 from ..physics.system import AbstractSystem
-from ..simulation.defaults import DEFAULT_TOLERANCE
+from ..simulation import DEFAULT_TOLERANCE
 from .imports import is_python_name
 from .solvers import KNOW_MASS_MATRICES, SOLVERS, own_solver
 from .table import Key, read_one_of

@@ -9,14 +9,14 @@ import numpy as np
 from jaxtyping import Array
 
 from ..interface.arguments import refusal, require
-from ..interface.errors import UserError
+from ..interface.wording import UserError
 from ..numerics.arrays import Numbers, default_dtype, is_traced, require_numbers, to_array
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.dae import WITH_UNIT
 from ..physics.system import AbstractState, AbstractSystem, require_one, require_state, shapes_of_state
+from ..simulation import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
 from ..solvers import NDF, TRBDF2, RadauIIA, Trapezoidal
-from .defaults import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
 
 DEFAULT_SOLVER = diffrax.Dopri8()
 DEFAULT_ADJOINT = diffrax.RecursiveCheckpointAdjoint()

@@ -13,8 +13,7 @@ from ..interface.printing import Printed, is_single, shown
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.calculus import with_derivatives
-from ..numerics.masks import differentiated_where
-from ..numerics.modes import once
+from ..numerics.differentiation import differentiated_where, once
 from ..physics.body import AbstractBody
 from ..physics.contact.reaction import Reaction, reaction
 from ..physics.hybrid import NoHistory

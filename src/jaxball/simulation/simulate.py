@@ -15,8 +15,13 @@ from ..interface.arguments import require_flags
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.arrays import Numbers, is_traced
-from ..numerics.masks import differentiated_where, known_or_nothing, with_unknown_derivatives
-from ..numerics.modes import forward_only, reverse_only
+from ..numerics.differentiation import (
+    differentiated_where,
+    forward_only,
+    known_or_nothing,
+    reverse_only,
+    with_unknown_derivatives,
+)
 from ..physics.body import System
 from ..physics.confinement import until_left
 from ..physics.contact.law import Contact

@@ -16,14 +16,12 @@ from ..interface.arguments import require
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.arrays import is_traced
-from ..numerics.masks import known_or_nothing, with_unknown_derivatives
-from ..numerics.modes import once
+from ..numerics.differentiation import known_or_nothing, once, with_unknown_derivatives
 from ..physics.body import AbstractBody
 from ..physics.packing import Packing
 from ..solvers.dense.crossings import Crossings, Kind, crossings
 from ..solvers.dense.steps import Steps
-from .events import DOWN, UP, AbstractEvent, Detachment, Slip
-from .occurrences import Occurrences
+from .events import DOWN, UP, AbstractEvent, Detachment, Occurrences, Slip
 from .trajectory import Trajectory
 
 # Programs are compiled for multiples of this number of steps, so that there are few of them.

@@ -8,8 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...interface.output import check_destination
-from ...interface.views import check_view
+from ...interface.output import check_destination, check_view
 from ...interface.wording import counted
 from ...results.files import SUFFIXES
 from ...scenario.errors import ScenarioError

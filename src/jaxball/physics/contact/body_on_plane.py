@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ...interface.printing import is_single, shown
-from ...numerics.norms import root
+from ...numerics.vectors import root
 from ..body import AbstractBody
 from ..conditions import Condition, Problem
 from ..hybrid import MOST_SHOWN, NONE, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition

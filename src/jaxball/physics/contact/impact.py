@@ -24,8 +24,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ...numerics import cooper_verner
-from ...numerics.norms import root
-from ...numerics.vectors import apply, dot, inverse
+from ...numerics.vectors import apply, dot, inverse, root
 from ..body import AbstractBody
 from .friction import diverging, push, slip_direction
 from .released import ReleasedState, Response, slip_velocity, with_slip

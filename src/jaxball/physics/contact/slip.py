@@ -26,9 +26,9 @@ from jaxtyping import Array, Bool, Float
 
 from ...numerics import cooper_verner
 from ...numerics.calculus import with_derivatives
+from ...numerics.differentiation import without_derivatives
 from ...numerics.linear import inverses, solutions
-from ...numerics.masks import without_derivatives
-from ...numerics.norms import root
+from ...numerics.vectors import root
 from ..body import AbstractBody
 from ..hybrid import Accuracy
 from .friction import across, left, sliding, unit

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ...interface.status import Status
-from ...numerics.masks import without_derivatives
-from ...numerics.norms import root
+from ...numerics.differentiation import without_derivatives
+from ...numerics.vectors import root
 from ..hybrid import START, Accuracy, Transition, at_zero
 from . import friction, slip as slips
 from .impact import impact

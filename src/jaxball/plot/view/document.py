@@ -51,7 +51,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, to_hex
 
 from ...classical import ParticleState, RigidBodyState, VakonomicState
-from ...interface.views import MOST_BODIES
+from ...interface.output import MOST_BODIES
 from ...physics.body import AbstractBody
 from ...simulation.trajectory import Trajectory
 from ..palette import ARROWS, COMPONENTS, MODES, TRAIL, mass_colour
