@@ -22,7 +22,6 @@ from ..simulation.arguments import (
     checked_tolerances,
     require_dae,
     require_kind_of_state,
-    require_smooth,
 )
 from ..simulation.contact import system_to_solve
 from ..simulation.events import AbstractEvent
@@ -113,22 +112,19 @@ def simulate_ensemble(
     2.25
     """
     require_flags(inside=inside, step_to_times=step_to_times, dae=dae, project=project)
-    if contact is None or not isinstance(state, ReleasedState):
-        require_kind_of_state(system, state)
-    if dae and not isinstance(state, ReleasedState):
-        require_smooth(system)
-        require_dae(state, solver)
-    events, solver = checked(system, events), checked_solver(solver)
-    simulated = system_to_solve(system, state, contact, dae, events)
+    simulated = system_to_solve(system, contact)
+    require_kind_of_state(simulated, state)
+    if dae:
+        require_dae(simulated, state, solver)
+    events, solver = checked(simulated, events), checked_solver(solver)
     rtol, atol = checked_tolerances(rtol, atol, of_many=True)
     given = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
     reductions = _checked_reductions(reductions)
     adjoint = checked_adjoint(FORWARD if adjoint is None else adjoint)
     shared = own_shared = shared_leaves(in_axes, (system, state))
-    if contact is not None:
-        of_contact = tuple(np.ndim(leaf) == 0 for leaf in jax.tree.leaves(contact))
-        of_system = len(jax.tree.leaves(system))
-        shared = (*shared[:of_system], *of_contact, *shared[of_system:])
+    of_contact = tuple(np.ndim(leaf) == 0 for leaf in jax.tree.leaves(contact))
+    of_system = len(jax.tree.leaves(system))
+    shared = (*shared[:of_system], *of_contact, *shared[of_system:])
     parameters = simulated, state
     runs = _count(parameters, shared, given, rtol, atol)
     whole = given if given.ndim == 2 else jnp.broadcast_to(given, (runs, given.shape[-1]))

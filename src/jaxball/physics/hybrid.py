@@ -8,7 +8,7 @@ and of all parameters, and has their derivatives, so that derivatives of what fo
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -150,9 +150,26 @@ class Record(NamedTuple):
 
 
 class AbstractHistory(Printed):
-    """What a run records besides its states at the saved times: the switches from mode to mode."""
+    """What a run records besides its states at the saved times: the switches from mode to mode.
 
-    switches: eqx.AbstractVar[Any]  # with at least `count`, `times`, `before`, `after` and `grazing`
+    An implementer supplies ``switches``, with at least ``count``, ``times``, ``before``, ``after`` and ``grazing``. All
+    else has a default, that of a system without quantities of its own. Files, figures, views and studies ask for these
+    and do not depend on the kind of a history. ``described`` says what the modes are, after "with".
+    """
+
+    described: ClassVar[str] = "modes"
+
+    switches: eqx.AbstractVar[Any]
+
+    @property
+    def over_time(self) -> dict[str, Array]:
+        """Quantities at the saved times, by name, with the times as leading axis."""
+        return {}
+
+    @property
+    def coefficients(self) -> dict[str, float]:
+        """The coefficients of friction between a body and its plane, ``static`` and ``sliding``, if a law has them."""
+        return {}
 
     @property
     def lines(self) -> list[str]:

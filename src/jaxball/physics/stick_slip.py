@@ -71,6 +71,8 @@ class StickSlipHistory(AbstractHistory):
     - ``directions``: in which each joint with dry friction slips, 1 or −1, and 0 where it sticks, shape (T, joints).
     """
 
+    described: ClassVar[str] = "joints that stick, at which forces jump"
+
     switches: StickSlipSwitches
     directions: Float[Array, "*batch T joints"]
 
@@ -101,7 +103,10 @@ class StickSlip(AbstractSystem[StickSlipState]):
     title: ClassVar[str] = "body with joints that stick and slip"
     state_type: ClassVar[Any] = StickSlipState
 
-    # Conditions, kinks and confinement are those of the body.
+    # States, conditions, kinks and confinement are those of the body.
+
+    def require_state(self, state: Any) -> None:
+        type(self.body).require_state(self.body, state)
 
     def conditions(self) -> Iterator[Condition]:
         yield from self.body.conditions()

@@ -66,7 +66,7 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
 
         system = system_of_run(scenario, arrays["inputs"])
     attribute = functools.partial(attribute_of, path, about)
-    friction = None if scenario is None or scenario.contact is None else scenario.contact.friction
+    law = None if scenario is None else scenario.contact
     try:
         run = Trajectory(
             system=system,
@@ -79,7 +79,7 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
             start=None if scenario is None or under_feedback else scenario.state,
             history=read_feedback(about, arrays, state)
             if under_feedback
-            else read_history(about, arrays, attribute, state, friction),
+            else read_history(about, arrays, attribute, state, law),
         )
     except KeyError as error:
         raise no_run(path, f"it has no {error}") from None

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 
 from ..numerics.arrays import to_array
 from ..physics.body import AbstractBody, Ball, Disk, System
-from ..physics.contact.law import SLOWEST, AbstractFriction, Contact
+from ..physics.contact.law import COEFFICIENTS, SLOWEST, AbstractFriction, Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.force import AbstractWrench, FunctionWrench, HarmonicForce, require_wrench
 from ..physics.ground import Ground, Turntable
@@ -91,7 +91,6 @@ def read_resistance(values: Any, path: str) -> AbstractResistance:
 
 
 ROOM = 64
-COEFFICIENTS = ("sliding", "static", "restitution", "slowest")
 
 
 FRICTIONS = Open(AbstractFriction, {})
@@ -144,7 +143,7 @@ def rolling_state(scenario: "Scenario", what: str, error: type[ScenarioError] = 
 
     **Raises:** ``error`` where the scenario has a law of contact, or feedback.
     """
-    if scenario.contact is not None:
+    if scenario.may_slip:
         raise error(
             f"Key `contact` must be left out here, because {what} for bodies that always roll; `jaxball simulate` and "
             "studies accept it."

@@ -287,7 +287,7 @@ def write_scenario(scenario: Scenario) -> str:
         "format": FORMAT,
         "title": scenario.title,
         **_tables(system, state),
-        "contact": {} if contact is None else CONTACT.write(contact, "contact"),
+        "contact": CONTACT.write(contact, "contact") if scenario.may_slip else {},
         "time": write_times(scenario.times),
         "solve": write_table({name: getattr(scenario, name) for name in SOLVE}, "solve", SOLVE),
         "sensors": write_sensors({name: sensors[name] for name in scenario.sensors}, "sensors"),

@@ -10,6 +10,7 @@ from ..physics.body import Disk
 from ..physics.contact.law import Contact
 from ..physics.system import AbstractSystem
 from ..simulation import DEFAULT_TOLERANCE
+from ..simulation.contact import system_to_solve
 from .imports import is_python_name
 from .solvers import KNOW_MASS_MATRICES, SOLVERS, own_solver
 from .table import Key, read_one_of
@@ -140,9 +141,10 @@ def check_dae(
         )
     if dae and isinstance(system, NonholonomicParticle | VakonomicParticle):
         raise ScenarioError("Key `solve.dae` must be false for a particle, whose state has no versor, but it is true.")
-    if dae and contact is not None:
+    if dae and (solved := system_to_solve(system, contact)).is_hybrid:
         raise ScenarioError(
-            "Key `solve.dae` must be false with `contact`, whose modes are differential equations, but it is true."
+            f"Key `solve.dae` must be false for a {solved.title}, whose modes are differential equations, but it is "
+            "true."
         )
     if dae and solver not in KNOW_MASS_MATRICES:
         names = ", ".join(f'"{name}"' for name in KNOW_MASS_MATRICES)

@@ -1,6 +1,7 @@
 """A run with a law of contact, with the states just before and just after each switch of its mode."""
 
 import dataclasses
+import functools
 from typing import Any, NamedTuple
 
 import jax
@@ -14,6 +15,7 @@ from ..physics.contact.body_on_plane import BodyOnPlane, ContactHistory
 from ..physics.contact.modes import ContactState, Mode
 from ..physics.contact.released import ReleasedState
 from ..physics.contact.slip import Beginning
+from ..physics.hybrid import AbstractHistory
 from ..physics.state import DiskState
 from .trajectory import Trajectory
 
@@ -32,9 +34,16 @@ def with_limits(trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
 
     - ``trajectory``: one run, not a batch, of a state that has a place.
     """
-    history = trajectory.contact
-    if history is None:
-        return trajectory
+    return _with_limits(trajectory.history, trajectory)
+
+
+@functools.singledispatch
+def _with_limits(history: AbstractHistory, trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
+    return trajectory
+
+
+@_with_limits.register
+def _of_contact(history: ContactHistory, trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
     times, state = np.asarray(trajectory.times), trajectory.state
     sides = _sides(trajectory, history)
     size = len(times) + 2 * history.law.room

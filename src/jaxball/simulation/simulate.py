@@ -42,9 +42,7 @@ from .arguments import (
     checked_times,
     checked_tolerances,
     require_dae,
-    require_one_law,
-    require_one_state,
-    require_smooth,
+    require_single,
 )
 from .contact import system_to_solve
 from .events import AbstractEvent
@@ -144,17 +142,13 @@ def simulate(
     """
     require_flags(dense=dense, step_to_times=step_to_times, dae=dae, project=project, inside=inside, throw=throw)
     times = checked_times(times)
-    if contact is not None:
-        require_one_law(contact)
-    if state is None:
-        state = at_rest(system)
-    else:
-        require_one_state(system, state, contact)
+    moving = system_to_solve(system, contact)
+    state = at_rest(system) if state is None else state
+    require_single(moving, state)
     rtol, atol = checked_tolerances(rtol, atol)
-    if dae and not isinstance(state, ReleasedState):
-        require_smooth(system)
-        require_dae(state, solver)
-    events = checked(system, events)
+    if dae:
+        require_dae(moving, state, solver)
+    events = checked(moving, events)
     method = Method(
         solver=checked_solver(solver),
         adjoint=checked_adjoint(adjoint),
@@ -166,7 +160,6 @@ def simulate(
         project=project,
         inside=inside,
     )
-    moving = system_to_solve(system, state, contact, dae, events)
     trajectory = _run(method, moving, times, state, rtol, atol, events)
     if events:
         trajectory = locate(trajectory, events)

@@ -24,7 +24,7 @@ from ..numerics.kinks import seen_from_before
 from ..physics.body import AbstractBody, System
 from ..physics.conditions import Problem
 from ..physics.contact.body_on_plane import ContactHistory
-from ..physics.hybrid import NO_HISTORY, AbstractHistory, Switches
+from ..physics.hybrid import NO_HISTORY, AbstractHistory, NoHistory, Switches
 from ..physics.observables import Observables, movement, observed
 from ..physics.packing import Packing
 from ..physics.state import BallState, DiskState, ReducedState, State
@@ -365,6 +365,11 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
             f"  {np.min(steps)} to {np.max(steps)} steps\n"
             f"  how they ended: {ends}"
         )
+
+
+def always_rolls(trajectory: Trajectory[Any, Any]) -> bool:
+    """Whether a run is of a body that always rolls, without modes, and so has extremes of the contact force."""
+    return isinstance(trajectory.system, AbstractBody) and isinstance(trajectory.history, NoHistory)
 
 
 @functools.cache

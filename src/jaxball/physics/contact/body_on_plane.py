@@ -26,6 +26,7 @@ from ...numerics.vectors import root
 from ..body import AbstractBody
 from ..conditions import Condition, Problem
 from ..hybrid import MOST_SHOWN, NONE, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
+from ..state import ReducedState
 from ..system import AbstractSystem
 from . import friction, slip as slips
 from .law import Contact
@@ -57,10 +58,18 @@ class BodyOnPlane(AbstractSystem[ContactState]):
     body: AbstractBody
     contact: Contact
 
-    title: ClassVar[str] = "body on a plane"
+    title: ClassVar[str] = "body with a law of contact"
     state_type: ClassVar[Any] = ContactState
 
-    # Conditions, kinks and confinement are those of the body, with those of the law.
+    # States, conditions, kinks and confinement are those of the body, with those of the law.
+
+    def require_state(self, state: Any) -> None:
+        if isinstance(state, ReducedState):
+            raise TypeError(
+                "Argument `state` must be a BallState, a RotationState, a DiskState or a ReleasedState with `contact`, "
+                "because a body that may slip has a velocity and a position, but it is a ReducedState."
+            )
+        type(self.body).require_state(self.body, state.body if isinstance(state, ReleasedState) else state)
 
     def conditions(self) -> Iterator[Condition]:
         yield from self.body.conditions()
@@ -300,6 +309,8 @@ class ContactHistory(AbstractHistory):
       shape (T,) each.
     """
 
+    described: ClassVar[str] = "a law of contact"
+
     switches: ContactSwitches
     law: Contact
     mode: Int[Array, "*batch T"]
@@ -331,10 +342,16 @@ class ContactHistory(AbstractHistory):
         taken = f"sliding friction dissipated the energy {rubbed:.10g}, and impacts {struck:.10g}"
         return [f"the mode of contact {changed}, and {end}", *(f"  {line}" for line in shown), *rest, taken]
 
+    @property
+    def over_time(self) -> dict[str, Array]:
+        return {name: getattr(self, name) for name in ("mode", "V", "height", "slip", "sigma", "rubbed", "struck")}
+
+    @property
+    def coefficients(self) -> dict[str, float]:
+        return {"static": float(self.law.static), "sliding": float(self.law.sliding)}
+
     def at_rows(self, rows: slice) -> "ContactHistory":
-        """The history at some of the saved times, with all switches."""
-        saved = ("mode", "V", "height", "slip", "sigma", "rubbed", "struck")
-        return dataclasses.replace(self, **{name: getattr(self, name)[rows] for name in saved})
+        return dataclasses.replace(self, **{name: array[rows] for name, array in self.over_time.items()})
 
     def as_solved(self, system: AbstractBody, states: Any) -> tuple[BodyOnPlane, ContactState]:
         """The body on its plane, with its states, of whose bodies these are the ``states``."""
