@@ -175,7 +175,7 @@ def energy(
 ) -> Float[Array, ""]:
     """E, kinetic and potential; with a law of contact, plus the energy dissipated by friction and impacts."""
     if isinstance(system, BodyOnPlane) or isinstance(state, ContactState):
-        return released_energy(system.body, t, state.released) + state.rubbed + state.struck  # pyright: ignore
+        return released_energy(system.body, t, state.released) + state.friction_loss + state.impact_loss  # pyright: ignore
     return observe(system, t, state).energy
 
 

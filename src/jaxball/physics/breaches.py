@@ -21,13 +21,13 @@ from .confinement import (
     TIME_SAMPLES,
     beside,
     beyond,
-    course,
     is_bounded,
     mechanism_positions,
     pushed_aside,
     rail_of,
     rail_points,
     rounding,
+    sampled_path,
     time_of_crossing,
     time_samples,
 )
@@ -211,9 +211,9 @@ def _places_of_mechanisms(system: BodyParameters, group: AbstractMechanism, orde
 
 @programs.filter_jit
 def _course(system: BodyParameters, motion: Any, t):
-    """The course of a mass, and when it leaves the shell."""
+    """The path of a mass, and when it leaves the shell."""
     prepared = motion.prepare()
-    seen = course(system, prepared, t)
+    seen = sampled_path(system, prepared, t)
     return seen, time_of_crossing(system, prepared, seen)
 
 

@@ -140,7 +140,7 @@ def until_left(
     return jnp.minimum(reached, left), jnp.where(left <= reached, int(Status.LEFT_SHELL), status)
 
 
-class Course(NamedTuple):
+class SampledPath(NamedTuple):
     """A mass in prescribed motion: χ at some times, where it is furthest from the centre, and when it leaves the shell.
 
     ``last``, ``first``: two times between which it leaves; ``first`` is infinite where it does not.
@@ -152,8 +152,8 @@ class Course(NamedTuple):
     first: Float[Array, ""]
 
 
-def course(system: BodyParameters, motion: AbstractPrescribedMotion, t: Float[Array, " n"]) -> Course:
-    """The course of a mass, from evenly spaced times ``t`` and times near them; ``motion`` is prepared."""
+def sampled_path(system: BodyParameters, motion: AbstractPrescribedMotion, t: Float[Array, " n"]) -> SampledPath:
+    """The path of a mass, from evenly spaced times ``t`` and times near them; ``motion`` is prepared."""
 
     def within(x: Float[Array, ""]) -> Float[Array, ""]:
         return jnp.clip(x, t[0], t[-1])
@@ -163,10 +163,10 @@ def course(system: BodyParameters, motion: AbstractPrescribedMotion, t: Float[Ar
     top = top._replace(x=within(top.x))
     first = jnp.min(jnp.where(beyond(system, norm(chi)), t, jnp.inf))
     first = jnp.minimum(first, jnp.where(beyond(system, top.distance), top.x, jnp.inf))
-    return Course(chi, top, jnp.max(jnp.where(t < first, t, t[0])), first)
+    return SampledPath(chi, top, jnp.max(jnp.where(t < first, t, t[0])), first)
 
 
-def time_of_crossing(system: BodyParameters, motion: AbstractPrescribedMotion, seen: Course) -> Float[Array, ""]:
+def time_of_crossing(system: BodyParameters, motion: AbstractPrescribedMotion, seen: SampledPath) -> Float[Array, ""]:
     """When a mass that leaves the shell crosses it, by bisection; infinite where it does not."""
 
     def halve(_, bracket):
@@ -191,7 +191,7 @@ def _groups(system: BodyParameters) -> list[tuple[Any, np.ndarray]]:
 
 def _leaving(system: BodyParameters, motion: Any, t: Float[Array, " n"]) -> Float[Array, " masses"]:
     """When each mass of a group leaves the shell; infinite where it does not."""
-    seen = eqx.filter_vmap(lambda motion: course(system, motion, t))(motion)
+    seen = eqx.filter_vmap(lambda motion: sampled_path(system, motion, t))(motion)
 
     def crossings(_):
         return eqx.filter_vmap(lambda motion, seen: time_of_crossing(system, motion, seen))(motion, seen)

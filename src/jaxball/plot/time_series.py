@@ -298,7 +298,7 @@ def of_contact(trajectory: Trajectory[Any, Any]) -> list[Callable[..., Axes]]:
 def dissipated(trajectory: Trajectory[Any, Any]) -> list[Float[np.ndarray, " T"]]:
     """The energies dissipated so far by sliding friction and by impacts, 0 without a law of contact."""
     known, nothing = trajectory.history.over_time, np.zeros(len(trajectory.times))
-    return [np.asarray(known.get(name, nothing)) for name in ("rubbed", "struck")]
+    return [np.asarray(known.get(name, nothing)) for name in ("friction_loss", "impact_loss")]
 
 
 def _from_zero(run: Trajectory, values: Float[np.ndarray, " T"], name: str, size: float, ax: Axes | None) -> Axes:

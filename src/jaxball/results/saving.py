@@ -64,7 +64,7 @@ def attributes(
         "message": trajectory.message,
         "reached": float(trajectory.reached),
         "steps": int(trajectory.steps),
-        "rejected_steps": int(trajectory.rejected),
+        "rejected": int(trajectory.rejected),
         "scenario": text,
     }
     run |= history_attributes(trajectory.history)

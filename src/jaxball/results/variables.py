@@ -172,7 +172,8 @@ def history_summary(history: AbstractHistory) -> dict[str, Any]:
 
 @history_summary.register
 def _of_run_with_law(history: ContactHistory) -> dict[str, Any]:
-    end = {name: np.asarray(getattr(history, name))[-1] for name in ("V", "height", "slip", "rubbed", "struck")}
+    names = ("V", "height", "slip", "friction_loss", "impact_loss")
+    end = {name: np.asarray(getattr(history, name))[-1] for name in names}
     switches = history.switches
     listed = [
         {

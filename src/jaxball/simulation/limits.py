@@ -70,8 +70,8 @@ def _of_contact(history: ContactHistory, trajectory: Trajectory[Any, Any]) -> Tr
             height=joined(history.height, sides.height, np.nan),
             slip=joined(history.slip, sides.slip, np.nan),
             sigma=joined(history.sigma, sides.sigma, 0.0),
-            rubbed=jnp.asarray(filled[0]),
-            struck=jnp.asarray(filled[1]),
+            friction_loss=jnp.asarray(filled[0]),
+            impact_loss=jnp.asarray(filled[1]),
         ),
     )
 
@@ -173,13 +173,13 @@ def _taken(
     slides = (modes[:-1] == Mode.SLIDING) & (modes[1:] == Mode.SLIDING) & (np.diff(when) > 0)
     shares = np.concatenate([[0.0], np.cumsum(np.where(slides, np.diff(when) * (speeds[1:] + speeds[:-1]), 0.0))])
     is_saved = order < count
-    rubbed = np.asarray(history.rubbed)[order[is_saved]]
-    filled = _shared_out(shares, is_saved, rubbed)
+    friction_loss = np.asarray(history.friction_loss)[order[is_saved]]
+    filled = _shared_out(shares, is_saved, friction_loss)
     lost = np.zeros(len(order))
     after = ~is_saved & ((order - count) % 2 == 1)
     lost[after] = np.asarray(history.switches.lost)[(order[after] - count) // 2]
-    struck, total = np.asarray(history.struck)[order[is_saved]], np.cumsum(lost)
-    return np.stack([filled, struck[0] - total[is_saved][0] + total if is_saved.any() else total])
+    impact_loss, total = np.asarray(history.impact_loss)[order[is_saved]], np.cumsum(lost)
+    return np.stack([filled, impact_loss[0] - total[is_saved][0] + total if is_saved.any() else total])
 
 
 def _shared_out(

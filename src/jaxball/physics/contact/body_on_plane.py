@@ -138,7 +138,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         slip = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(self.body, t, state.released))
         moved = rates(self.body, state.released, found, acting.slip_acceleration, acting.normal)
         rates_of_all = jax.tree.map(jnp.zeros_like, state).moved(moved)
-        return eqx.tree_at(lambda x: x.rubbed, rates_of_all, -jnp.sum(acting.R[:2] * slip[:2]))
+        return eqx.tree_at(lambda x: x.friction_loss, rates_of_all, -jnp.sum(acting.R[:2] * slip[:2]))
 
     # The plane.
 
@@ -278,9 +278,9 @@ class BodyOnPlane(AbstractSystem[ContactState]):
             target=_whole(after.mode),
             before=before.released,
             after=after.released,
-            lost=after.struck - before.struck,
+            lost=after.impact_loss - before.impact_loss,
         )
-        saved = {name: getattr(states, name) for name in ("V", "height", "rubbed", "struck")}
+        saved = {name: getattr(states, name) for name in ("V", "height", "friction_loss", "impact_loss")}
         mode = _whole(states.mode)
         return ContactHistory(law=self.contact, mode=mode, slip=slip, sigma=sigma, switches=switches, **saved)
 
@@ -305,8 +305,8 @@ class ContactHistory(AbstractHistory):
     - ``slip``: v_s, the velocity of the body's lowest point relative to the plane, space axes, length/time,
       shape (T, 3).
     - ``sigma``: the direction of the slip, a unit vector, shape (T, 2), also where the slip begins; 0 before the first.
-    - ``rubbed``, ``struck``: the energy dissipated so far by sliding friction and by impacts, mass length²/time²,
-      shape (T,) each.
+    - ``friction_loss``, ``impact_loss``: the energy dissipated so far by sliding friction and by impacts,
+      mass length²/time², shape (T,) each.
     """
 
     described: ClassVar[str] = "a law of contact"
@@ -318,8 +318,8 @@ class ContactHistory(AbstractHistory):
     height: Float[Array, "*batch T"]
     slip: Float[Array, "*batch T 3"]
     sigma: Float[Array, "*batch T 2"]
-    rubbed: Float[Array, "*batch T"]
-    struck: Float[Array, "*batch T"]
+    friction_loss: Float[Array, "*batch T"]
+    impact_loss: Float[Array, "*batch T"]
 
     def __repr__(self) -> str:
         single = is_single(self.switches.count)
@@ -338,17 +338,30 @@ class ContactHistory(AbstractHistory):
         changed = "never changed" if count == 0 else "changed once" if count == 1 else f"changed {count:,} times"
         shown = switches[:MOST_SHOWN] if count else []
         rest = [f"  and {count - len(shown):,} more"] if count > len(shown) else []
-        rubbed, struck = (float(np.asarray(taken)[last]) for taken in (self.rubbed, self.struck))
-        taken = f"sliding friction dissipated the energy {rubbed:.10g}, and impacts {struck:.10g}"
+        friction_loss, impact_loss = (
+            float(np.asarray(taken)[last]) for taken in (self.friction_loss, self.impact_loss)
+        )
+        taken = f"sliding friction dissipated the energy {friction_loss:.10g}, and impacts {impact_loss:.10g}"
         return [f"the mode of contact {changed}, and {end}", *(f"  {line}" for line in shown), *rest, taken]
 
     @property
     def over_time(self) -> dict[str, Array]:
-        return {name: getattr(self, name) for name in ("mode", "V", "height", "slip", "sigma", "rubbed", "struck")}
+        names = ("mode", "V", "height", "slip", "sigma", "friction_loss", "impact_loss")
+        return {name: getattr(self, name) for name in names}
 
     @property
     def coefficients(self) -> dict[str, float]:
         return {"static": float(self.law.static), "sliding": float(self.law.sliding)}
+
+    @property
+    def rubbed(self) -> Float[Array, "*batch T"]:
+        """``friction_loss``, by its older name."""
+        return self.friction_loss
+
+    @property
+    def struck(self) -> Float[Array, "*batch T"]:
+        """``impact_loss``, by its older name."""
+        return self.impact_loss
 
     def at_rows(self, rows: slice) -> "ContactHistory":
         return dataclasses.replace(self, **{name: array[rows] for name, array in self.over_time.items()})
@@ -358,7 +371,7 @@ class ContactHistory(AbstractHistory):
         mode, ever = self.mode.astype(self.height.dtype), jnp.full_like(self.height, jnp.finfo(self.height.dtype).max)
         begun = slips.Beginning.along(ever, self.sigma)
         return BodyOnPlane(system, self.law), ContactState(
-            states, self.V, self.height, self.rubbed, self.struck, mode, begun
+            states, self.V, self.height, self.friction_loss, self.impact_loss, mode, begun
         )
 
 

@@ -80,12 +80,12 @@ class Beginning(NamedTuple):
 class End(NamedTuple):
     """The end of a slow slip: whether it ends, in which time, and the work of friction.
 
-    ``rubbed`` is the work of friction, and ``normal`` the mean normal force.
+    ``friction_loss`` is the work of friction, and ``normal`` the mean normal force.
     """
 
     comes: Bool[Array, ""]
     time: Float[Array, ""]
-    rubbed: Float[Array, ""]
+    friction_loss: Float[Array, ""]
     normal: Float[Array, ""]
 
 
@@ -124,8 +124,8 @@ def end(found: Response, mu: Float[Array, ""], slip: Float[Array, "3"]) -> End:
     comes = (growth < 0) & (x[2] < 0)
     left_of_it = 1 / jnp.where(comes, -growth, 1.0)
     time = x[3] + slower * left_of_it
-    rubbed, pressed = x[4] + 0.5 * power * left_of_it, x[5] + normal * left_of_it
-    return End(comes, speed * time, speed**2 * rubbed, pressed / jnp.where(time > 0, time, 1.0))
+    friction_loss, pressed = x[4] + 0.5 * power * left_of_it, x[5] + normal * left_of_it
+    return End(comes, speed * time, speed**2 * friction_loss, pressed / jnp.where(time > 0, time, 1.0))
 
 
 def nears_its_end(before: Float[Array, ""], after: Float[Array, ""], least: Float[Array, ""]) -> Bool[Array, ""]:
