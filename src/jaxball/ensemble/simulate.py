@@ -28,8 +28,7 @@ from ..simulation.events import AbstractEvent
 from ..simulation.simulate import Method
 from ..simulation.trajectory import Trajectory
 from ..simulation.watch import checked
-from .blocks import solved_in_blocks
-from .program import Settings, solved
+from .program import Settings, solved, solved_in_blocks
 from .reductions import AbstractReduction
 from .result import Ensemble
 
