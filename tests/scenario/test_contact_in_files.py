@@ -124,6 +124,19 @@ def test_a_classical_system_has_no_contact():
         read_scenario(f'format = 1\nkind = "nonholonomic-particle"\n{LAW}\n{TIMES}')
 
 
+def test_joints_that_stick_have_no_law_of_contact_beside_them():
+    text = """
+        [[mechanisms]]
+        masses = [{ mass = 0.2, place = [0.0, 0.0, -0.5], joint = 0 }]
+        [[mechanisms.joints]]
+        kind = "hinge"
+        axis = [0.0, 1.0, 0.0]
+        force = { kind = "joint-friction", kinetic = 0.2 }
+    """
+    with pytest.raises(ScenarioError, match=r"^Key `contact` must be left out where joints stick, .* `smoothing`\.$"):
+        read_scenario(with_contact(LAW) + text)
+
+
 def test_traced_numbers_make_the_law_and_the_start():
     """The static coefficient that is left out follows that of sliding, and their rules become conditions."""
     document = tomllib.loads(with_contact(LAW, "initial = { velocity = [1.0, 0.0, 0.0], height = 0.5 }"))

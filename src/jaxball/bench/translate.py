@@ -159,18 +159,18 @@ def jax_parameters(problem: Problem) -> Callable[[Float[Array, ""]], Float[Array
     return parameters
 
 
-def python_source(g: Rates, states: int, parameters: int, name: str = "rates") -> str:
-    """A function ``name(t, x, p, rates)`` that fills the array ``rates``, one operation per line, for a compiler.
+def python_source(g: Rates, states: int, parameters: int) -> str:
+    """A function ``rates(t, x, p, rates)`` that fills the array ``rates``, one operation per line, for a compiler.
 
     Its globals must have ``sin`` and ``cos``.
     """
     t, x, p = _given(states, parameters)
     targets = {f"rates[{i}]": rate for i, rate in enumerate(g(t, x, p, FunctionsOfExpressions))}
-    return _source(f"{name}(t, x, p, rates)", targets)
+    return _source("rates(t, x, p, rates)", targets)
 
 
-def jacobian_source(g: Rates, states: int, parameters: int, name: str = "jacobian") -> str:
-    """A function ``name(t, x, p, jacobian)`` that fills ``jacobian[i, j]`` with ∂g_i/∂x_j, zeros too.
+def jacobian_source(g: Rates, states: int, parameters: int) -> str:
+    """A function ``jacobian(t, x, p, jacobian)`` that fills ``jacobian[i, j]`` with ∂g_i/∂x_j, zeros too.
 
     Its globals must have ``sin`` and ``cos``.
     """
@@ -178,7 +178,7 @@ def jacobian_source(g: Rates, states: int, parameters: int, name: str = "jacobia
     rates = g(t, x, p, FunctionsOfExpressions)
     columns = [derivatives(rates, variable) for variable in x]
     targets = {f"jacobian[{i}, {j}]": columns[j][i] for i in range(len(rates)) for j in range(states)}
-    return _source(f"{name}(t, x, p, jacobian)", targets)
+    return _source("jacobian(t, x, p, jacobian)", targets)
 
 
 def _given(states: int, parameters: int) -> tuple[Expression, list[Expression], list[Expression]]:

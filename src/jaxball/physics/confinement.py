@@ -62,9 +62,9 @@ def rail_points(rail: AbstractRail, radius: Float[Array, ""]) -> Float[Array, "n
     return jax.vmap(rail)(jnp.linspace(0.0, end, rail.samples))
 
 
-def time_samples(times: Float[Array, " T"], count: int = TIME_SAMPLES) -> Float[Array, " n"]:
+def time_samples(times: Float[Array, " T"]) -> Float[Array, " n"]:
     """The times at which a motion is checked between the first and the last of ``times``."""
-    return jnp.linspace(times[0], times[-1], count + 1)
+    return jnp.linspace(times[0], times[-1], TIME_SAMPLES + 1)
 
 
 def confined(system: BodyParameters, times: Float[Array, " T"], state: State) -> Bool[Array, ""]:

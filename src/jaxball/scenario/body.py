@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import equinox as eqx
 import jax.numpy as jnp
 
+from ..interface.wording import all_of
 from ..numerics.arrays import to_array
 from ..physics.body import AbstractBody, Ball, Disk, System
 from ..physics.contact.law import COEFFICIENTS, SLOWEST, AbstractFriction, Contact
@@ -136,6 +137,16 @@ def read_contact(values: Any, path: str) -> Contact:
     contact = CONTACT.read(values, path)
     require_conditions(contact)
     return contact
+
+
+def check_no_sticking(system: AbstractBody) -> None:
+    """Raises a :class:`ScenarioError` for joints that stick beside a law of contact."""
+    if system.sticking:
+        have = "has" if len(system.sticking) == 1 else "have"
+        raise ScenarioError(
+            "Key `contact` must be left out where joints stick, because both have modes, which are not combined, but "
+            f"{all_of(system.sticking)} {have} a force of the kind joint-friction; give that `smoothing`."
+        )
 
 
 def rolling_state(scenario: "Scenario", what: str, error: type[ScenarioError] = ScenarioError) -> AbstractState:

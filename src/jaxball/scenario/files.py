@@ -22,6 +22,7 @@ from .body import (
     CONTACT,
     KEYS as BODY_KEYS,
     check_force,
+    check_no_sticking,
     check_sensors,
     kind_of,
     read_contact,
@@ -244,6 +245,7 @@ def _contents(
     span = namespace(times.start, times.end).stack([times.start, times.end])
     fixed = Fixed(system, contact, times, solve or {})
     *_, first_state, _ = each_of(
+        lambda: contact and check_no_sticking(system),
         lambda: solve and check_dae(system, contact, solve["solver"], solve["dae"]),
         lambda: check_confined(system, span, state),
         lambda: check_start(system, start, state),

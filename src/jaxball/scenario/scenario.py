@@ -14,7 +14,6 @@ from ..physics.contact.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem
 from ..sensors import AbstractSensor
 from ..simulation import DEFAULT_TOLERANCE
-from ..simulation.contact import system_to_solve
 from .errors import ScenarioError
 from .solve import check_dae
 from .solvers import SOLVERS
@@ -90,6 +89,8 @@ class Scenario:
 
         **Raises:** ``TypeError`` for a law that the system has no equations for.
         """
+        from ..simulation.contact import system_to_solve  # here, as below
+
         return system_to_solve(self.system, self.contact)
 
     def simulate(
