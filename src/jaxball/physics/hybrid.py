@@ -228,6 +228,20 @@ class Switches(Printed):
         ]
         return [*lines, *([f"{count - kept} more, {self.remedy}"] if count > kept else [])] or ["none"]
 
+    @property
+    def first_lines(self) -> list[str]:
+        """The first of ``lines``, indented, and how many more there are; none without a switch."""
+        count, lines = int(self.count), self.lines
+        shown = lines[:MOST_SHOWN] if count else []
+        more = [f"and {count - len(shown):,} more"] if count > len(shown) else []
+        return [f"  {line}" for line in (*shown, *more)]
+
+    @property
+    def how_often(self) -> str:
+        """``once``, ``12 times``."""
+        count = int(self.count)
+        return "once" if count == 1 else f"{count:,} times"
+
     def words(self, k: int) -> str:
         """What happened at switch ``k``."""
         return f"event {int(np.asarray(self.event)[k])}"
@@ -245,11 +259,8 @@ class History(AbstractHistory):
 
     @property
     def lines(self) -> list[str]:
-        count, lines = int(self.switches.count), self.switches.lines
-        changed = "never switched" if count == 0 else "switched once" if count == 1 else f"switched {count:,} times"
-        few = lines[:MOST_SHOWN] if count else []
-        rest = [f"  and {count - len(few):,} more"] if count > len(few) else []
-        return [f"its mode {changed}", *(f"  {line}" for line in few), *rest]
+        changed = f"switched {self.switches.how_often}" if int(self.switches.count) else "never switched"
+        return [f"its mode {changed}", *self.switches.first_lines]
 
 
 class NoHistory(AbstractHistory):

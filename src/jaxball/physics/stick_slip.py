@@ -18,7 +18,7 @@ from ..numerics.differentiation import without_derivatives
 from .body import AbstractBody
 from .conditions import Condition, Problem
 from .dynamics import holding_friction
-from .hybrid import MOST_SHOWN, AbstractHistory, Record, Switches
+from .hybrid import AbstractHistory, Record, Switches
 from .state import State
 from .sticking import largest_frictions, released, sticking_slots, with_directions
 from .system import AbstractState, AbstractSystem
@@ -83,13 +83,9 @@ class StickSlipHistory(AbstractHistory):
 
     @property
     def lines(self) -> list[str]:
-        count, lines = int(self.switches.count), self.switches.lines
-        if count == 0:
+        if int(self.switches.count) == 0:
             return ["no joint began to stick or broke loose"]
-        few = lines[:MOST_SHOWN]
-        rest = [f"  and {count - len(few):,} more"] if count > len(few) else []
-        often = "once" if count == 1 else f"{count:,} times"
-        return [f"joints stuck, broke loose or turned back {often}", *(f"  {line}" for line in few), *rest]
+        return [f"joints stuck, broke loose or turned back {self.switches.how_often}", *self.switches.first_lines]
 
     def at_rows(self, rows: slice) -> "StickSlipHistory":
         return dataclasses.replace(self, directions=self.directions[rows])

@@ -25,7 +25,7 @@ from ...interface.printing import is_single, shown
 from ...numerics.vectors import root
 from ..body import AbstractBody
 from ..conditions import Condition, Problem
-from ..hybrid import MOST_SHOWN, NONE, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
+from ..hybrid import NONE, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
 from ..state import ReducedState
 from ..system import AbstractSystem
 from . import friction, slip as slips
@@ -328,21 +328,19 @@ class ContactHistory(AbstractHistory):
     @property
     def lines(self) -> list[str]:
         """How the body moved on its plane, and the energy that this dissipated. For one trajectory, not for a batch."""
-        count, switches, modes = int(self.switches.count), self.switches.lines, np.asarray(self.mode)
+        modes = np.asarray(self.mode)
         known = np.flatnonzero(modes >= 0)
         if not known.size:
             return []
         last = known[-1]
         when = "is {} at the end" if last == modes.size - 1 else "was {} at the last saved time that was reached"
         end = when.format(Mode(int(modes[last])).name.lower())
-        changed = "never changed" if count == 0 else "changed once" if count == 1 else f"changed {count:,} times"
-        shown = switches[:MOST_SHOWN] if count else []
-        rest = [f"  and {count - len(shown):,} more"] if count > len(shown) else []
+        changed = f"changed {self.switches.how_often}" if int(self.switches.count) else "never changed"
         friction_loss, impact_loss = (
             float(np.asarray(taken)[last]) for taken in (self.friction_loss, self.impact_loss)
         )
         taken = f"sliding friction dissipated the energy {friction_loss:.10g}, and impacts {impact_loss:.10g}"
-        return [f"the mode of contact {changed}, and {end}", *(f"  {line}" for line in shown), *rest, taken]
+        return [f"the mode of contact {changed}, and {end}", *self.switches.first_lines, taken]
 
     @property
     def over_time(self) -> dict[str, Array]:
