@@ -15,11 +15,11 @@ from jaxball.sweep import (
     StoreError,
     StudyError,
     describe,
+    engine,
     executors,
     open_dataset,
     open_grid,
     row_scenarios,
-    solve_in_lanes,
     sweep,
 )
 from jaxball.sweep.outputs import outputs_of
@@ -353,4 +353,4 @@ def test_a_worker_that_is_killed_is_told(tmp_path):
             return future
 
     with pytest.raises(executors.WorkerError, match="A worker ended before its chunk was done"):
-        sweep(study(tmp_path), tmp_path / "s.zarr", executor=Broken(), engine=solve_in_lanes)
+        sweep(study(tmp_path), tmp_path / "s.zarr", executor=Broken(), engine=engine.solve_in_lanes)

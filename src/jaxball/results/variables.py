@@ -76,18 +76,24 @@ def described_fields(states: Any) -> dict[str, Variable]:
     """The variables of the fields of states along a leading axis, by name."""
     if isinstance(states, AbstractBodyState):
         return {name: described(name, isinstance(states, DiskState)) for name in vars(states)}
-    return {
-        name: CLASSICAL_STATE.get(name) or undescribed(name, np.ndim(leaf) - 1) for name, leaf in vars(states).items()
-    }
+    return {name: of_classical_state(name, np.ndim(leaf) - 1) for name, leaf in vars(states).items()}
 
 
 def _classical_values(trajectory: Trajectory[Any, Any]) -> Variables:
     variables = {}
-    for known, leaves in ((CLASSICAL_STATE, vars(trajectory.state)), (LAWS, trajectory.laws._asdict())):
-        for name, leaf in leaves.items():
-            array = np.asarray(leaf)
-            variables[name] = known.get(name) or undescribed(name, array.ndim - 1), array
+    for name, leaf in vars(trajectory.state).items():
+        variables[name] = of_classical_state(name, np.ndim(leaf) - 1), np.asarray(leaf)
+    for name, leaf in trajectory.laws._asdict().items():
+        variables[name] = LAWS.get(name) or undescribed(name, np.ndim(leaf) - 1), np.asarray(leaf)
     return variables
+
+
+def of_classical_state(name: str, dimensions: int) -> Variable:
+    """The variable of a field of a system that is not a body, such as z, which is a coordinate or a place."""
+    for known in (CLASSICAL_STATE, STATE):
+        if name in known and len(known[name].dimensions) == dimensions:
+            return known[name]
+    return undescribed(name, dimensions)
 
 
 def undescribed(name: str, dimensions: int) -> Variable:

@@ -257,22 +257,32 @@ def check_force(force: AbstractWrench | None, path: str, coordinates: int) -> No
             require_wrench("wrench", force, coordinates)
 
 
+_SURROUNDINGS: dict[str, Family] = {"force": FORCES, "ground": {"": GROUND}, "resistance": RESISTANCES}
+
+
 def write_body(system: System) -> dict[str, Any]:
     """The table [body], and [force], [ground] and [resistance] where these exist."""
     kind = kind_of(system)
     keys = BODIES[kind][1]
-    tables = {"body": write_table({name: getattr(system, name) for name in keys}, "body", keys)}
-    surroundings: dict[str, Family] = {"force": FORCES, "ground": {"": GROUND}, "resistance": RESISTANCES}
-    for name, family in surroundings.items():
-        if getattr(system, name) is not None:
-            kind, table = write_member(getattr(system, name), name, family)
-            if kind not in family:
-                tables[name] = {"kind": kind, **table}
-                continue
-            first, key = next(iter(family[kind].keys.items()))
-            tables[name] = table or {
-                first: key.kind.write(key.default, name)
-            }  # because an empty table would be taken for none
+    body = write_table({name: getattr(system, name) for name in keys}, "body", keys)
+    return {"body": body, **write_surroundings({name: getattr(system, name) for name in _SURROUNDINGS})}
+
+
+def write_surroundings(parts: Mapping[str, Any]) -> dict[str, Any]:
+    """The tables [force], [ground] and [resistance] of those of these ``parts`` that are not None, by their names."""
+    tables = {}
+    for name, part in parts.items():
+        if part is None:
+            continue
+        family = _SURROUNDINGS[name]
+        kind, table = write_member(part, name, family)
+        if kind not in family:
+            tables[name] = {"kind": kind, **table}
+            continue
+        first, key = next(iter(family[kind].keys.items()))
+        tables[name] = table or {
+            first: key.kind.write(key.default, name)
+        }  # because an empty table would be taken for none
     return tables
 
 

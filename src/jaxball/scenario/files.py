@@ -33,7 +33,7 @@ from .body import (
     write_sensors,
 )
 from .checks import check_confined, check_start
-from .classical import CLASSICAL, INITIAL as CLASSICAL_INITIAL, read_classical, write_classical
+from .classical import CLASSICAL, INITIAL as CLASSICAL_INITIAL, RESISTED, read_classical, write_classical
 from .errors import each_of, raise_first, tried
 from .feedback import (
     ESTIMATOR,
@@ -95,6 +95,7 @@ CLASSICAL_KEYS = {
     "body": Key(unread(tables=keys_of(CLASSICAL)), None),
     "initial": Key(unread(tables=CLASSICAL_INITIAL), None),
 }
+RESISTED_KEYS = {**CLASSICAL_KEYS, "resistance": BODY_KEYS["resistance"]}
 
 
 def load_scenario(source: str | Path) -> Scenario:
@@ -258,12 +259,14 @@ def _contents(
 
 
 def _read_classical(document: dict[str, Any]) -> Contents:
+    keys = RESISTED_KEYS if document["kind"] in RESISTED else CLASSICAL_KEYS
     table, times, solve = each_of(
-        lambda: read_table(document, "", CLASSICAL_KEYS),
+        lambda: read_table(document, "", keys),
         lambda: "time" in document and read_times(document["time"], "time"),
         lambda: read_table(document.get("solve", {}), "solve", SOLVE),
     )
-    system, state = read_classical(table["kind"], table["body"], table["initial"], times.start)
+    resistance = table.get("resistance")
+    system, state = read_classical(table["kind"], table["body"], table["initial"], times.start, resistance)
     check_dae(system, None, solve["solver"], solve["dae"])
     return Contents(table["title"], system, state, None, times, solve, {})
 

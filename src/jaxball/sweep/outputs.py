@@ -15,9 +15,9 @@ from ..physics.contact.released import ReleasedState
 from ..physics.hybrid import AbstractHistory
 from ..physics.state import BallState, DiskState
 from ..physics.system import AbstractSystem
-from ..results.variables import labels, undescribed
+from ..results.variables import labels, of_classical_state
 from ..scenario import Scenario
-from ..simulation.variables import CLASSICAL_STATE, EXTREMES, HISTORY, RUN, RUN_SWITCHES, STATE, Variable
+from ..simulation.variables import EXTREMES, HISTORY, RUN, RUN_SWITCHES, STATE, Variable
 from .axes import Axis, Designed, FromFile, Ranged, Zipped
 from .errors import StudyError
 from .study import Study
@@ -163,4 +163,4 @@ def _variable(state: Any, name: str, shape: tuple[int, ...]) -> Variable:
     if isinstance(state, BallState | DiskState):
         known = STATE[name]
         return known if len(shape) == len(known.dimensions) else known._replace(dimensions=())
-    return CLASSICAL_STATE.get(name) or undescribed(name, len(shape))
+    return of_classical_state(name, len(shape))

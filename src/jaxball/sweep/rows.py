@@ -2,7 +2,7 @@
 
 import functools
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -10,18 +10,13 @@ import numpy as np
 import tomli_w
 from jaxtyping import Array, Bool, Float, Int
 
-from ..ensemble import AbstractReduction, simulate_ensemble
-from ..ensemble.reductions import CONTACT as CONTACT_REDUCTIONS
 from ..numerics.arrays import is_traced
 from ..numerics.batches import in_batches
 from ..physics.body import AbstractBody
 from ..scenario import Scenario, ScenarioError
 from ..scenario.errors import UntraceableError
 from ..scenario.files import Parts, Structure, read_contents
-from ..scenario.solvers import SOLVERS
-from ..simulation.events import AbstractEvent, Detachment
 from .errors import StudyError
-from .outputs import history_results
 from .study import Find, Study
 
 
@@ -201,65 +196,3 @@ def _read(study: Study, values: Float[np.ndarray, " numbers"]) -> Parts | None:
         return Parts.of(read_contents(study.document_with(values)))
     except ScenarioError:
         return None
-
-
-# The same for any number of threads, so that results are the same to the last bit.
-BLOCK = 2048
-
-
-def solve_in_lanes(batch: Batch, request: Request) -> dict[str, np.ndarray]:
-    """The rows by :func:`jaxball.ensemble.simulate_ensemble`; an ``Engine``.
-
-    What is found of runs that end where the ball detaches is found of shorter ones, which end there.
-
-    **Arguments:**
-
-    - ``batch``: the rows.
-    - ``request``: what to compute for them.
-    """
-    reductions = {**_contact(batch, request), **{find.name: find.reduction() for find in request.finds}}
-    if not request.detachment:
-        return _solved(batch, request, reductions)
-    ended = _solved(batch, request, {}, {"detachment": Detachment()})
-    if not reductions:
-        return ended
-    until = np.stack([batch.times[:, 0], ended["reached"]], axis=1)
-    results = _solved(batch._replace(times=until), request, reductions)
-    return ended | {name + end: results[name + end] for name, item in reductions.items() for end in item.ends}
-
-
-def _solved(
-    batch: Batch,
-    request: Request,
-    reductions: Mapping[str, AbstractReduction],
-    events: Mapping[str, AbstractEvent] | None = None,
-) -> dict[str, np.ndarray]:
-    first = batch.template
-    system, state = batch.shared_once()
-    ensemble = simulate_ensemble(
-        system,
-        batch.times,
-        state,
-        in_axes=batch.in_axes,
-        events=events,
-        contact=batch.contact,
-        solver=SOLVERS[first.solver](),
-        rtol=batch.rtol,
-        atol=batch.atol,
-        step_to_times=first.step_to_times,
-        dae=first.dae,
-        project=first.project,
-        max_steps=first.max_steps,
-        reductions=reductions,
-        block=min(request.most, BLOCK),
-        threads=request.threads,
-    )
-    trajectory = ensemble.trajectory
-    rows = {name: np.asarray(getattr(trajectory, name)) for name in ("status", "steps", "rejected", "reached")}
-    results = vars(trajectory.state) | history_results(trajectory.history) | ensemble.reductions
-    return rows | jax.tree.map(np.asarray, results)
-
-
-def _contact(batch: Batch, request: Request) -> Mapping[str, AbstractReduction]:
-    touches = request.contact and isinstance(batch.template.system, AbstractBody)
-    return CONTACT_REDUCTIONS if touches else {}

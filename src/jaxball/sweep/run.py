@@ -15,12 +15,13 @@ from ..cpu import cores
 from ..interface.arguments import require_flags
 from ..interface.interruption import on_interrupt, stop_requested
 from ..interface.wording import counted
+from .engine import solve_in_lanes
 from .errors import StudyError
 from .executors import Task, compute, executor_of, solve_all
 from .files import BYTES_OF_A_CHECKSUM, Damage, remove_parts
 from .outputs import outputs_of
 from .progress import Progress, Stream, duration, status_counts
-from .rows import Engine, solve_in_lanes
+from .rows import Engine
 from .store import POINTS_TOGETHER, Store, open_store, write_table
 from .study import Study
 

@@ -193,7 +193,7 @@ def _events(options: argparse.Namespace, scenario: "Scenario") -> "dict[str, Abs
         events["detachment"] = Detachment()
     if events and not isinstance(scenario.system, AbstractBody):
         raise ScenarioError(
-            "Arguments `--friction` and `--detachment` must be left out for a system that touches no plane, such as "
+            "Arguments `--friction` and `--detachment` must be left out for a system that is no ball or disk, such as "
             f"the {scenario.system.title} of this scenario."
         )
     if scenario.may_slip and events:
@@ -223,17 +223,23 @@ def _checks(trajectory: "Trajectory[Any, Any]") -> list[str]:
 
 
 def _law_changes(trajectory: "Trajectory[Any, Any]") -> dict[str, float]:
-    """The largest change of each conserved quantity since the start."""
+    """The largest change of each conserved quantity since the start; balances, which change at a rate, are left out."""
+    import equinox as eqx
+    import jax
+    import jax.numpy as jnp
     import numpy as np
 
-    laws = {name: np.asarray(values) for name, values in trajectory.laws._asdict().items()}
+    start = jnp.asarray(trajectory.times[0]), jax.tree.map(lambda leaf: leaf[0], trajectory.state)
+    balances = eqx.filter_eval_shape(type(trajectory.system).law_rates, trajectory.system, *start)
+    all_laws = trajectory.laws._asdict()
+    laws = {name: np.asarray(values) for name, values in all_laws.items() if name not in balances}
     return {name: float(np.max(np.abs(values - values[0]))) for name, values in laws.items()}
 
 
 def _with_contact(document: dict[str, Any], law: str | None) -> dict[str, Any]:
     """The document with its law replaced by that of ``--contact``, a kinetic coefficient or keys with values.
 
-    **Raises:** :class:`~jaxball.ScenarioError` for a system that touches no plane.
+    **Raises:** :class:`~jaxball.ScenarioError` for a system that is no ball or disk.
     """
     from ...scenario.classical import CLASSICAL
 
@@ -241,8 +247,8 @@ def _with_contact(document: dict[str, Any], law: str | None) -> dict[str, Any]:
         return document
     if document.get("kind") in CLASSICAL:
         raise ScenarioError(
-            "Argument `--contact` must be left out for a system that touches no plane, such as a scenario of the kind "
-            f'"{document["kind"]}".'
+            "Argument `--contact` must be left out for a system that is no ball or disk, such as a scenario of the "
+            f'kind "{document["kind"]}".'
         )
     keys = law.split(",") if "=" in law else [f"sliding={law}"]
     others = {name: value for name, value in document.items() if name != "contact"}

@@ -132,7 +132,7 @@ def _check(options: argparse.Namespace, trajectory: "Trajectory[Any, Any]", what
         raise RunError(f"{what} has no finite state to show. {trajectory.message}")
     if options.friction is not None and not isinstance(trajectory.system, AbstractBody):
         raise BadInputError(
-            "Argument `--friction` must be left out for a system that touches no plane, such as a "
+            "Argument `--friction` must be left out for a system that is no ball or disk, such as a "
             f"{trajectory.system.title}, but it is {options.friction:g}."
         )
 
