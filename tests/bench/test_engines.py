@@ -13,7 +13,7 @@ from jaxball.bench.engines import CASES, DRAKE, ENGINES, MUJOCO, report
 from jaxball.bench.engines.contract import Motion
 from jaxball.bench.engines.run import Row, listing, measure, plan
 from jaxball.bench.run import SelectionError
-from jaxball.interface.installation import pip_install
+from jaxball.interface.wording import pip_install
 
 ROOT = Path(__file__).parents[2]
 SAVED = ROOT / "benchmarks" / "engines.json"

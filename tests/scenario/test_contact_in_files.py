@@ -101,7 +101,8 @@ SENTENCES = {
     ),
     "differential-algebraic": (
         [LAW, 'solve = { dae = true, solver = "radau5" }'],
-        "Key `solve.dae` must be false with `contact`, whose modes are differential equations, but it is true.",
+        "Key `solve.dae` must be false for a body with a law of contact, whose modes are differential equations, but "
+        "it is true.",
     ),
 }
 
@@ -121,6 +122,19 @@ def test_a_disk_does_not_leave_its_plane():
 def test_a_classical_system_has_no_contact():
     with pytest.raises(ScenarioError, match=r"^Key `contact` is not known"):
         read_scenario(f'format = 1\nkind = "nonholonomic-particle"\n{LAW}\n{TIMES}')
+
+
+def test_joints_that_stick_have_no_law_of_contact_beside_them():
+    text = """
+        [[mechanisms]]
+        masses = [{ mass = 0.2, place = [0.0, 0.0, -0.5], joint = 0 }]
+        [[mechanisms.joints]]
+        kind = "hinge"
+        axis = [0.0, 1.0, 0.0]
+        force = { kind = "joint-friction", kinetic = 0.2 }
+    """
+    with pytest.raises(ScenarioError, match=r"^Key `contact` must be left out where joints stick, .* `smoothing`\.$"):
+        read_scenario(with_contact(LAW) + text)
 
 
 def test_traced_numbers_make_the_law_and_the_start():

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..interface.arguments import require_value
 from ..numerics.arrays import number_or_none, numbers
-from ..numerics.norms import ROUNDING, norm
+from ..numerics.vectors import ROUNDING, norm
 from ..physics.imbalance import imbalance
 from .problem.plane import AbstractCurve, off_e1, place, places
 from .problem.requirements import AbstractObjective, AbstractRunningObjective, OfFunction, Requirement

@@ -22,6 +22,7 @@ from .body import (
     CONTACT,
     KEYS as BODY_KEYS,
     check_force,
+    check_no_sticking,
     check_sensors,
     kind_of,
     read_contact,
@@ -245,6 +246,7 @@ def _contents(
     span = namespace(times.start, times.end).stack([times.start, times.end])
     fixed = Fixed(system, contact, times, solve or {})
     *_, first_state, _ = each_of(
+        lambda: contact and check_no_sticking(system),
         lambda: solve and check_dae(system, contact, solve["solver"], solve["dae"]),
         lambda: check_confined(system, span, state),
         lambda: check_start(system, start, state),
@@ -290,7 +292,7 @@ def write_scenario(scenario: Scenario) -> str:
         "format": FORMAT,
         "title": scenario.title,
         **_tables(system, state),
-        "contact": {} if contact is None else CONTACT.write(contact, "contact"),
+        "contact": CONTACT.write(contact, "contact") if scenario.may_slip else {},
         "time": write_times(scenario.times),
         "solve": write_table({name: getattr(scenario, name) for name in SOLVE}, "solve", SOLVE),
         "sensors": write_sensors({name: sensors[name] for name in scenario.sensors}, "sensors"),

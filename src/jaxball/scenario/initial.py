@@ -10,7 +10,7 @@ from jaxtyping import Array, ArrayLike, Float
 from ..interface.wording import all_of, counted
 from ..numerics import programs
 from ..numerics.arrays import is_traced, to_array
-from ..numerics.norms import length
+from ..numerics.vectors import length
 from ..physics.body import Ball, Disk, PointMass, System
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 
 from ..ensemble import AbstractReduction, simulate_ensemble
-from ..ensemble.quantities import CONTACT as CONTACT_REDUCTIONS
+from ..ensemble.reductions import CONTACT as CONTACT_REDUCTIONS
 from ..physics.body import AbstractBody
 from ..scenario.solvers import SOLVERS
 from ..simulation.events import AbstractEvent, Detachment

@@ -9,11 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..physics.contact.body_on_plane import ContactHistory
+from ..physics.contact.body_on_plane import BodyOnPlane, ContactHistory
 from ..physics.contact.modes import Mode
 from ..physics.contact.released import ReleasedState
 from ..physics.hybrid import AbstractHistory
 from ..physics.state import BallState, DiskState
+from ..physics.system import AbstractSystem
 from ..results.variables import labels, of_classical_state
 from ..scenario import Scenario
 from ..simulation.variables import EXTREMES, HISTORY, RUN, RUN_SWITCHES, STATE, Variable
@@ -94,8 +95,8 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
         outputs["time"] = Output(dimensions, saves, np.dtype(np.float64), "time", "save time", True)
     for name, (known, shape) in state_variables(template).items():
         outputs[name] = _output(known._replace(dimensions=(*dimensions, *known.dimensions)), (*saves, *shape))
-    if template.contact is not None:
-        outputs |= {name: _output(known) for name, known in RUN_SWITCHES.items()}
+    _, of_run = history_variables(template.system_to_solve)
+    outputs |= {name: _output(known) for name, known in of_run.items()}
     if study.contact:
         outputs |= {name: _output(known) for name, known in EXTREMES.items()}
     for find in study.finds:
@@ -107,15 +108,25 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
 
 
 def state_variables(template: Scenario) -> dict[str, tuple[Variable, tuple[int, ...]]]:
-    """The variables of the state at a time, with shapes: those of the body and, with a law of contact, its mode."""
+    """The variables of the state at a time, with shapes: those of the body and, where it has modes, of its history."""
     state = template.state
     body = state.body if isinstance(state, ReleasedState) else state
     shapes = {name: np.shape(leaf) for name, leaf in vars(body).items() if np.size(leaf)}
     known = {name: (_variable(body, name, shape), shape) for name, shape in shapes.items()}
-    if template.contact is None:
-        return known
+    over_time, _ = history_variables(template.system_to_solve)
     sizes = {"axis": 3, "direction": 2}
-    return known | {name: (one, tuple(sizes[axis] for axis in one.dimensions)) for name, one in HISTORY.items()}
+    return known | {name: (one, tuple(sizes[axis] for axis in one.dimensions)) for name, one in over_time.items()}
+
+
+@functools.singledispatch
+def history_variables(system: AbstractSystem) -> tuple[dict[str, Variable], dict[str, Variable]]:
+    """The variables of the history of the system that is solved, by name: at a time, and of a run as a whole."""
+    return {}, {}
+
+
+@history_variables.register
+def _of_plane(system: BodyOnPlane) -> tuple[dict[str, Variable], dict[str, Variable]]:
+    return HISTORY, RUN_SWITCHES
 
 
 @functools.singledispatch
@@ -131,7 +142,7 @@ def _of_contact(contact: ContactHistory) -> dict[str, Array]:
     seen = jnp.concatenate([contact.mode, switches.source, switches.target], axis=-1)
     modes = sum(jnp.any(seen == int(mode), axis=-1).astype(int) << int(mode) for mode in Mode)
     of_switches = {"switches": switches.count, "first_switch": switches.times[..., 0], "modes": modes}
-    return {name: getattr(contact, name) for name in HISTORY} | of_switches
+    return contact.over_time | of_switches
 
 
 def labels_of(outputs: dict[str, Output], template: Scenario) -> dict[str, np.ndarray]:

@@ -284,7 +284,7 @@ def _check_contact(table: dict[str, Any], template: Scenario) -> None:
     for key in ("contact", "detachment"):
         if table[key] and not isinstance(template.system, AbstractBody):
             raise StudyError(f"Key `{key}` must be false for a {template.system.title}, which is no ball or disk.")
-        if table[key] and template.contact is not None:
+        if table[key] and template.may_slip:
             raise StudyError(
                 f"Key `{key}` must be false where the scenario has a law of contact, with which the body may slip and "
                 "fly, but it is true."

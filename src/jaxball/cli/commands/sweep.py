@@ -5,10 +5,9 @@ import importlib.util
 import sys
 from pathlib import Path
 
-from ...interface.installation import pip_install
 from ...interface.interruption import STOPPED, exit_code, interrupt_message
 from ...interface.output import check_folder
-from ...interface.wording import all_of, counted
+from ...interface.wording import all_of, counted, pip_install
 from ...scenario.errors import ScenarioError
 from ...scenario.sources import document_of, naming, text_of
 from ..jax_setup import set_up_jax

@@ -53,7 +53,7 @@ from matplotlib.colors import LogNorm, to_hex
 
 from ...classical import ParticleState, VakonomicState
 from ...classical.state import OrientedState
-from ...interface.views import MOST_BODIES
+from ...interface.output import MOST_BODIES
 from ...physics.body import AbstractBody
 from ...simulation.trajectory import Trajectory
 from ..palette import ARROWS, COMPONENTS, MODES, TRAIL, mass_colour
