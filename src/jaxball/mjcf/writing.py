@@ -11,7 +11,7 @@ from ..numerics.arrays import to_array
 from ..physics.body import Ball, Disk, System
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState, released
-from ..physics.mechanisms import AbstractMechanism, EndStops, JointForces
+from ..physics.mechanisms import AbstractJointForce, AbstractMechanism, EndStops, JointForces, JointFriction
 from ..physics.resistance import Resistance
 from ..physics.schedules import ConstantRate
 from ..physics.state import BallState, DiskState, RotationState
@@ -151,14 +151,16 @@ def _notes(system: System, contact: Contact | None, links: Links) -> tuple[str, 
         )
     if any(schedule is not None for schedule in links.schedules.values()):
         notes.append("Prescribed motions are kept by servos, with the controls of `controls_at`, or of --controls.")
-    if any(_has_stops(mechanism) for mechanism in system.mechanisms):
+    if any(_has(mechanism, JointFriction) for mechanism in system.mechanisms):
+        notes.append("Joints with dry friction stick here; in MuJoCo, where it is a soft constraint, they creep.")
+    if any(_has(mechanism, EndStops) for mechanism in system.mechanisms):
         notes.append(f"End stops are the ranges of joints: {LIMITS}.")
     return tuple(notes)
 
 
-def _has_stops(mechanism: AbstractMechanism) -> bool:
+def _has(mechanism: AbstractMechanism, kind: type[AbstractJointForce]) -> bool:
     forces = [drive.terms if isinstance(drive, JointForces) else (drive,) for drive in mechanism.drives]
-    return any(isinstance(force, EndStops) for terms in forces for force in terms)
+    return any(isinstance(force, kind) for terms in forces for force in terms)
 
 
 def _surface(system: System, contact: Contact | None) -> dict[str, Any]:
