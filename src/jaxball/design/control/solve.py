@@ -25,7 +25,7 @@ WITHIN = (-0.5, 1.5)
 # The initial barrier on a finer mesh, and its factors: at first, and where it can fall no further.
 AGAIN, STEP, SHORTEST_STEP = 1e-4, 0.1, 0.95
 MOST_ROUNDS = 12
-# Above this many times the final barrier, rounding included, there is one in between, for which a rough solution will do.
+# A barrier above the last one, except for rounding, is solved for to this accuracy.
 NEARLY, ROUGH = 1 + 1e-9, 1e-3
 
 Guess = Callable[[Rolling, Float[np.ndarray, " N_plus_one"], int], Path]
