@@ -12,6 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ...numerics import programs
+from ...numerics.arrays import to_array
 from ...numerics.batches import of_rows
 from ...physics.body import Disk, System
 from .requirements import AbstractConstraint, AbstractObjective, require_reachable
@@ -168,11 +170,16 @@ class Problem:
     @functools.cached_property
     def layout(self) -> ConstraintLayout:
         """Where the constraints are evaluated."""
-        y = jax.ShapeDtypeStruct((self.space.size,), jnp.zeros(()).dtype)
-        shapes = jax.eval_shape(lambda y: self._of(self.run(y))[1], y)
-        return ConstraintLayout(
-            {name: shape.size for name, shape in zip(self.constraints, shapes, strict=True)}, self.balls
-        )
+        sizes = [int(size) for size in programs.jit(self._sizes)()]
+        return ConstraintLayout(dict(zip(self.constraints, sizes, strict=True)), self.balls)
+
+    def _sizes(self) -> list[int]:
+        """At how many points each constraint is evaluated, found without a simulation."""
+        scenario = self.space.scenario
+        times, status = to_array(scenario.times), jnp.zeros((), dtype=int)
+        states = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (times.size, *leaf.shape)), scenario.state)
+        run = Run(scenario.system, times, states, status, RAIL_SAMPLES)
+        return [shape.size for shape in eqx.filter_eval_shape(lambda run: self._of(run)[1], run)]
 
     @property
     def balls(self) -> int:

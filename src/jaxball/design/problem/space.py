@@ -1,6 +1,7 @@
 """The space of designs: a scenario as a function of its variables, numbers with scales and bounds."""
 
 import dataclasses
+import functools
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...numerics import programs
 from ...numerics.arrays import to_array
 from ...physics.body import Ball, Disk, System
 from ...physics.frames import principal_angles
@@ -231,7 +233,21 @@ class DesignSpace:
 
     def values(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """The same of known z, such as ``start``."""
-        return np.asarray(self.numbers(jnp.asarray(z)))
+        return np.asarray(self._numbers(jnp.asarray(z)))
+
+    @functools.cached_property
+    def _numbers(self) -> programs.Program:
+        return programs.jit(self.bounds.numbers)
+
+    def units(self, x: Float[np.ndarray, " n"]) -> tuple[float, float]:
+        """The radius and the gravity for values ``x`` of the variables."""
+
+        def of(x: Float[Array, " n"]) -> tuple[Array, Array]:
+            system = self.candidate_of(x).system
+            return system.radius, system.gravity
+
+        radius, gravity = programs.jit(of)(jnp.asarray(x))
+        return float(radius), float(gravity)
 
     def candidate(self, z: Float[Array, " n"]) -> Candidate:
         """The system, the state and the times of z; traceable."""
