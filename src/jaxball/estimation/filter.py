@@ -274,30 +274,41 @@ class ErrorStateFilter(Printed):
             if name not in readings:
                 raise ValueError(f"Argument `readings` must have those of every sensor, but {name!r} is missing.")
         columns = {}
-        for name, sensor in sensors.items():
+        for name in sensors:
             given = to_array(readings[name], f"readings[{name!r}]")
             if given.ndim == 0:
                 raise refusal(f"readings[{name!r}]", "readings at each sample", readings[name])
-            columns[name] = self._taken(name, sensor, given.reshape(given.shape[0], -1))
+            columns[name] = self.taken(name, given.reshape(given.shape[0], -1))
         lengths = {name: len(column) for name, column in columns.items()}
         if len(set(lengths.values())) > 1:
             raise ValueError(f"Argument `readings` must have as many samples of each sensor, but there are {lengths}.")
         y = jnp.concatenate(list(columns.values()), axis=1)
         return Reading(jnp.where(jnp.isfinite(y), y, 0.0), jnp.isfinite(y))
 
-    def _taken(self, name: str, sensor: AbstractSensor, given: Float[Array, "K m"]) -> Float[Array, "K m"]:
-        """Readings at the samples at which they were taken; NaN at the last ones, which have not arrived."""
-        assert sensor.errors is not None
-        if not sensor.errors.delay:
-            return given
-        late = sensor.errors.delay / float(np.asarray(self.sampled.sample))
-        if abs(late - round(late)) > CLOSE * len(given):
+    def taken(self, name: str, given: Float[Array, "K m"]) -> Float[Array, "K m"]:
+        """The readings of a sensor, at the samples at which they were taken; NaN at the last ones, still to arrive.
+
+        **Raises:** as :meth:`samples_late`.
+        """
+        shift = self.samples_late(name)
+        return jnp.concatenate([given[shift:], jnp.full_like(given[:shift], jnp.nan)])
+
+    def samples_late(self, name: str) -> int:
+        """How many samples later the readings of a sensor arrive.
+
+        **Raises:** ``ValueError`` for a delay that is no whole number of samples.
+        """
+        errors = self.measurement.sensors[name].errors
+        assert errors is not None
+        if not errors.delay:
+            return 0
+        late = errors.delay / float(np.asarray(self.sampled.sample))
+        if abs(late - round(late)) > CLOSE * max(late, 1.0):
             raise ValueError(
                 f"Argument `sensors[{name!r}].errors.delay` must be a whole number of samples, but it is {late:.6g} of "
                 "them."
             )
-        shift = round(late)
-        return jnp.concatenate([given[shift:], jnp.full_like(given[:shift], jnp.nan)])
+        return round(late)
 
     def sizes(self, state: PlacedState) -> dict[str, int]:
         """How many components each sensor reads, in the order of the measurement."""

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..control.inputs import recorded
-from ..control.loop import ClosedLoop, closed_loop
+from ..control.loop import ClosedLoop, closed_loop, limits_of
 from ..control.push import Wrenches
 from ..control.sampled import SampledSystem
 from ..estimation import OutputFeedback
@@ -103,7 +103,8 @@ def system_of_run(scenario: "Scenario", u: Float[np.ndarray, "T m"]) -> System:
     """The robot of a saved run with the inputs that acted, which are those from each save time on."""
     settings, times = settings_of(scenario), jnp.asarray(scenario.times)
     sampled = SampledSystem.of(robot_of(scenario), sample_of(scenario.times), settings.inputs)
-    return recorded(sampled.system, sampled.places, times, jnp.asarray(u[:-1]))
+    limits = sampled.limits if settings.limits is None else limits_of(sampled, settings.limits)
+    return recorded(sampled.system, sampled.places, limits, times, jnp.asarray(u[:-1]))
 
 
 def settings_of(scenario: "Scenario") -> AbstractFeedbackSettings:

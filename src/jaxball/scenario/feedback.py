@@ -301,7 +301,7 @@ def check_feedback(
         lambda: _check_solve(fixed.contact, fixed.solve),
         lambda: sample_of(fixed.times.array(fixed.times.count)),
         lambda: check_model(feedback.model, document),
-        lambda: _check_fit(feedback, estimator, fixed.system, sensors),
+        lambda: _check_fit(feedback, estimator, fixed, sensors),
     )
 
 
@@ -359,12 +359,14 @@ def check_model(model: Named, document: Mapping[str, Any]) -> None:
 def _check_fit(
     feedback: AbstractFeedbackSettings,
     estimator: EstimatorSettings | None,
-    system: System,
+    fixed: Fixed,
     sensors: Mapping[str, AbstractSensor],
 ) -> None:
     from ..control.sampled import SampledSystem
 
-    sampled = _in_keys(SampledSystem.of, system, 1.0, feedback.inputs)
+    times = fixed.times
+    sample = (times.end - times.start) / (times.count - 1)
+    sampled = _in_keys(SampledSystem.of, fixed.system, sample, feedback.inputs)
     each_of(
         lambda: _in_keys(feedback.check, sampled),
         lambda: estimator is None or _check_estimator(estimator, sampled, sensors),
@@ -382,12 +384,10 @@ def _check_estimator(
             raise key_error("estimator.sensors", f"names of sensors of the scenario; {known}", shown(name))
     chosen = estimator.chosen(sensors)
     with in_keys("estimator"):
-        ErrorStateFilter.for_sampled(sampled, chosen, estimator.process, estimator.biases).deviations(estimator.spread)
-    for name, sensor in chosen.items():
-        if sensor.errors is not None and sensor.errors.delay:
-            raise key_error(
-                f"sensors.{name}.errors.delay", "0 for an estimator of feedback", f"{sensor.errors.delay:g}"
-            )
+        known = ErrorStateFilter.for_sampled(sampled, chosen, estimator.process, estimator.biases)
+        known.deviations(estimator.spread)
+        for name in chosen:
+            known.samples_late(name)
 
 
 @contextlib.contextmanager
