@@ -6,7 +6,6 @@ import tomllib
 import jax
 import numpy as np
 import pytest
-import tomli_w
 
 import jaxball
 from jaxball.control import Push, closed_loop, mpc, tvlqr
@@ -14,12 +13,10 @@ from jaxball.estimation import OutputFeedback
 from jaxball.scenario import ScenarioError, read_document, read_scenario, write_scenario
 from jaxball.scenario.closed_loop import model_of
 from jaxball.sensors import Gyroscope, Position, SensorErrors
-from jaxball.sweep import read_study
 from jaxball.verify import verify
 from tests.support.under_feedback import FEEDFORWARD, PREDICTIVE, UNDER_FEEDBACK
 
 WEIGHTS = {"phi": 1.0, "theta": 1.0}
-STUDY = {"format": 1, "axes": [{"path": "body.mass", "values": [1.0]}]}
 
 
 @pytest.fixture(scope="module")
@@ -181,8 +178,6 @@ def test_what_is_wrong_gets_a_sentence(text, sentence):
 
 
 def test_what_cannot_be_done_with_feedback_gets_a_sentence(scenario):
-    with pytest.raises(ScenarioError, match="Key `feedback` must be left out in a study"):
-        read_study(tomli_w.dumps(STUDY | {"scenario": tomllib.loads(UNDER_FEEDBACK)}))
     with pytest.raises(ScenarioError, match="Key `feedback` must be left out here, because the laws"):
         verify(scenario)
     with pytest.raises(ScenarioError, match="has no dense output and no events"):

@@ -160,7 +160,23 @@ def mpc(
     most = track.sampled.limits if limits is None else limits_of(track.sampled, limits)
     mu = None if friction is None else _positive("friction", friction)
     cost = _positive("penalty", penalty)
-    limited = tuple(np.flatnonzero(np.isfinite(np.asarray(most))).tolist())
+    return predictive(track, ahead, most, mu, cost, limited_inputs(most))
+
+
+def limited_inputs(most: Float[Array, " m"]) -> tuple[int, ...]:
+    """The inputs that have limits, by their numbers."""
+    return tuple(np.flatnonzero(np.isfinite(np.asarray(most))).tolist())
+
+
+def predictive(
+    track: Track,
+    ahead: int,
+    most: Float[Array, " m"],
+    mu: Float[Array, ""] | None,
+    cost: Float[Array, ""],
+    limited: tuple[int, ...],
+) -> PredictiveControl:
+    """Predictive control with limits of the inputs that are ``limited``; traceable."""
     rows = _limits(track, most, mu, limited)
     inputs = [sign + track.inputs[i] for i in limited for sign in ("", "-")]
     of_plane = ["normal force"] if mu is None else [f"friction[{j}]" for j in range(len(rows.L) - len(inputs))]

@@ -21,7 +21,7 @@ from ..sensors import AbstractSensor
 from ..sensors.errors import with_errors
 from .belief import Belief
 from .estimate import Followed, LoopEstimate
-from .filter import ErrorStateFilter, Reading
+from .filter import ErrorStateFilter, Reading, samples_late, taken
 
 
 class Remembered(NamedTuple):
@@ -125,12 +125,26 @@ class OutputFeedback(AbstractFeedback):
     ) -> "OutputFeedback":
         """The feedback of a regulator from sensors; its arguments stand above."""
         require("feedback", feedback, AbstractFeedback, "a feedback, such as tvlqr(...) makes")
-        sampled, nominal = feedback.sampled, feedback.nominal
-        known = ErrorStateFilter.for_sampled(sampled, sensors, process, biases)
-        late = {name: known.samples_late(name) for name in known.measurement.sensors}
+        known = ErrorStateFilter.for_sampled(feedback.sampled, sensors, process, biases)
+        late = {name: samples_late(name, sensor, known.sampled) for name, sensor in sensors.items()}
+        plant = plant_of(feedback, system, None, None)
+        return cls.made(feedback, known, plant, known.deviations(spread), late, key)
+
+    @classmethod
+    def made(
+        cls,
+        feedback: AbstractFeedback,
+        known: ErrorStateFilter,
+        plant: SampledSystem,
+        spread: Float[Array, " n"],
+        late: Mapping[str, int],
+        key: Any = None,
+    ) -> "OutputFeedback":
+        """The feedback of parts that fit each other, with how many samples late each sensor is; traceable."""
+        nominal = feedback.nominal
         each = tuple(late[name] for name, size in known.sizes(nominal.state(0)).items() for _ in range(size))
-        plant, wrong = plant_of(feedback, system, None, None), _errors(known, nominal, key)
-        return cls(sampled, nominal, feedback, known, plant, known.deviations(spread), wrong, each)
+        wrong = _errors(known, nominal, late, key)
+        return cls(feedback.sampled, nominal, feedback, known, plant, spread, wrong, each)
 
     def begin(self) -> Remembered:
         belief, late = self.known.start(self.nominal.state(0), self.spread), max(self.late)
@@ -215,10 +229,12 @@ def _where(holds: Bool[Array, ""], one: Belief, other: Belief) -> Belief:
     return jax.tree.map(lambda a, b: jnp.where(holds, a, b), one, other)
 
 
-def _errors(known: ErrorStateFilter, nominal: NominalMotion, key: Any) -> Float[Array, "samples_and_end components"]:
+def _errors(
+    known: ErrorStateFilter, nominal: NominalMotion, late: Mapping[str, int], key: Any
+) -> Float[Array, "samples_and_end components"]:
     """What readings taken at each sample differ by from exact ones; NaN where there is none."""
     times, sizes = nominal.times, known.sizes(nominal.state(0))
     sensors = known.measurement.sensors
     zero = {name: jnp.zeros((times.size, size), default_dtype()) for name, size in sizes.items()}
     found = with_errors({name: sensor.errors for name, sensor in sensors.items()}, times, zero, key)
-    return jnp.concatenate([known.taken(name, found[name]) for name in sensors], axis=1)
+    return jnp.concatenate([taken(found[name], late[name]) for name in sensors], axis=1)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Array
 
 from ..control.push import Push
 from ..physics.body import System
@@ -26,7 +27,8 @@ from .values import (
     Nested,
     Numbers,
     Rule,
-    any_traced,
+    WholeNumber,
+    is_traced_document,
     unread,
 )
 
@@ -35,7 +37,8 @@ if TYPE_CHECKING:
     from ..control.sampled import SampledSystem
     from ..simulation.trajectory import Trajectory
 
-Named = Mapping[str, float]
+Number = float | Array  # an array where it is traced
+Named = Mapping[str, Number]
 SOLVER = "dopri8"  # of the samples of a closed loop
 PENALTY = 1e3
 OF_MODEL = ("body", "force", "ground", "resistance", "masses", "mechanisms", "actuation")
@@ -57,8 +60,8 @@ class AbstractFeedbackSettings(abc.ABC):
     """
 
     inputs: tuple[str, ...] | None = None
-    limits: float | Named | None = None
-    delay: int = 0
+    limits: Number | Named | None = None
+    delay: int | Array = 0
     start: Named = field(default_factory=dict)
     pushes: tuple[Push, ...] = ()
     model: Named = field(default_factory=dict)
@@ -132,8 +135,8 @@ class PredictiveSettings(RegulatorSettings):
     """
 
     horizon: int
-    friction: float | None = None
-    penalty: float = PENALTY
+    friction: Number | None = None
+    penalty: Number = PENALTY
 
     def along(self, run, sample, rtol, atol):
         from ..control.prediction import mpc
@@ -231,7 +234,7 @@ _WEIGHTS = _ByName(shapes=((), (None,), (None, None)))
 _FEEDFORWARD = {
     "inputs": Key(_Names(), None),
     "limits": Key(_ByName(NOT_NEGATIVE, shapes=((),)), None),
-    "delay": Key(Integer(0, 10**6), 0),
+    "delay": Key(WholeNumber(0, 10**6), 0),
     "start": _NAMED,
     "pushes": Key(Nested(_read_pushes, _write_pushes, "a list of tables", {"": _PUSH.keys}), ()),
     "model": _NAMED,
@@ -295,7 +298,7 @@ def check_feedback(
                 'kind = "feedforward" }` for a motion without feedback.'
             )
         return
-    if any_traced(tuple(fixed)):
+    if is_traced_document():
         return
     each_of(
         lambda: _check_solve(fixed.contact, fixed.solve),
@@ -349,11 +352,16 @@ def check_model(model: Named, document: Mapping[str, Any]) -> None:
         except ScenarioError as error:
             raise ScenarioError(f"Key `feedback.model` has a wrong path: {error}") from None
     if model:
-        others = {name: table for name, table in document.items() if name not in KEYS}
         try:
-            read_contents(with_numbers(others, model))
+            read_contents(document_of_model(model, document))
         except ScenarioError as error:
             raise ScenarioError(f"Key `feedback.model` makes an impossible robot: {error}") from None
+
+
+def document_of_model(model: Named, document: Mapping[str, Any]) -> dict[str, Any]:
+    """The document of the robot that feedback knows, with the numbers of the model and without feedback."""
+    others = {name: table for name, table in document.items() if name not in KEYS}
+    return with_numbers(others, model)
 
 
 def _check_fit(
@@ -377,6 +385,7 @@ def _check_estimator(
     estimator: EstimatorSettings, sampled: "SampledSystem", sensors: Mapping[str, AbstractSensor]
 ) -> None:
     from ..estimation import ErrorStateFilter
+    from ..estimation.filter import samples_late
 
     for name in estimator.sensors or ():
         if name not in sensors:
@@ -386,8 +395,8 @@ def _check_estimator(
     with in_keys("estimator"):
         known = ErrorStateFilter.for_sampled(sampled, chosen, estimator.process, estimator.biases)
         known.deviations(estimator.spread)
-        for name in chosen:
-            known.samples_late(name)
+        for name, sensor in chosen.items():
+            samples_late(name, sensor, sampled)
 
 
 @contextlib.contextmanager
