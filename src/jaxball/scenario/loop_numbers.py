@@ -132,7 +132,7 @@ def loop_numbers(contents: Contents, document: Mapping[str, Any], sample: float)
     sampled = SampledSystem.of(model, sample, feedback.inputs)
     limits = None if feedback.limits is None else limits_of(sampled, feedback.limits)
     W, S = _weights(feedback, sampled, sample)
-    predictive = isinstance(feedback, PredictiveSettings)
+    predictive_control = isinstance(feedback, PredictiveSettings)
     return LoopNumbers(
         robot=with_pushes(system, feedback.pushes),
         model=model,
@@ -144,14 +144,14 @@ def loop_numbers(contents: Contents, document: Mapping[str, Any], sample: float)
         delay=jnp.asarray(feedback.delay, int),
         W=W,
         S=S,
-        friction=to_array(feedback.friction) if predictive and feedback.friction is not None else None,
-        penalty=to_array(feedback.penalty) if predictive else None,
+        friction=to_array(feedback.friction) if predictive_control and feedback.friction is not None else None,
+        penalty=to_array(feedback.penalty) if predictive_control else None,
         estimator=None
         if contents.estimator is None
         else _of_estimator(contents.estimator, contents.sensors, sampled),
         inputs=feedback.inputs,
-        horizon=feedback.horizon if predictive else None,
-        limited=_limited(sampled.limits if limits is None else limits) if predictive else (),
+        horizon=feedback.horizon if predictive_control else None,
+        limited=limited_inputs(sampled.limits if limits is None else limits) if predictive_control else (),
     )
 
 
@@ -170,11 +170,6 @@ def _weights(feedback: AbstractFeedbackSettings, sampled: SampledSystem, sample:
             least = jnp.linalg.eigvalsh(matrix)[0]
             require(holds(least), f"feedback.{name}", "weights that are not negative", lambda: "")
     return factors_of(sample, sampled, feedback.Q, feedback.R, feedback.Qf)
-
-
-def _limited(limits: Array) -> tuple[int, ...]:
-    """All inputs where limits are traced."""
-    return tuple(range(len(limits))) if is_traced(limits) else limited_inputs(limits)
 
 
 def _of_estimator(
