@@ -53,6 +53,7 @@ from .values import (
     Rule,
     ScenarioError,
     Text,
+    WholeNumber,
     key_error,
     namespace,
     require,
@@ -304,7 +305,7 @@ _ERRORS = Module(
         "rate": Key(Numbers(rule=POSITIVE), None),
         "delay": Key(Numbers(rule=NOT_NEGATIVE, dimension=TIME), 0.0),
         "missing": Key(Numbers(rule=_PROBABILITY), 0.0),
-        "seed": Key(Integer(0, 2**31 - 1), 0),
+        "seed": Key(WholeNumber(0, 2**31 - 1), 0),
     },
 )
 _EVERY_SENSOR = {"errors": Key(_ERRORS.nested, None)}

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import numpy as np
@@ -62,6 +62,9 @@ from .solve import SOLVE, TIMES, SaveTimes, check_dae, read_times, write_times
 from .sources import document_of, naming, scenario_text
 from .table import Key, keys_of, read_table, write_table
 from .values import Choice, Conditions, Integer, ScenarioError, Text, namespace, traced_conditions, unread
+
+if TYPE_CHECKING:
+    from .loop_numbers import LoopNumbers
 
 FORMAT = 1
 
@@ -317,7 +320,10 @@ def _tables(system: AbstractSystem, state: Any) -> dict[str, Any]:
 
 
 class Parts(NamedTuple):
-    """The parts of a scenario that depend on the numbers of its document."""
+    """The parts of a scenario that depend on the numbers of its document.
+
+    ``sensors`` are all that there are, ``loop`` is what determines its closed loop, or None without feedback.
+    """
 
     system: AbstractSystem
     state: AbstractState | ReleasedState
@@ -325,12 +331,20 @@ class Parts(NamedTuple):
     times: SaveTimes
     rtol: Any
     atol: Any
+    sensors: dict[str, AbstractSensor]
+    loop: "LoopNumbers | None"
 
     @classmethod
-    def of(cls, contents: Contents) -> "Parts":
-        """Those of a file."""
-        solve = contents.solve
-        return cls(contents.system, contents.state, contents.contact, contents.times, solve["rtol"], solve["atol"])
+    def of(cls, contents: Contents, document: Mapping[str, Any]) -> "Parts":
+        """Those of a file, of which ``document`` is the whole."""
+        solve, loop = contents.solve, None
+        if contents.feedback is not None:
+            from .loop_numbers import loop_numbers  # which reads the model as another file
+
+            times = contents.times
+            loop = loop_numbers(contents, document, (times.end - times.start) / (times.count - 1))
+        main = contents.system, contents.state, contents.contact, contents.times, solve["rtol"], solve["atol"]
+        return cls(*main, contents.sensors, loop)
 
 
 class Structure:
@@ -347,7 +361,7 @@ class Structure:
     def __init__(self, document: Mapping[str, Any], paths: tuple[str, ...]):
         self.document, self.paths = dict(document), paths
         contents = read_contents(self.document)
-        self.scenario, self.parts = contents.scenario(), Parts.of(contents)
+        self.scenario, self.parts = contents.scenario(), Parts.of(contents, self.document)
         self._build = jax.jit(lambda values: self.traced(values)[0])
 
     def build(self, values: Float[Array, " paths"]) -> Parts:
@@ -365,5 +379,5 @@ class Structure:
         """What ``values``, which must be traced, make, and the conditions on them. What they do not change is known."""
         numbers = dict(zip(self.paths, values, strict=True))
         with traced_conditions() as conditions:
-            contents = read_contents(with_numbers(self.document, numbers))
-        return Parts.of(contents), conditions
+            document = with_numbers(self.document, numbers)
+            return Parts.of(read_contents(document), document), conditions

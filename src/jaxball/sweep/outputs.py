@@ -1,14 +1,17 @@
 """The results that a study keeps for each row, and how its rows lie along its axes."""
 
+import dataclasses
 import functools
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from ..estimation.measurement import Measurement
 from ..physics.contact.body_on_plane import BodyOnPlane, ContactHistory
 from ..physics.contact.modes import Mode
 from ..physics.contact.released import ReleasedState
@@ -97,6 +100,12 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
         outputs[name] = _output(known._replace(dimensions=(*dimensions, *known.dimensions)), (*saves, *shape))
     _, of_run = history_variables(template.system_to_solve)
     outputs |= {name: _output(known) for name, known in of_run.items()}
+    if study.readings:
+        outputs |= _of_readings(study, template)
+    if template.feedback is not None:
+        from .closed_loops import loop_variables  # which other studies do without
+
+        outputs |= {name: _output(known) for name, known in loop_variables(template).items()}
     if study.contact:
         outputs |= {name: _output(known) for name, known in EXTREMES.items()}
     for find in study.finds:
@@ -111,6 +120,9 @@ def state_variables(template: Scenario) -> dict[str, tuple[Variable, tuple[int, 
     """The variables of the state at a time, with shapes: those of the body and, where it has modes, of its history."""
     state = template.state
     body = state.body if isinstance(state, ReleasedState) else state
+    if template.feedback is not None:
+        none = np.zeros(len(_shown_system(template).coordinates))
+        body = dataclasses.replace(body, theta=none, thetadot=none)
     shapes = {name: np.shape(leaf) for name, leaf in vars(body).items() if np.size(leaf)}
     known = {name: (_variable(body, name, shape), shape) for name, shape in shapes.items()}
     over_time, _ = history_variables(template.system_to_solve)
@@ -148,7 +160,48 @@ def _of_contact(contact: ContactHistory) -> dict[str, Array]:
 def labels_of(outputs: dict[str, Output], template: Scenario) -> dict[str, np.ndarray]:
     """The labels along each dimension except ``row``."""
     sizes = {name: n for item in outputs.values() for name, n in zip(item.dimensions, item.shape, strict=True)}
-    return labels(template.system, sizes)
+    return labels(_shown_system(template), sizes)
+
+
+def _shown_system(template: Scenario) -> Any:
+    """The system of the states of rows: with feedback every input is in the state."""
+    if template.feedback is None:
+        return template.system
+    from ..scenario.closed_loop import sampled_of  # as above
+
+    return sampled_of(template).system
+
+
+EXTREME = {"least": np.nanmin, "largest": np.nanmax}
+
+
+def with_extremes(results: dict[str, np.ndarray], template: Scenario | None) -> dict[str, np.ndarray]:
+    """The results with the extremes over time of what the sensors of a scenario read, if it is given; NaN of none."""
+    extremes = {}
+    for name in () if template is None else template.sensors:
+        read = results[f"measured_{name}"]
+        missing = np.all(np.isnan(read), axis=1)
+        for word, extreme in EXTREME.items():
+            known = np.where(missing[:, None], 0.0, read)
+            extremes[f"measured_{name}_{word}"] = np.where(missing, np.nan, extreme(known, axis=1))
+    return results | extremes
+
+
+def _of_readings(study: Study, template: Scenario) -> dict[str, Output]:
+    """The variables of what sensors read: their extremes over the save times, and with these the readings themselves."""
+    state = template.state.body if isinstance(template.state, ReleasedState) else template.state
+    measurement = Measurement(dict(template.sensors))
+    shapes = jax.eval_shape(lambda t: measurement.parts(template.system, t, state), jnp.zeros(()))
+    outputs = {}
+    for name, sensor in template.sensors.items():
+        shape = shapes[name].shape
+        own = ("axis",) if shape == (3,) else tuple(f"measured_{name}_{k}" for k in range(len(shape)))
+        known = Variable(own, sensor.units, sensor.meaning)
+        if study.save == "times":
+            outputs[f"measured_{name}"] = _output(known._replace(dimensions=("save", *own)), (template.times.size, *shape))
+        for word in EXTREME:
+            outputs[f"measured_{name}_{word}"] = _output(known._replace(meaning=f"{word} {known.meaning}"), shape)
+    return outputs
 
 
 def _output(known: Variable, shape: tuple[int, ...] = ()) -> Output:

@@ -19,7 +19,7 @@ from ..palette import TAKEN, mass_colour
 from ..record import Record, drawn_run, finite_rows, known_rows, record, require_one
 from ..shapes import rails_of
 from ..time_series import dissipated, height, of_contact, slip_speed
-from .feedback import feedback_numbers
+from .feedback import feedback_graphs, feedback_numbers
 from .scene import (
     BLUE,
     PAIR,
@@ -228,7 +228,8 @@ def _graphs(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
     for one, amounts in zip(each(TAKEN, TAKEN.values(), "taken"), taken, strict=True):
         if any(np.any(without_rounding(np.nan_to_num(np.asarray(leaf)), sizes.energy)) for leaf in amounts):
             graphs[0]["series"].append(one)
-    return [*graphs, *_of_masses(bodies), *_of_joints(bodies)]
+    of_feedback = feedback_graphs([one.trajectory for one in bodies])
+    return [*graphs, *of_feedback, *_of_masses(bodies), *_of_joints(bodies)]
 
 
 def _of_masses(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
