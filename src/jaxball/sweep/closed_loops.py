@@ -19,7 +19,7 @@ from ..control.feedback import AbstractFeedback
 from ..control.loop import ClosedLoop, looped
 from ..control.weights import weight_matrix
 from ..ensemble import AbstractReduction
-from ..ensemble.quantities import values
+from ..ensemble.reductions import values
 from ..ensemble.reductions import Observed
 from ..interface.status import Status
 from ..numerics import programs
