@@ -28,7 +28,7 @@ def run(case: Case, setting: Setting, timestep: float) -> Motion:
     exported = to_mjcf(scenario, timestep=timestep)
     model = mujoco.MjModel.from_xml_string(exported.text)
     _set(model, setting.values, timestep)
-    if scenario.contact is None:
+    if not scenario.may_slip:
         model.geom_friction[:, 0] = case.friction
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)

@@ -34,9 +34,8 @@ def run(case: Case, setting: Setting, timestep: float) -> Motion:
         up = np.array([0.0, 0.0, 1.0]) if ground is None else np.asarray(ground.up())
         bullet.setGravity(*(-float(system.gravity) * up).tolist())
         bullet.setPhysicsEngineParameter(fixedTimeStep=timestep, **setting.values)
-        friction = case.friction if scenario.contact is None else float(scenario.contact.sliding)
         _add_ground(scenario)
-        robot = _add_robot(scenario, friction)
+        robot = _add_robot(scenario, scenario.friction_or(case.friction))
         steps = np.rint(np.diff(scenario.times) / timestep).astype(int)
         controls = exported.controls_at(timestep * np.arange(steps.sum()))
         rows, seconds, step = [_row(robot, system)], 0.0, 0
