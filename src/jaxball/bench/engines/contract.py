@@ -70,6 +70,14 @@ class Motion(NamedTuple):
     seconds: float
 
 
+class Derivative(NamedTuple):
+    """The derivative of a final place, and the processor time in seconds that compiling and one evaluation took."""
+
+    value: Float[np.ndarray, "2"]
+    compiling: float
+    seconds: float
+
+
 Row = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # of a motion, at one time
 
 

@@ -26,6 +26,11 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--budget", type=positive, metavar="SECONDS", help="time for the timed calls of each setting")
     parser.add_argument("--limit", type=positive, metavar="SECONDS", help="skip settings whose solves take longer")
     parser.add_argument("--out", type=Path, default=Path("out/bench"), metavar="FOLDER", help="default: out/bench")
+    parser.add_argument(
+        "--gradients",
+        action="store_true",
+        help="after engines: derivatives of a robot's final place instead of its motions",
+    )
     parser.add_argument("--quick", action="store_true", help="two problems, a few solvers, two tolerances")
     parser.add_argument("--list", action="store_true", help="list problems and solvers")
 
@@ -36,6 +41,8 @@ def run(options: argparse.Namespace) -> int:
     set_up_jax()
     if options.problems[:1] == [ENGINES]:
         return _engines(options)
+    if options.gradients:
+        raise BadInputError("Argument `--gradients` must be left out without the word engines before it.")
     from ... import bench
 
     if options.list:
@@ -66,6 +73,14 @@ def _engines(options: argparse.Namespace) -> int:
 
     if options.list:
         print(engines.listing())
+        return 0
+    if options.gradients:
+        for name in ("solvers", "quick"):
+            if getattr(options, name):
+                raise BadInputError(f"Argument `--{name}` must be left out with `--gradients`, which has one robot.")
+        from ...bench.engines import gradients
+
+        gradients.measure(options.out)
         return 0
     try:
         plan = engines.plan(options.problems[1:], options.solvers, quick=options.quick)
