@@ -97,8 +97,8 @@ def _connect(builder: Any, plant: Any, scenario: Scenario, exported: Exported, *
 def _check(scenario: Scenario, servos: bool, setting: Setting) -> None:
     if servos and setting.name == "TAMSI":
         raise MJCFError("Prescribed masses are left out, because TAMSI has no servos.")
-    mechanisms: Any = scenario.system.mechanisms  # with joints, or they could not have been written
-    if any(not isinstance(joint, Hinge) for mechanism in mechanisms for joint in mechanism.joints):
+    system: Any = scenario.system  # whose mechanisms have joints, or they could not have been written
+    if any(not isinstance(joint, Hinge) for mechanism in system.mechanisms for joint in mechanism.joints):
         raise MJCFError("Mechanisms with other joints than hinges are left out, because this file starts no others.")
 
 

@@ -21,14 +21,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...interface.output import write_text
-from ...mjcf import Exported, to_mjcf
+from ...mjcf import to_mjcf
 from ...numerics import programs
 from ...simulation.simulate import simulate
 from ..machine import machine, versions
 from ..measure import Echo, power, seconds
 from . import MUJOCO
 from .cases import CASES, pendulum_robot
-from .contract import Derivative
+from .contract import Derivative, timed
 
 CASE = CASES["pendulum"]
 STIFF = next(setting for setting in MUJOCO.settings if setting.name == "RK4, stiff")
@@ -56,25 +56,25 @@ def measure(out: Path, echo: Echo = print) -> list[Row]:
 
     **Raises:** :class:`~jaxball.results.OutputError` when a file cannot be written.
     """
-    exact = _own(diffrax.ForwardMode(), 1e-12).value
+    exact = own(diffrax.ForwardMode(), 1e-12).value
     rows = []
     for name, adjoint in (("forward", diffrax.ForwardMode()), ("reverse", diffrax.RecursiveCheckpointAdjoint())):
-        found = [(tolerance, _own(adjoint, tolerance)) for tolerance in TOLERANCES]
+        found = [(tolerance, own(adjoint, tolerance)) for tolerance in TOLERANCES]
         rows += _rows(f"jaxball, {name} mode", found, exact, echo)
     try:
         engine: Any = importlib.import_module(".mujoco_", __package__)
     except ImportError:
         echo("Left out: MuJoCo, because it is not installed.")
     else:
-        models = [_model(engine, timestep) for timestep in TIMESTEPS]
-        by_differences = [_difference(engine, *one) for one in models]
+        models = [model_with_controls(engine, timestep) for timestep in TIMESTEPS]
+        by_differences = [difference(engine, *one) for one in models]
         rows += _rows("MuJoCo, differences", zip(TIMESTEPS, by_differences, strict=True), exact, echo)
         try:
             mjx: Any = importlib.import_module(".mjx_", __package__)
         except ImportError:
             echo("Left out: MJX, because mujoco-mjx is not installed.")
         else:
-            found = mjx.derivatives(models, float(CASE.scenario().times[0]))
+            found = mjx.derivatives(models)
             rows += _rows("MJX, forward mode", zip(TIMESTEPS, found, strict=True), exact, echo)
     out.mkdir(parents=True, exist_ok=True)
     content = {"about": ABOUT, "machine": machine(), "versions": versions(PACKAGES)}
@@ -102,7 +102,7 @@ def _rows(name: str, found: Iterable[tuple[float, Derivative]], exact: Float[np.
     return rows
 
 
-def _own(adjoint: diffrax.AbstractAdjoint, tolerance: float) -> Derivative:
+def own(adjoint: diffrax.AbstractAdjoint, tolerance: float) -> Derivative:
     """The derivative of a run; in reverse mode both places are differentiated, one after the other."""
     scenario = CASE.scenario()
 
@@ -113,23 +113,20 @@ def _own(adjoint: diffrax.AbstractAdjoint, tolerance: float) -> Derivative:
 
     forward = isinstance(adjoint, diffrax.ForwardMode)
     program = programs.jit(jax.jacfwd(place) if forward else jax.jacrev(place))
-    calls = []
-    for _ in range(4):
-        begin = time.process_time()
-        value = np.asarray(jax.block_until_ready(program(jnp.ones(()))))
-        calls.append(time.process_time() - begin)
+    value, calls = timed(lambda: program(jnp.ones(())), 3)
     return Derivative(value, calls[0] - min(calls), min(calls))
 
 
-def _model(engine: Any, timestep: float) -> tuple[Any, Exported, int]:
-    """MuJoCo's model with a time step, its controls, and the number of its steps."""
+def model_with_controls(engine: Any, timestep: float) -> tuple[Any, np.ndarray]:
+    """MuJoCo's model with a time step, and the controls of each step, those of its middle."""
     scenario = CASE.scenario()
     exported = to_mjcf(scenario, timestep=timestep)
     model = engine.model_of(CASE, STIFF, exported, timestep)
-    return model, exported, round(float(scenario.times[-1] - scenario.times[0]) / timestep)
+    steps = round(float(scenario.times[-1] - scenario.times[0]) / timestep)
+    return model, exported.controls_at(scenario.times[0] + timestep * (np.arange(steps) + 0.5))
 
 
-def _difference(engine: Any, model: Any, exported: Exported, steps: int) -> Derivative:
+def difference(engine: Any, model: Any, controls: np.ndarray) -> Derivative:
     begin = time.process_time()
-    places = [engine.final_place(model, exported, steps, 1 + sign * DIFFERENCE) for sign in (1, -1)]
+    places = [engine.final_place(model, (1 + sign * DIFFERENCE) * controls) for sign in (1, -1)]
     return Derivative((places[0] - places[1]) / (2 * DIFFERENCE), 0.0, time.process_time() - begin)

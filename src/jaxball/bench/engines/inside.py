@@ -2,7 +2,7 @@
 
 import dataclasses
 import xml.etree.ElementTree as ET
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -28,7 +28,7 @@ class Hung(NamedTuple):
 
 def in_space(scenario: Scenario) -> Scenario:
     """A scenario of a disk as one of a ball with equal moments, which rolls in the same plane; a ball's is itself."""
-    disk, state = scenario.system, scenario.state
+    disk, state = scenario.system, cast(Any, scenario.state)
     if not isinstance(disk, Disk):
         return scenario
     shell = {name: getattr(disk, name) for name in ("mass", "radius", "offset", "gravity")}

@@ -48,11 +48,10 @@ def model_of(case: Case, setting: Setting, exported: Exported, timestep: float) 
     return model
 
 
-def final_place(model: Any, exported: Exported, steps: int, scale: float) -> np.ndarray:
-    """Where the shell is after some steps with ``scale`` times the controls, each kept at its value in the middle."""
+def final_place(model: Any, controls: np.ndarray) -> np.ndarray:
+    """Where the shell is after as many steps as there are ``controls``, each kept within its step."""
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
-    controls = scale * exported.controls_at(data.time + model.opt.timestep * (np.arange(steps) + 0.5))
     for control in controls:
         data.ctrl[:] = control
         mujoco.mj_step(model, data)
