@@ -2,6 +2,7 @@
 
 import argparse
 import dataclasses
+import os
 from pathlib import Path
 
 from ...interface.interruption import INTERRUPTED, STOPPED, interrupt_message
@@ -10,6 +11,7 @@ from ..jax_setup import set_up_jax
 from ..options import BadInputError, positive
 
 ENGINES = "engines"
+NO_CACHE = "JAXBALL_NO_CACHE"
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -38,11 +40,12 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     if not options.list:
         check_folder(options.out, "--out")
+    if options.gradients:
+        _check_gradients(options)
+        os.environ[NO_CACHE] = "1"  # because compiling is measured
     set_up_jax()
     if options.problems[:1] == [ENGINES]:
         return _engines(options)
-    if options.gradients:
-        raise BadInputError("Argument `--gradients` must be left out without the word engines before it.")
     from ... import bench
 
     if options.list:
@@ -63,6 +66,16 @@ def run(options: argparse.Namespace) -> int:
     return INTERRUPTED if results.interrupted else 0
 
 
+def _check_gradients(options: argparse.Namespace) -> None:
+    if options.problems[:1] != [ENGINES]:
+        raise BadInputError("Argument `--gradients` must be left out without the word engines before it.")
+    if options.problems[1:]:
+        raise BadInputError("Argument PROBLEM must be engines alone with `--gradients`, which has one robot.")
+    for name in ("solvers", "quick"):
+        if getattr(options, name):
+            raise BadInputError(f"Argument `--{name}` must be left out with `--gradients`, which has one robot.")
+
+
 def _engines(options: argparse.Namespace) -> int:
     """Robots in general engines, beside the exact solution."""
     for name in ("tolerances", "budget", "limit"):
@@ -75,9 +88,6 @@ def _engines(options: argparse.Namespace) -> int:
         print(engines.listing())
         return 0
     if options.gradients:
-        for name in ("solvers", "quick"):
-            if getattr(options, name):
-                raise BadInputError(f"Argument `--{name}` must be left out with `--gradients`, which has one robot.")
         from ...bench.engines import gradients
 
         gradients.measure(options.out)
