@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 from ...numerics import programs
 from ...numerics.arrays import to_array
 from ...numerics.batches import of_rows
-from ...physics.body import Disk, System
+from ...physics.body import Ball, Disk, System
 from ...physics.state import BallState, DiskState
 from .requirements import AbstractConstraint, AbstractObjective, require_reachable
 from .run import RAIL_SAMPLES, Run, Solve, run_of
@@ -172,7 +172,10 @@ class Problem:
     def layout(self) -> ConstraintLayout:
         """Where the constraints are evaluated."""
         scenario, constraints = self.space.scenario, dict(self.constraints)
-        sizes = _sizes(constraints, scenario.system, scenario.state, to_array(scenario.times))
+        system, state = scenario.system, scenario.state
+        assert isinstance(system, Ball | Disk)
+        assert isinstance(state, BallState | DiskState)
+        sizes = _sizes(constraints, system, state, to_array(scenario.times))
         return ConstraintLayout({name: int(size) for name, size in sizes.items()}, self.balls)
 
     @functools.cached_property
@@ -180,8 +183,10 @@ class Problem:
         """Those of the balls of a robust problem."""
         if self.perturbations is None:
             return None
+        system = self.space.scenario.system
+        assert isinstance(system, Ball | Disk)
         with jax.ensure_compile_time_eval():  # kept, also if it is first needed within a trace
-            return self.perturbations.errors(self.space.scenario.system)
+            return self.perturbations.errors(system)
 
     @property
     def balls(self) -> int:

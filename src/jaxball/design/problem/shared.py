@@ -92,10 +92,10 @@ def parted(problem: Problem) -> tuple[Callable[[Any], Problem], Any]:
     if key is None:
         return Alone(problem), ()
     space = problem.space
-    arrays = [eqx.filter(part, eqx.is_array) for part in requirements]
+    objectives, constraints = (eqx.filter(part, eqx.is_array) for part in requirements)
     bounds = Bounds(*(jnp.asarray(side) for side in space.bounds))
     times = to_array(space.scenario.times)
-    content = Content(space.values_of_others, space.factors, bounds, times, *arrays, problem.errors)
+    content = Content(space.values_of_others, space.factors, bounds, times, objectives, constraints, problem.errors)
     return Form(problem, key), content
 
 

@@ -135,9 +135,9 @@ class Bounds(NamedTuple):
     [0.] [1.]
     """
 
-    lower: Float[np.ndarray, " n"]
-    upper: Float[np.ndarray, " n"]
-    scale: Float[np.ndarray, " n"]
+    lower: Float[Array | np.ndarray, " n"]
+    upper: Float[Array | np.ndarray, " n"]
+    scale: Float[Array | np.ndarray, " n"]
 
     def numbers(self, y: Float[Array, " n"]) -> Float[Array, " n"]:
         """The numbers of unbounded variables: scale y, scale (√(1 + y²) − 1) from one bound, or a sine between two."""

@@ -84,7 +84,7 @@ class AbstractProgram(abc.ABC):
     Programs of equal form share compiled functions.
     """
 
-    @property
+    @functools.cached_property
     def parted(self) -> tuple[Callable[[Any], "AbstractProgram"], Any]:
         """Its form, and the numbers, which may be traced, of which that makes it; by default it has none."""
         return shared.Alone(self), ()
@@ -263,7 +263,7 @@ class Components:
             dimension = getattr(kinds.get(field.name), "dimension", None)
             size = np.size(getattr(state, field.name))
             scales.append(np.full(size, default_scale(dimension, 1.0, system)))
-        self.scale = np.concatenate(scales)
+        self.scale: Float[Array | np.ndarray, " components"] = np.concatenate(scales)
         with jax.ensure_compile_time_eval():  # only its structure is needed within a trace
             self._unravel = ravel_pytree(state)[1]
 
