@@ -19,6 +19,7 @@ from jaxball import (
     save,
     simulate,
 )
+from jaxball.simulation.variables import HISTORY
 
 LAW = Contact(sliding=0.3, static=0.35, restitution=0.4, slowest=0.05, room=8)
 
@@ -71,6 +72,14 @@ def test_a_data_set_says_what_its_numbers_stand_for(disk, tmp_path):
         law = {name: data.attrs[f"contact_{name}"] for name in ("sliding", "static", "restitution", "slowest", "room")}
         assert law == {"sliding": 0.3, "static": 0.35, "restitution": 0.4, "slowest": 0.05, "room": 8}
         assert data.attrs["contact_switches"] == count
+
+
+def test_every_quantity_of_a_history_is_described(disk):
+    """And nothing else is; a run without modes has none."""
+    assert disk.history.over_time.keys() == HISTORY.keys()
+    assert disk.history.coefficients == {"static": 0.35, "sliding": 0.3}
+    rolling = simulate(disk.system, [0.0, 1.0], DiskState(phidot=-1.0)).history
+    assert (rolling.over_time, rolling.coefficients) == ({}, {})
 
 
 def test_a_table_has_the_modes(disk, tmp_path):

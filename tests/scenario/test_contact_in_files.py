@@ -9,6 +9,7 @@ import pytest
 
 import jaxball
 from jaxball import BallState, Contact, DiskState, ReleasedState
+from jaxball.physics.contact.body_on_plane import BodyOnPlane
 from jaxball.scenario import Scenario, ScenarioError, read_scenario, write_scenario
 from jaxball.scenario.files import Structure
 
@@ -48,6 +49,14 @@ def test_a_start_is_read_and_written(lines, law, state):
     scenario = read_scenario(with_contact(*lines))
     assert same_objects(scenario, Scenario("", SOLID_BALL, state, np.linspace(0.0, 2.0, 5), contact=law))
     assert same_objects(scenario, read_scenario(write_scenario(scenario)))
+
+
+def test_a_scenario_says_which_system_is_solved():
+    rolling, sliding = read_scenario(with_contact()), read_scenario(with_contact(LAW))
+    assert rolling.system_to_solve is rolling.system
+    assert isinstance(sliding.system_to_solve, BodyOnPlane)
+    assert (rolling.may_slip, sliding.may_slip) == (False, True)
+    assert (rolling.friction_or(0.7), sliding.friction_or(0.7)) == (0.7, 0.2)
 
 
 def test_a_disk_moves_in_its_plane():

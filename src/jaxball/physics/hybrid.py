@@ -167,7 +167,7 @@ class AbstractHistory(Printed):
         return {}
 
     @property
-    def coefficients(self) -> dict[str, float]:
+    def coefficients(self) -> dict[str, Array]:
         """The coefficients of friction between a body and its plane, ``static`` and ``sliding``, if a law has them."""
         return {}
 

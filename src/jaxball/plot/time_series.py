@@ -98,7 +98,7 @@ def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     N, f = seen.normal_force, np.linalg.norm(seen.friction, axis=1)
     series = [Series(N, "$N$", COMPONENTS[0]), Series(f, r"$|\,\mathbf{f}\,|$", COMPONENTS[1])]
     if coefficients := run.history.coefficients:
-        series.append(Series(coefficients["static"] * N, r"$\mu_s N$", INK, DASHED))
+        series.append(Series(float(coefficients["static"]) * N, r"$\mu_s N$", INK, DASHED))
     ax = over_run(run, series, "contact force", ax, size=sizes_of(run.system).force, jumps=True)
     up_to_ticks(ax, low=0.0)
     if trajectory.interpolant is not None and always_rolls(trajectory):
@@ -149,7 +149,7 @@ def _within_the_cone(
     """|f| / N with the coefficients of the law; friction never exceeds the larger."""
     history = trajectory.history
     flies = np.asarray(history.over_time["mode"])[finite_rows(trajectory)] == Mode.FLIGHT
-    static, sliding = history.coefficients["static"], history.coefficients["sliding"]
+    static, sliding = (float(history.coefficients[name]) for name in ("static", "sliding"))
     coefficients = {rf"$\mu_s = {static:.4g}$": (static, DASHED), rf"$\mu = {sliding:.4g}$": (sliding, DOTTED)}
     if static == sliding:
         coefficients = {rf"$\mu_s = \mu = {static:.4g}$": (static, DASHED)}

@@ -249,15 +249,14 @@ def _contents(
     )
     state = initial_state(initial, "initial", kind, system.coordinates, actuated.targets, start)
     span = namespace(times.start, times.end).stack([times.start, times.end])
-    fixed = Fixed(system, contact, times, solve or {})
+    fixed = Fixed(system, times, solve or {})
     *_, first_state, _ = each_of(
         lambda: contact and check_no_sticking(system),
         lambda: solve and check_dae(system, contact, solve["solver"], solve["dae"]),
         lambda: check_confined(system, span, state),
         lambda: check_start(system, start, state),
         lambda: sensors is None or check_sensors(sensors, "sensors", system),
-        # Unless there is a law of contact that cannot be read.
-        lambda: released_from(initial, "initial", state, contact) if contact or "contact" not in document else state,
+        lambda: released_from(initial, "initial", state, "contact" in document),
         lambda: solve and sensors is not None and check_feedback(feedback, estimator, sensors, fixed, document),
     )
     return Contents(table["title"], system, first_state, contact, times, solve, sensors, feedback, estimator)

@@ -83,6 +83,10 @@ class Scenario:
         """Whether there is a law of contact, by which the body may slip, fly and bounce."""
         return self.contact is not None
 
+    def friction_or(self, otherwise: float) -> float:
+        """The kinetic friction coefficient of the law of contact, or ``otherwise`` where the body always rolls."""
+        return otherwise if self.contact is None else float(self.contact.sliding)
+
     @property
     def system_to_solve(self) -> AbstractSystem:
         """What is solved: the system itself, or one with its modes, such as those of a law of contact.

@@ -348,8 +348,8 @@ class ContactHistory(AbstractHistory):
         return {name: getattr(self, name) for name in names}
 
     @property
-    def coefficients(self) -> dict[str, float]:
-        return {"static": float(self.law.static), "sliding": float(self.law.sliding)}
+    def coefficients(self) -> dict[str, Array]:
+        return {"static": self.law.static, "sliding": self.law.sliding}
 
     @property
     def rubbed(self) -> Float[Array, "*batch T"]:

@@ -256,7 +256,8 @@ def _of_joints(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
 
 def _coefficients(bodies: Sequence[Shown]) -> dict[str, float]:
     """The coefficients of friction of all bodies; none if they differ."""
-    first, *others = (one.trajectory.history.coefficients for one in bodies)
+    each_body = (one.trajectory.history.coefficients.items() for one in bodies)
+    first, *others = ({name: float(value) for name, value in items} for items in each_body)
     return first if all(other == first for other in others) else {}
 
 
