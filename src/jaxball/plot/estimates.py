@@ -103,9 +103,8 @@ def _draw_squares(
 ) -> None:
     """Numbers that are distributed as χ² with so many degrees, and their bounds."""
     bounds = [np.where(degrees > 0, chi2.ppf(p, np.maximum(degrees, 1)), np.nan) for p in _tails(confidence)]
-    over_time(None, times, [Series(found, "", COMPONENTS[0])], name, ax)
-    for bound in bounds:
-        ax.plot(times, bound, color=INK, linewidth=0.8, linestyle=(0, DASHED))
+    lines = [Series(found, "", COMPONENTS[0]), *(Series(bound, "", INK, DASHED) for bound in bounds)]
+    over_time(None, times, lines, name, ax)
     label_axes(ax, "$t$", name)
 
 
