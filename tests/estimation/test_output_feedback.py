@@ -8,7 +8,7 @@ import pytest
 import jaxball
 from jaxball.control import Feedforward, closed_loop, tvlqr
 from jaxball.estimation import ErrorStateFilter, OutputFeedback
-from jaxball.sensors import Encoder, Gyroscope, Position, SensorErrors
+from jaxball.sensors import Accelerometer, Encoder, Gyroscope, Position, SensorErrors
 from tests.control import robots
 
 H = 0.05
@@ -89,3 +89,24 @@ def test_a_delay_between_samples_is_refused(track):
     late = {"camera": Position(errors=SensorErrors(noise=0.1, delay=1.5 * H))}
     with pytest.raises(ValueError, match=r"`sensors\['camera'\]\.errors\.delay` must be a whole number of samples"):
         OutputFeedback.of(track, late, spread=SPREAD)
+
+
+@pytest.mark.slow
+def test_the_derivative_of_the_cost_by_the_place_of_an_accelerometer(track):
+    """Against central differences, with steps of 1e-4 of a place of size 1: 1e-8 of the third derivative, and the
+    tolerance of solves over the step, 1e-6.
+    """
+    noise = SensorErrors(noise=0.02)
+
+    def cost(by):
+        place = jnp.array([0.3, 0.0, 0.4]) + by * jnp.array([1.0, 0.0, -0.5])
+        sensors = {"imu": Accelerometer(at=place, errors=noise), "joint": Encoder(JOINT, errors=noise)}
+        seeing = OutputFeedback.of(track, sensors, spread=SPREAD, process={"phidot": 0.1})
+        loop = closed_loop(seeing, START, samples=20)
+        return track.cost(loop.xi, loop.du)
+
+    slope = float(jaxball.jit(jax.jacfwd(cost))(jnp.array(0.0)))
+    compiled = jaxball.jit(cost)
+    expected = (float(compiled(jnp.array(1e-4))) - float(compiled(jnp.array(-1e-4)))) / 2e-4
+    assert abs(expected) > 1e-3
+    assert slope == pytest.approx(expected, rel=1e-3)

@@ -255,6 +255,7 @@ def test_what_is_no_ball_with_mechanisms_is_refused_by_name(case):
     [
         ("suslov", "Key `kind` must be a ball or a disk"),
         ("roboball", "Key `resistance.rolling` must be 0"),
+        ("roboball-2", "Joint `mechanisms[0].joints[0]` must have the same friction at rest and at every rate"),
         ("vibrating-plane", "Key `ground.motion` must be left out"),
         ("ellipse-and-eight", "Mass `masses[0]` must move by a schedule"),
     ],

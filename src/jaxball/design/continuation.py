@@ -7,6 +7,7 @@ distance along the tangent. The bordered matrix of that system is regular at a f
 
 import abc
 import dataclasses
+import functools
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -52,7 +53,7 @@ class AbstractEquations(abc.ABC):
     def jacobian(self, y: Float[np.ndarray, " n"], parameter: float) -> tuple[Matrix, Float[np.ndarray, " n"]]:
         """∂F/∂y, dense or sparse, and ∂F/∂λ."""
 
-    @property
+    @functools.cached_property
     def order(self) -> Int[np.ndarray, " n"] | None:
         """An order of equations and unknowns in which a sparse Jacobian has a narrow band; None if none is known."""
         return None

@@ -261,6 +261,11 @@ def _farthest(objective: FollowTrajectory | FollowCurve, run: Run) -> Float[Arra
     return objective.farthest(run)
 
 
+@programs.filter_jit
+def _on_rails(run: Run) -> Float[Array, "t n"]:
+    return run.on_rails.theta
+
+
 def _distances(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any, Any]) -> list[list[str]]:
     lines = []
     for name, item in design.problem.objectives.items():
@@ -282,7 +287,7 @@ def _figures(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any
     if float(after.friction_needed) > SMALLEST_FRICTION:
         axes["friction"] = plot.friction_ratio(after)
     if after.system.n_masses:
-        theta = np.asarray(programs.jit(lambda: _run(after).on_rails.theta)())
+        theta = np.asarray(_on_rails(_run(after)))
         axes["angles"] = plot.rail_angles(np.asarray(after.times), theta)
     return axes | _joint_figures(after)
 

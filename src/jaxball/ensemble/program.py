@@ -194,8 +194,8 @@ def solved_in_blocks(
     key = settings, structure, shapes, block, times.shape[1]
     blocks = in_threads(call, runs, block, threads, compiled=_is_warm(key))
     executed = sum(int(one[-1]) for one in blocks)
-    whole = jax.tree.map(jnp.asarray, unpadded([one[:-1] for one in blocks], runs))
-    return *whole, jnp.asarray(executed)
+    # Not jnp.asarray, for which XLA compiles a program for every shape.
+    return jax.device_put((*unpadded([one[:-1] for one in blocks], runs), np.asarray(executed)))
 
 
 def _is_warm(key: Any) -> bool:

@@ -127,6 +127,11 @@ def _write_actuator(name: str, joint: str, force: AbstractJointForce, actuators:
         return Control(name, force.command.prepare())
     if isinstance(force, PDServo):
         return _write_pd_servo(name, joint, force, actuators)
+    if isinstance(force, JointFriction):
+        raise MJCFError(
+            f"Joint `{joint}` must have the same friction at rest and at every rate to be written as MJCF, whose "
+            "`frictionloss` is one number, but it has another law; make its `static` friction that in motion."
+        )
     raise MJCFError(
         f"Joint `{joint}` must be moved by motors, springs, dampers and servos to be written as MJCF, but it has a "
         f"{type(force).__name__}."

@@ -17,9 +17,9 @@ Moments = Float[np.ndarray, "3"]
 
 
 class Solid(NamedTuple):
-    """A body of uniform density: how many numbers its size has, its volume, and its moments over its mass."""
+    """A body of uniform density: how many ``numbers`` its size has, its volume, and its moments over its mass."""
 
-    count: int
+    numbers: int
     volume: Callable[[Size], float]
     moments: Callable[[Size], Moments]
 
@@ -44,8 +44,8 @@ SOLIDS = {
         lambda s: 2 * np.pi * s[0] ** 2 * s[1],
         lambda s: np.array([*[s[0] ** 2 / 4 + s[1] ** 2 / 3] * 2, s[0] ** 2 / 2]),
     ),
-    "box": Solid(3, lambda s: 8 * np.prod(s), lambda s: 5 / 3 * _ellipsoid(s)),
-    "ellipsoid": Solid(3, lambda s: 4 / 3 * np.pi * np.prod(s), _ellipsoid),
+    "box": Solid(3, lambda s: 8 * float(np.prod(s)), lambda s: 5 / 3 * _ellipsoid(s)),
+    "ellipsoid": Solid(3, lambda s: 4 / 3 * np.pi * float(np.prod(s)), _ellipsoid),
 }
 HOLLOW = Solid(1, lambda s: 4 * np.pi * s[0] ** 2, lambda s: np.full(3, 2 / 3 * s[0] ** 2))
 
@@ -74,7 +74,7 @@ def inertial_of_geoms(body: ET.Element, angles: Angles) -> Inertial | None:
     if not parts:
         return None
     mass = sum(part.mass for part in parts)
-    centre = sum(part.mass * part.axes.shift for part in parts) / mass
+    centre = np.sum([part.mass * part.axes.shift for part in parts], axis=0) / mass
     inertia = np.zeros((3, 3))
     for part in parts:
         turn, arm = part.axes.turn, part.axes.shift - centre
@@ -102,7 +102,7 @@ def _part(geom: ET.Element, angles: Angles) -> Inertial | None:
                 f"here, but it is a {kind}."
             )
         solid = HOLLOW
-    frame, size = _placed(geom, kind, solid.count, angles)
+    frame, size = _placed(geom, kind, solid.numbers, angles)
     mass = number(geom, "mass", density * float(solid.volume(size)))
     return Inertial(mass, frame, mass * solid.moments(size))
 

@@ -1,5 +1,7 @@
 """Scenario files: text to scenario and back, and documents as functions of their numbers."""
 
+import functools
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -376,7 +378,45 @@ class Structure:
 
     def traced(self, values: Float[Array, " paths"]) -> tuple[Parts, Conditions]:
         """What ``values``, which must be traced, make, and the conditions on them. What they do not change is known."""
-        numbers = dict(zip(self.paths, values, strict=True))
-        with traced_conditions() as conditions:
-            document = with_numbers(self.document, numbers)
-            return Parts.of(read_contents(document), document), conditions
+        return _traced(self.document, self.paths, values)
+
+
+def _traced(
+    document: Mapping[str, Any], paths: tuple[str, ...], values: Float[Array, " paths"]
+) -> tuple[Parts, Conditions]:
+    with traced_conditions() as conditions:
+        traced = with_numbers(document, dict(zip(paths, values, strict=True)))
+        return Parts.of(read_contents(traced), traced), conditions
+
+
+@dataclass(frozen=True)
+class Outline:
+    """A document without the numbers at some paths, as a traceable function of these.
+
+    Equal ones, of any documents, are the same function.
+
+    - ``text``: the document without its title and with 0 at the paths, as JSON.
+    - ``paths``: of numbers that do not determine how much is computed: see :func:`~.paths.check_number`.
+    """
+
+    text: str
+    paths: tuple[str, ...]
+
+    @classmethod
+    def of(cls, document: Mapping[str, Any], paths: tuple[str, ...]) -> "Outline":
+        """That of a document with numbers at these paths."""
+        rest = with_numbers(document, dict.fromkeys(paths, 0.0))
+        rest.pop("title", None)
+        return cls(json.dumps(rest, default=lambda array: array.tolist()), paths)
+
+    def build(self, values: Float[Array, " paths"]) -> Parts:
+        """The contents of the document with ``values`` at the paths, possible or not.
+
+        **Raises:** :class:`~.errors.UntraceableError` where something depends on them that cannot be traced.
+        """
+        return _built(self, values)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _built(outline: Outline, values: Float[Array, " paths"]) -> Parts:
+    return _traced(json.loads(outline.text), outline.paths, values)[0]

@@ -83,7 +83,8 @@ def _sweep(options: argparse.Namespace, text: str) -> int:
         study = sweep.read_study(text, Path(options.study).parent)
     if options.dry_run:
         with working(options, "solving a few rows"):
-            estimate = sweep.estimate(study, measure=options.measure).sentence(options.workers)
+            estimate = sweep.estimate(study, measure=options.measure, workers=options.workers)
+            estimate = estimate.sentence(options.workers)
         print(estimate if options.measure else f"{estimate}; --measure solves a few rows to estimate the time")
         return 0
     try:

@@ -392,7 +392,7 @@ def _compiled(function: Callable[..., Any], *given: Any) -> programs.Program:
 
 
 def _over_nodes(function: Callable[..., Any], *rows: np.ndarray) -> Any:
-    return in_batches(lambda batch: function(*map(jnp.asarray, batch)), rows, NODES)
+    return in_batches(lambda batch: function(*batch), rows, NODES)
 
 
 def _varied(vary: Vary, problem: Any, parameter) -> AbstractControlProblem:
