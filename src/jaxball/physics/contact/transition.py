@@ -78,7 +78,7 @@ def _next_mode(
     now = eqx.tree_at(lambda x: (x.height, x.begun), state, (height, begun))
     done = _Progress(t, state, now, still, flies, lands, cause >= int(Cause.START), jnp.asarray(False))
     done = _only_if(cause == int(Cause.STOPS), _ended, plane, done, tolerance)
-    done = _only_if(lands, _struck, plane, done)
+    done = _only_if(lands, _with_impact, plane, done)
     done = _only_if(done.decides, _decided, plane, done, cause)
     return done._replace(state=_begun(plane, done))
 
@@ -125,7 +125,7 @@ def _slowed(
     return done.state.moved(jax.tree.map(lambda x, rate: x + time * rate, done.state.released, moved))
 
 
-def _struck(plane: "BodyOnPlane", done: "_Progress") -> "_Progress":
+def _with_impact(plane: "BodyOnPlane", done: "_Progress") -> "_Progress":
     """After an impact. A rebound that is too slow is treated as none."""
     t, state, contact = done.t, done.state, plane.contact
     found, slip = _response(plane, t, state), slip_velocity(plane.body, t, state.released)
