@@ -320,7 +320,9 @@ def _check_paths(axes: tuple[Axis, ...], scenario: dict[str, Any], template: Sce
 def _check_of_loop(scenario: dict[str, Any], path: str) -> None:
     """Raises for a number that determines how a closed loop is computed."""
     if path.partition(".")[0] == "time":
-        raise StudyError(f"Key `{path}` must be the same in all rows with feedback, because save times are its samples.")
+        raise StudyError(
+            f"Key `{path}` must be the same in all rows with feedback, because save times are its samples."
+        )
     if path.endswith(".errors.random_walk") and not value_at(scenario, path):
         raise StudyError(
             f"Key `{path}` must be positive in the scenario if rows change it, because a filter estimates a bias only of "

@@ -20,7 +20,15 @@ from .scene import BLUE, Numbers, continuous, each, graph, of_masses, series
 
 CONFIDENCE = 0.95
 GREY = "#8a8a8a"
-LETTERS = {"attitude": "φ", "phi": "φ", "phidot": "φ̇", "Omega": "Ω", "z": "z", "theta": "θ", "thetadot": "θ̇"}
+LETTERS = {
+    "attitude": "φ",
+    "Omega": "Ω",
+    "phi": "φ",
+    "phidot": "φ̇",
+    "z": "z",
+    "theta": "θ",
+    "thetadot": "θ̇",
+}
 
 
 def feedback_numbers(
