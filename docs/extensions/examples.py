@@ -80,6 +80,15 @@ EXAMPLES = {
         },
         long=True,
     ),
+    "12_flipping_ball.py": Example(
+        "Flipping ball",
+        "oblate-ball",
+        {
+            "flipping-ball.png": "The angle between axle and rotation, the axle's elevation, and the energy over time: "
+            "with the smaller moment about its axle a ball wobbles more and more until it flips over and over, with "
+            "the larger it rolls on; dots of the energy without what friction took are on its lines"
+        },
+    ),
     "ball_past_a_post.py": Example(
         "Ball past a post",
         "ball",

@@ -10,11 +10,12 @@ from PIL import Image, ImageOps
 from scipy.spatial.transform import Rotation
 
 from jaxball import Disk, Scenario, System, Trajectory, plot
-from jaxball.classical import HeavyTop, RigidBodyState
+from jaxball.classical import HeavyTop, RollingEllipsoid
+from jaxball.classical.state import OrientedState
 from jaxball.plot.palette import FAINT, INK, SHELL, TRAIL
 from jaxball.plot.shapes import split, view, wireframe
 from jaxball.plot.style import described
-from jaxball.plot.view.free import REACH, THROUGH_CENTRE, ellipsoid_of
+from jaxball.plot.view.free import REACH, THROUGH_CENTRE, axis_of_revolution, ellipsoid_of
 
 FAR = 3.0  # radii from the start to where a body is shown, which is the smaller the longer its path is
 SHARE = 0.3  # of the run of a rigid body, after which its path covers it
@@ -59,7 +60,7 @@ def write_thumbnail(scenario: Scenario, run: Trajectory[Any, Any], folder: Path)
     """``thumbnail.png``, and ``thumbnail.txt`` with what is seen there."""
     if isinstance(scenario.system, System):
         figure, words = rolling(scenario, run)
-    elif isinstance(run.state, RigidBodyState):
+    elif isinstance(run.state, OrientedState):
         figure, words = rigid_body(scenario, run)
     else:
         figure, words = particle(run)
@@ -91,7 +92,7 @@ def rigid_body(scenario: Scenario, whole: Trajectory[Any, Any]) -> tuple[Figure,
     run = dataclasses.replace(scenario, times=np.linspace(whole.times[0], until, 601)).simulate(throw=True)
     system, Lambda = run.system, Rotation.from_quat(np.roll(np.asarray(run.state.q), -1, axis=1))
     shape = ellipsoid_of(system, np.asarray(system.inertia, dtype=float) if hasattr(system, "inertia") else None)
-    arm = np.asarray(system.chi) if isinstance(system, HeavyTop) else np.array([0.0, 0.0, 1.0])
+    arm = np.asarray(system.chi) if isinstance(system, HeavyTop) else np.eye(3)[axis_of_revolution(system)]
     tips = REACH * shape.radius * Lambda.apply(arm / np.linalg.norm(arm))
     now = Lambda[-1]
     figure = Figure(figsize=(SIZE, SIZE))
@@ -109,8 +110,9 @@ def rigid_body(scenario: Scenario, whole: Trajectory[Any, Any]) -> tuple[Figure,
     ax.plot(*np.stack([np.zeros(3), tips[-1]]).T, color=INK, linewidth=1.0, zorder=3)
     ax.plot(*np.zeros((3, 1)), "o", color=INK, ms=3.0, zorder=3)
     ax.plot(*tips.T, color=TRAIL, linewidth=1.2, zorder=4)
-    axis = THROUGH_CENTRE["name"] if isinstance(system, HeavyTop) else "its third axis"
-    return figure, f"{described(system)}: an ellipsoid about the fixed point, and the path of the tip of {axis}"
+    axis = THROUGH_CENTRE["name"] if isinstance(system, HeavyTop) else f"its axis E{axis_of_revolution(system) + 1}"
+    point = "its centre" if isinstance(system, RollingEllipsoid) else "the fixed point"
+    return figure, f"{described(system)}: an ellipsoid about {point}, and the path of the tip of {axis}"
 
 
 def particle(run: Trajectory[Any, Any]) -> tuple[Figure, str]:

@@ -1,22 +1,26 @@
 """Robots in general engines: the motions against closed forms, what is said of convergence, tables and selections."""
 
+import importlib
 import json
 import re
 import sys
 import tomllib
 from pathlib import Path
 
+import diffrax
 import numpy as np
 import pytest
 
-from jaxball.bench.engines import CASES, DRAKE, ENGINES, MUJOCO, report
+from jaxball.bench.engines import CASES, DRAKE, ENGINES, MUJOCO, PYBULLET, gradients, report
 from jaxball.bench.engines.contract import Motion
+from jaxball.bench.engines.inside import hung, in_space, prescribed
 from jaxball.bench.engines.run import Row, listing, measure, plan
 from jaxball.bench.run import SelectionError
-from jaxball.interface.installation import pip_install
+from jaxball.interface.wording import pip_install
+from jaxball.mjcf import to_mjcf
 
 ROOT = Path(__file__).parents[2]
-SAVED = ROOT / "benchmarks" / "engines.json"
+SAVED, SAVED_GRADIENTS = (ROOT / "benchmarks" / f"{name}.json" for name in ("engines", "engine_gradients"))
 PAGE = ROOT / "docs" / "theory" / "engines.md"
 
 
@@ -72,6 +76,46 @@ def test_a_rolling_sphere_of_drake_converges_of_first_order():
     tamsi = next(setting for setting in DRAKE.settings if setting.name == "TAMSI")
     coarse, fine = (path_error(drake_.run(CASES["slope"], tamsi, timestep), times) for timestep in (0.01, 0.0025))
     assert 0.8 < np.log(coarse / fine) / np.log(4) < 1.2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("engine", "setting", "package"),
+    [("drake_", DRAKE.settings[0], "pydrake"), ("pybullet_", PYBULLET.settings[0], "pybullet")],
+    ids=["Drake", "PyBullet"],
+)
+def test_the_papers_disk_moves_in_other_engines(engine, setting, package):
+    """Four prescribed masses in a ball that rolls as the disk, to half of a hundredth of a radius at 5 ms."""
+    pytest.importorskip(package, reason=f"{package}, of the extras `engines` and `pybullet`, is not installed")
+    from jaxball.bench.engines.errors import errors, exact
+
+    module = importlib.import_module(f"jaxball.bench.engines.{engine}")
+    case = CASES["disk"]
+    found = errors(case.scenario(), module.run(case, setting, 0.005), exact(case.scenario()))
+    assert found.path < 5e-3
+
+
+def test_the_masses_of_the_disk_are_on_hinges_of_a_ball():
+    """With the radii of its circles, about an axis across its plane."""
+    links = hung(to_mjcf(in_space(CASES["disk"].scenario())))
+    assert [link.name for link in links] == [f"masses[{k}]" for k in range(4)]
+    np.testing.assert_allclose([np.linalg.norm(link.place) for link in links], [0.9, 19 / 30, 11 / 30, 0.1])
+    assert all(np.array_equal(np.abs(link.axis), [0.0, 1.0, 0.0]) and np.all(link.point == 0) for link in links)
+    angles = prescribed(CASES["disk"].scenario().system, np.array([0.0, 1.0]))
+    assert [values[0][0] for values in angles.values()] == [-np.pi / 2] * 4
+
+
+@pytest.mark.slow
+def test_derivatives_by_differences_of_mujoco_are_those_of_the_exact_motion():
+    """Of second order in the time step, as its path is."""
+    from jaxball.bench.engines import mujoco_
+
+    exact = gradients.own(diffrax.ForwardMode(), 1e-9).value
+    models = [gradients.model_with_controls(mujoco_, timestep) for timestep in (0.01, 0.005)]
+    found = [gradients.difference(mujoco_, *one).value for one in models]
+    coarse, fine = (np.linalg.norm(value - exact) / np.linalg.norm(exact) for value in found)
+    assert fine < 1e-4
+    assert 1.5 < np.log2(coarse / fine) < 2.7
 
 
 @pytest.mark.thorough
@@ -164,3 +208,5 @@ def test_the_page_has_the_tables_of_the_saved_run():
         own = [row for row in rows if row.case == case.name]
         assert report.within(own) in page, case.name
     assert report.every([row for row in rows if row.case == "slope"]) in page
+    derivatives = [gradients.Row(**row) for row in json.loads(SAVED_GRADIENTS.read_text())["rows"]]
+    assert gradients.table(derivatives) in page

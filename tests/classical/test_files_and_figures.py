@@ -28,6 +28,15 @@ def test_netcdf_holds_the_state_and_the_laws(body, tmp_path):
         assert data.attrs["ok"] == 1
 
 
+def test_the_place_of_what_rolls_has_directions(tmp_path):
+    """Unlike the coordinate z of a particle."""
+    egg = classical.RollingEllipsoid(semiaxes=(1.0, 1.0, 1.5), inertia=(0.65, 0.65, 0.4))
+    run = jaxball.simulate(egg, TIMES[:2], classical.EllipsoidState(Omega=(0.1, 0.2, 0.3)))
+    with xarray.open_dataset(jaxball.save(run, tmp_path / "run.nc")) as data:
+        assert data["z"].dims == ("time", "direction")
+        np.testing.assert_array_equal(data["z"], run.state.z)
+
+
 def test_csv_has_a_column_for_each_number(body, tmp_path):
     header = jaxball.save(body, tmp_path / "run.csv").read_text().splitlines()[0]
     laws = "energy,spatial_momentum[0],spatial_momentum[1],spatial_momentum[2],momentum_squared,versor_squared"

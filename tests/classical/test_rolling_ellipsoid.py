@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import Ball, BallState
+from jaxball import Ball, BallState, Resistance
 from jaxball.classical import EllipsoidState, RollingEllipsoid
 from jaxball.physics.contact.reaction import reaction
 
@@ -16,9 +16,14 @@ NOW = jnp.array(0.0)
 E3 = np.array([0.0, 0.0, 1.0])
 
 
-def test_with_equal_semiaxes_it_is_the_ball():
+RESISTING = Resistance(rolling=0.2, spinning=0.3, drag=0.1, rotational_drag=0.05, dry=0.04, smoothing=0.3)
+
+
+@pytest.mark.parametrize("resistance", [None, RESISTING], ids=["alone", "resisted"])
+def test_with_equal_semiaxes_it_is_the_ball(resistance):
     """Up to rounding, of which some tens add up in either."""
     same = {"mass": 1.3, "inertia": (0.9, 1.0, 1.1), "offset": (0.1, -0.2, 0.15), "gravity": 9.8}
+    same["resistance"] = resistance
     ball, ellipsoid = Ball(radius=0.8, **same), RollingEllipsoid(semiaxes=(0.8, 0.8, 0.8), **same)
     rolling, state = BallState(Q, OMEGA), EllipsoidState(Q, OMEGA)
     expected, found = jaxball.vector_field(ball, NOW, rolling), jaxball.vector_field(ellipsoid, NOW, state)
@@ -26,16 +31,20 @@ def test_with_equal_semiaxes_it_is_the_ball():
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-13, atol=1e-13)
     R, force = ellipsoid.reaction(NOW, state), reaction(ball.prepare(), NOW, rolling)
     np.testing.assert_allclose([R[2], R[0] ** 2 + R[1] ** 2], [force.normal, force.friction_squared], rtol=1e-13)
+    power = jaxball.observe(ball, NOW, rolling).dissipation
+    np.testing.assert_allclose(ellipsoid.dissipation(NOW, state), power, rtol=1e-13)
 
 
 def test_against_newtons_laws_with_an_unknown_reaction():
     """In space axes, with the nine unknowns of both accelerations and the reaction, whose point moves as it rolls.
 
-    The velocity of the contact point's particle stays 0, and its rate is found by a difference, to some 1e-9.
+    The velocity of the contact point's particle stays 0, and its rate is found by a difference, to some 1e-9. All parts
+    of resistance act, the dry one in proportion to the normal force.
     """
     m, g, turn, offset = 1.3, 9.8, 0.4, np.array([0.1, -0.2, 0.15])
     semiaxes, moments = np.array([0.9, 0.7, 0.5]), (0.5, 0.6, 0.7)
-    body = RollingEllipsoid(mass=m, semiaxes=semiaxes, inertia=moments, turn=turn, offset=offset, gravity=g)
+    shape = {"mass": m, "semiaxes": semiaxes, "inertia": moments, "turn": turn, "offset": offset, "gravity": g}
+    body = RollingEllipsoid(**shape, resistance=RESISTING)
     state = EllipsoidState(Q, OMEGA)
     Lambda, omega = np.asarray(state.Lambda), np.asarray(state.Lambda) @ OMEGA
     axes = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
@@ -54,8 +63,12 @@ def test_against_newtons_laws_with_an_unknown_reaction():
     sdot = (lowest(np.asarray(turned[0])) - lowest(np.asarray(turned[1]))) / (2 * h)
     # v + ω × s = 0 at all times: v̇ + ω̇ × s + ω × ṡ = 0.
     none, one = np.zeros((3, 3)), np.eye(3)
-    matrix = np.block([[m * one, none, -one], [none, J, -hat(s)], [one, -hat(s), none]])
-    right = np.concatenate([-m * g * E3, -np.cross(omega, J @ omega), -np.cross(omega, sdot)])
+    flat, centre = omega * [1.0, 1.0, 0.0], -Lambda @ offset
+    drag = -0.1 * np.cross(omega, centre - s)
+    dry = -0.04 * (centre - s)[2] * flat / np.sqrt(flat @ flat + 0.3**2)  # over the normal force
+    torque = -0.2 * flat - 0.3 * omega[2] * E3 - 0.05 * omega + np.cross(centre, drag)
+    matrix = np.block([[m * one, none, -one], [none, J, -hat(s) - np.outer(dry, E3)], [one, -hat(s), none]])
+    right = np.concatenate([drag - m * g * E3, torque - np.cross(omega, J @ omega), -np.cross(omega, sdot)])
     found = np.linalg.solve(matrix, right)
     np.testing.assert_allclose(Lambda @ np.asarray(body.field(NOW, state).Omega), found[3:6], atol=1e-7)
     np.testing.assert_allclose(body.reaction(NOW, state), found[6:], atol=1e-7)

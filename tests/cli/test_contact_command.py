@@ -76,7 +76,7 @@ REFUSED = {
     ),
     "no plane": (
         ["heavy-top", "--contact", "0.3"],
-        "Argument `--contact` must be left out for a system that touches no plane, such as a scenario of the kind "
+        "Argument `--contact` must be left out for a system that is no ball or disk, such as a scenario of the kind "
         '"heavy-top".',
     ),
     "an end besides": (

@@ -66,6 +66,8 @@ def test_files_go_to_standard_output(robot, capsys):
         (["import", "robot.toml"], "The file must be XML, but it is not"),
         (["import", "none.xml"], 'FILE must be a file of MuJoCo, but it is "none.xml"'),
         (["bench", "engines", "slop"], "PROBLEM must contain slope, slide"),
+        (["bench", "--gradients"], "Argument `--gradients` must be left out without the word engines"),
+        (["bench", "engines", "--gradients", "--quick"], "Argument `--quick` must be left out with `--gradients`"),
         (["bench", "engines", "--limit", "2"], "Argument `--limit` must be left out after `engines`"),
     ],
 )

@@ -7,7 +7,7 @@ import pytest
 
 from jaxball.cli import main
 from jaxball.design import load_result
-from jaxball.interface.views import MARK
+from jaxball.interface.output import MARK
 from jaxball.sweep import open_dataset
 from tests.scenario.documents import DISK
 from tests.support.pages import arrays_of, document_in, unpacked
@@ -113,7 +113,7 @@ def test_a_saved_run_of_a_classical_system_has_a_view_without_friction(folder, c
     assert first == again
     assert main(["view", "top.nc", "--out", "third.html", "--friction", "0.3"]) == 2
     sentence = (
-        "`--friction` must be left out for a system that touches no plane, such as a free rigid body, but it is 0.3."
+        "`--friction` must be left out for a system that is no ball or disk, such as a free rigid body, but it is 0.3."
     )
     assert sentence in capsys.readouterr().err
     assert not (folder / "third.html").exists()

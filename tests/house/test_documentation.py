@@ -54,7 +54,7 @@ LONG_PAGES = (
     "train.md",
     "training-a-policy.md",
 )
-# What 05 and 09 show, tests/equilibrium and tests/simulate/test_own_system.py compute as well.
+# What 05, 09 and 12 show, tests/equilibrium, tests/simulate/test_own_system.py and tests/classical compute as well.
 LONG_EXAMPLES = (
     "03_gradient.py",
     "05_balance.py",
@@ -63,6 +63,7 @@ LONG_EXAMPLES = (
     "09_own_system.py",
     "10_wobble.py",
     "11_measured_robot.py",
+    "12_flipping_ball.py",
 )
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from jaxball.design.files import CONTROL_KEYS, SEARCH_KEYS
 from jaxball.scenario import ScenarioError, read_scenario, table
-from jaxball.scenario.files import CLASSICAL_KEYS, KEYS
+from jaxball.scenario.files import CLASSICAL_KEYS, KEYS, RESISTED_KEYS
 from jaxball.scenario.table import REQUIRED, Key
 from jaxball.scenario.values import Nested
 from jaxball.sweep.study import KEYS as STUDY
@@ -31,6 +31,7 @@ def readers() -> dict[str, dict[str, Mapping[str, Key]]]:
 
     visit("scenario", "ball, disk", KEYS)
     visit("scenario", "classical", CLASSICAL_KEYS)
+    visit("scenario", "rolling-ellipsoid", RESISTED_KEYS)
     visit("study", "", STUDY)
     visit("problem", "search", SEARCH_KEYS)
     visit("problem", "control", CONTROL_KEYS)

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from jaxball import ReleasedState, load_scenario
+from jaxball import Ball, CarriedMass, Hinge, JointFriction, Mechanism, ReleasedState, Spring, load_scenario
 from jaxball.mjcf import MJCFError, from_mjcf, to_mjcf
 from tests.mjcf.robots import free_ball, free_disk, loaded, prescribed_ball, random_state, scenario
 
@@ -37,6 +37,58 @@ FOREIGN = """
     <position name="aim" joint="swing" kp="3" kv="0.2"/>
     <motor name="push" joint="reach" gear="2"/>
   </actuator>
+</mujoco>
+"""
+
+
+# Another one, with classes, inertias by geoms, sensors, and a joint that says it is free.
+BY_GEOMS = """
+<mujoco model="robot by geoms">
+  <compiler angle="radian"/>
+  <default>
+    <geom density="700" contype="0" conaffinity="0"/>
+    <joint damping="0.05"/>
+    <site pos="0 0.02 0"/>
+    <motor gear="2" ctrlrange="-1 1"/>
+    <default class="skin"><geom contype="1" conaffinity="1"/></default>
+    <default class="arm">
+      <geom type="capsule" size="0.02"/>
+      <joint axis="0 1 0.2"/>
+      <default class="stiff"><joint type="slide" stiffness="3"/></default>
+    </default>
+  </default>
+  <worldbody>
+    <geom class="skin" type="plane" size="5 5 0.1"/>
+    <body name="hull" pos="0 0 0.4">
+      <joint type="free" damping="0"/>
+      <geom class="skin" size="0.4" mass="1.5" shellinertia="true"/>
+      <geom type="box" size="0.1 0.05 0.02" pos="0 0.1 0.1" euler="0.3 0.2 0.1"/>
+      <geom type="mesh" mesh="none" mass="0"/>
+      <site name="imu" pos="0.1 0 0" euler="0.1 0.2 0.3"/>
+      <body name="arm" childclass="arm" pos="0 0 0.1" euler="0 0 0.4">
+        <joint name="swing"/>
+        <geom fromto="0 0 0 0 0.1 -0.2"/>
+        <geom type="ellipsoid" size="0.03 0.04 0.05" pos="0 0.1 -0.2" quat="1 0.2 0.3 0.1"/>
+        <site name="tip"/>
+        <body pos="0 0.1 -0.2">
+          <joint name="reach" class="stiff"/>
+          <geom type="cylinder" size="0.05 0.02" mass="0.3" euler="0.2 0 0"/>
+          <geom type="capsule" size="0.02 0.05" euler="0 0.7 0"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor name="push" joint="swing"/>
+  </actuator>
+  <sensor>
+    <accelerometer name="felt" site="imu" noise="0.1"/>
+    <gyro name="turned" site="tip"/>
+    <accelerometer name="end" site="tip"/>
+    <framepos name="seen" objtype="site" objname="imu"/>
+    <jointpos name="angle" joint="swing"/>
+    <jointvel name="rate" joint="reach"/>
+  </sensor>
 </mujoco>
 """
 
@@ -80,6 +132,40 @@ def test_a_robot_of_somebody_else_has_the_same_accelerations_and_masses():
     assert np.allclose(mine, its, rtol=1e-10, atol=1e-10)
 
 
+def test_classes_geoms_and_sensors_are_those_that_mujoco_compiles():
+    """Masses, accelerations and readings of its model of the file, and of that of what is written again of it.
+
+    The mesh without mass is read here, and left out for MuJoCo, which has no file of it.
+    """
+    state = {"qpos": [0.3, 0.1, 2.0, 0.5, 0.5, 0.1, 0.7, 0.3, 0.1], "qvel": np.random.default_rng(5).normal(size=8)}
+    state["qpos"][3:7] = (np.asarray(state["qpos"][3:7]) / np.linalg.norm(state["qpos"][3:7])).tolist()
+    words = " ".join(f'{name}="{numbers(values)}"' for name, values in state.items())
+    text = BY_GEOMS.replace("</mujoco>", f'<keyframe><key {words} ctrl="3"/></keyframe></mujoco>')
+    read = from_mjcf(text)
+    assert set(read.sensors) == {"felt", "turned", "end", "seen", "angle", "rate"}
+    known, again = loaded(text.replace('<geom type="mesh" mesh="none" mass="0"/>', "")), loaded(to_mjcf(read).text)
+    for model, data in (known, again):
+        mujoco.mj_forward(model, data)
+        assert data.ncon == 0
+    assert abs(again[0].body_mass.sum() - known[0].body_mass.sum()) <= 1e-12
+    assert np.allclose(again[1].qacc[6:], known[1].qacc[6:], rtol=1e-9, atol=1e-9)  # moments through MuJoCo's rounding
+    for name in read.sensors:
+        assert np.allclose(again[1].sensor(name).data, known[1].sensor(name).data, rtol=1e-9, atol=1e-9), name
+
+
+def test_dry_friction_of_a_joint_comes_back():
+    hinge = Hinge((0.0, 1.0, 0.0), drive=JointFriction(0.2, viscous=0.1) + Spring(0.3))
+    arm = Mechanism([hinge], [CarriedMass(0.5, (0.1, 0.0, -0.5))])
+    exported = to_mjcf(scenario(Ball(mass=1.0, inertia=(0.5, 0.4, 0.45), mechanisms=[arm])))
+    assert "creep" in exported.notes[-1]
+    model, _ = loaded(exported.text)
+    joint = model.joint("mechanisms[0].joints[0]")
+    assert (joint.frictionloss[0], joint.damping[0], joint.stiffness[0]) == (0.2, 0.1, 0.3)
+    assert differences(to_mjcf(from_mjcf(exported.text)).text, exported.text) == []
+    with pytest.raises(MJCFError, match="joints cannot stick in a body that slips and flies"):
+        from_mjcf(exported.text, contact=True)
+
+
 def test_a_body_that_starts_by_rolling_always_rolls():
     text = to_mjcf(load_scenario("three-rotors")).text
     assert from_mjcf(text).contact is None
@@ -91,8 +177,9 @@ def differences(first, second):
     one, other = mujoco.MjModel.from_xml_string(first), mujoco.MjModel.from_xml_string(second)
     names = [
         "body_mass", "body_inertia", "body_pos", "body_ipos", "body_parentid", "jnt_type", "jnt_pos", "jnt_axis",
-        "jnt_stiffness", "qpos_spring", "dof_damping", "actuator_gainprm", "actuator_biasprm", "actuator_forcerange",
-        "actuator_forcelimited", "actuator_trnid", "key_qpos", "key_qvel", "key_ctrl", "geom_size", "geom_condim",
+        "jnt_stiffness", "qpos_spring", "dof_damping", "dof_frictionloss", "actuator_gainprm", "actuator_biasprm",
+        "actuator_forcerange", "actuator_forcelimited", "actuator_trnid", "key_qpos", "key_qvel", "key_ctrl",
+        "geom_size", "geom_condim",
     ]  # fmt: skip
     pairs = {name: (getattr(one, name), getattr(other, name)) for name in names}
     pairs["gravity"] = (one.opt.gravity, other.opt.gravity)
@@ -108,7 +195,28 @@ ARM = '<inertial pos="0 0 -0.1" mass="0.5" fullinertia="0.004 0.005 0.006 0.001 
 SWING, DAMPED, FLOOR = '<joint name="swing"', 'damping="0.1"', 'type="plane"'
 REFUSED = {
     "not XML": ("<mujoco", "<mujoco <", "The file must be XML"),
-    "defaults": ("<worldbody>", "<default/><worldbody>", "Element <default> in <mujoco"),
+    "no class": (
+        '<joint name="swing"',
+        '<joint class="arm" name="swing"',
+        'must be a class of <default>, but it is "arm"',
+    ),
+    "a default of a motor": (
+        "<worldbody>",
+        '<default><position kp="3"/></default><worldbody>',
+        "Attribute `kp` of <position> in <default>",
+    ),
+    "a sensor": ("</mujoco>", '<sensor><touch site="tip"/></sensor></mujoco>', "Element <touch> must be one of <acc"),
+    "a sensor elsewhere": (
+        "</mujoco>",
+        '<sensor><gyro site="tip"/></sensor></mujoco>',
+        'must name a part of the robot, but it is "tip"',
+    ),
+    "groups": ("<compiler ", '<compiler inertiagrouprange="0 1" ', "Attribute `inertiagrouprange` of <compiler>"),
+    "a free joint with friction": (
+        "<freejoint/>",
+        '<joint type="free" damping="1"/>',
+        "nothing holds the shell but the plane",
+    ),
     "a tendon": ("<actuator>", "<tendon/><actuator>", "Element <tendon>"),
     "another body": ("<light", '<body name="box"/><light', "There must be one <body>"),
     "a box": ('type="sphere"', 'type="box"', 'touch, a sphere, but it has <geom name="skin"> of type box'),
@@ -116,7 +224,13 @@ REFUSED = {
     "a ball joint": (SWING, f'<joint type="ball"/>{SWING}', 'must be a hinge or a slide, but its type is "ball"'),
     "armature": (DAMPED, 'armature="0.1"', 'Attribute `armature` of <joint name="swing"> must be 0'),
     "a range": (DAMPED, 'range="-1 1"', 'Attribute `range` of <joint name="swing">'),
-    "no inertia": (ARM, '<geom contype="0" conaffinity="0"/>', '<body name="arm"> must have an <inertial>'),
+    "a mesh": (ARM, '<geom type="mesh" contype="0" conaffinity="0"/>', 'type is "mesh"'),
+    "a hollow box": (ARM, '<geom type="box" shellinertia="true" contype="0" conaffinity="0"/>', "only a sphere can be"),
+    "a box between points": (
+        ARM,
+        '<geom type="box" fromto="0 0 0 1 1 1" contype="0" conaffinity="0"/>',
+        "`fromto` of <geom> must be left",
+    ),
     "a muscle": ('<motor name="push"', '<muscle name="push"', 'Element <muscle name="push"> must be a <motor>'),
     "a medium": ("<option ", '<option density="1.2" ', "Attribute `density` of <option>"),
     "a missing number": ('mass="2"', "", "must have `mass`, a number, but it is missing"),
@@ -141,6 +255,7 @@ def test_what_is_no_ball_with_mechanisms_is_refused_by_name(case):
     [
         ("suslov", "Key `kind` must be a ball or a disk"),
         ("roboball", "Key `resistance.rolling` must be 0"),
+        ("roboball-2", "Joint `mechanisms[0].joints[0]` must have the same friction at rest and at every rate"),
         ("vibrating-plane", "Key `ground.motion` must be left out"),
         ("ellipse-and-eight", "Mass `masses[0]` must move by a schedule"),
     ],

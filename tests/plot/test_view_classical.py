@@ -212,13 +212,13 @@ def test_what_cannot_be_shown_is_refused_in_a_sentence(top_run, particle_run, ba
         (batch, {}, r"`trajectory` must be one trajectory, but it is a batch"),
         ({"a": top_run, "b": particle_run}, {}, other_kind + 'particle and "a" is a rigid body; show'),
         ({"a": ball_trajectory, "b": top_run}, {}, other_kind + 'rigid body and "a" is a body that rolls; show'),
-        (top_run, {"friction": 0.3}, r"`friction` must be left out for a rigid body, which touches no plane"),
+        (top_run, {"friction": 0.3}, r"`friction` must be left out for a rigid body, which is no ball or disk"),
         (
             top_run,
             {"discs": [(np.zeros(2), 1.0)]},
-            r"`discs` must be left out for a rigid body, which touches no plane",
+            r"`discs` must be left out for a rigid body, which is no ball or disk",
         ),
-        (particle_run, {"wanted": np.zeros((2, 2))}, r"`wanted` must be left out for a particle, which touches no"),
+        (particle_run, {"wanted": np.zeros((2, 2))}, r"`wanted` must be left out for a particle, which is no"),
     ):
         with pytest.raises(ValueError, match=f"^Argument {sentence}"):
             view_document(runs, **options)

@@ -21,21 +21,25 @@ NAMES = (
     "ellipse-and-eight",
     "gyroscopic-pendulum",
     "moball",
+    "norma",
     "pendulum",
     "pendulum-and-yoke",
     "pendulum-on-a-slope",
     "roboball",
     "roboball-2",
     "rolling-robot",
+    "rotunbot",
     "routh-sphere",
     "six-tubes",
     "spokes",
     "three-rotors",
     "turntable",
     "vibrating-plane",
+    "yoke-robot",
 )
 RELEASED = ("bouncing-ball", "bowling-ball", "hoop-with-backspin", "slipping-ball")
-CLASSICAL = ("free-rigid-body", "heavy-top", "nonholonomic-particle", "suslov", "vakonomic-particle")
+CONSERVATIVE = ("free-rigid-body", "heavy-top", "nonholonomic-particle", "rattleback", "suslov", "vakonomic-particle")
+CLASSICAL = (*CONSERVATIVE, "oblate-ball")
 
 
 @pytest.fixture(scope="module")
@@ -154,7 +158,7 @@ def test_pendulum_on_a_slope_holds_the_ball(runs):
     "name",
     [
         pytest.param(name, marks=pytest.mark.slow if name in ("free-rigid-body", "nonholonomic-particle") else ())
-        for name in CLASSICAL
+        for name in CONSERVATIVE
     ],
 )
 def test_classical_systems_keep_their_laws(name):

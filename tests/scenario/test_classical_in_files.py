@@ -26,6 +26,14 @@ inertia = [1.0, 1.6, 2.1]
 xi = { constant = [1.0, 0.0, 0.0], amplitude = [[0.0, 0.3, 0.0]], frequency = [2.0] }
 """
 PARTICLE = builtin_text("vakonomic-particle")
+ELLIPSOID = """\
+format = 1
+kind = "rolling-ellipsoid"
+body = { mass = 2.0, semiaxes = [1.0, 0.8, 0.6], inertia = [0.3, 0.4, 0.5], turn = 0.1, gravity = 9.8 }
+resistance = { rolling = 0.1, dry = 0.02 }
+initial = { axis = [1.0, 0.0, 0.0], angle = 0.2, Omega = [0.1, 0.2, 0.3], z = [1.0, 2.0] }
+time = { start = 0.0, end = 1.0, saves = 3 }
+"""
 
 
 def test_a_top():
@@ -43,7 +51,7 @@ def test_the_particle_of_a_file_has_the_papers_multiplier():
     assert read_scenario(PARTICLE.replace("x = 1.0", "multiplier = 0.5\nx = 1.0", 1)).state.multiplier == 0.5
 
 
-@pytest.mark.parametrize("text", [TOP, SUSLOV, PARTICLE], ids=["top", "suslov", "particle"])
+@pytest.mark.parametrize("text", [TOP, SUSLOV, PARTICLE, ELLIPSOID], ids=["top", "suslov", "particle", "ellipsoid"])
 def test_what_is_written_reads_the_same(text):
     scenario = read_scenario(text)
     again = read_scenario(write_scenario(scenario))
@@ -72,6 +80,10 @@ def test_what_is_written_reads_the_same(text):
         (SUSLOV, "[0.0, 0.0, 1.0]", "[0.1, 0.0, 1.0]", "`initial.Omega` must be orthogonal to xi at the start"),
         (SUSLOV, "[1.0, 0.0, 0.0]", "[0.0, 0.0, 0.0]", "`body.xi` must be three finite numbers, not all zero"),
         (SUSLOV, "frequency = [2.0]", "frequency = []", "`body.xi.frequency` must be"),
+        (ELLIPSOID, "[1.0, 0.8", "[1.0, 0.0", "`body.semiaxes` must be a list of 3 positive numbers"),
+        (ELLIPSOID, "turn", "offset = [0.0, 0.0, 0.7], turn", "`body.offset` must be a point inside the surface"),
+        (ELLIPSOID, "rolling = 0.1", "rolling = -0.1", "`resistance.rolling` must be 0 or positive"),
+        (TOP, "time", "resistance = { rolling = 0.1 }\ntime", "`resistance` is not known"),
         (PARTICLE, "xdot", "xdor", "`initial.xdor` is not known"),
         (
             PARTICLE,

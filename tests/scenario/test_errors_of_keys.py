@@ -30,7 +30,7 @@ TYPES = {
     ),
     "another kind": (
         edited('"ball"', '"cube"'),
-        'Key `kind` must be one of "ball", "disk", "free-rigid-body", "heavy-top", "suslov", '
+        'Key `kind` must be one of "ball", "disk", "free-rigid-body", "heavy-top", "suslov", "rolling-ellipsoid", '
         '"nonholonomic-particle", "vakonomic-particle", but it is "cube".',
     ),
     "a misspelt kind": (

@@ -4,11 +4,15 @@ Runs are solved to 1e-10 at least. States at the save times are interpolated bet
 hundred or so.
 """
 
+import tomllib
+
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jaxball.scenario import load_scenario
+from jaxball import jit, vector_field
+from jaxball.scenario import builtin_text, load_scenario, read_document
 
 
 def run(name):
@@ -197,3 +201,103 @@ def test_a_pendulum_held_to_the_side_leads_the_ball_round_a_circle():
     np.testing.assert_allclose(place[:, 2], -h, atol=1e-7)
     np.testing.assert_allclose(seen.angular_velocity_space[:, 2], 0.0, atol=1e-7)
     assert W * times[-1] > 2 * np.pi
+
+
+@pytest.fixture(scope="module")
+def yoke_robot():
+    return run("yoke-robot")
+
+
+def yoke_alone(t, y):
+    """(place, shell's angle, angle of what hangs in it, and both rates) while the yoke turns in a plane, by Lagrange.
+
+    T = ½ (j + m r²) ψ̇² + ½ I φ̇² − m_p r l cos φ ψ̇ φ̇, V = −m_p g l cos φ, for the pendulum's centre of mass l below.
+    """
+    phi, psidot, phidot = y[2:]
+    m, r, l, g = 17.0, 0.3, 0.1, 9.81
+    I = (2 / 6 + 5 / 2) * 0.2**2 + 0.2**2 / 3
+    torque = 0.1 * (t < 8.0) - 0.04 * (phidot - psidot)
+    coupling = r * l * np.cos(phi)
+    mass = [[0.12 + m * r**2, -coupling], [-coupling, I]]
+    force = [-torque - 0.16 * psidot - r * l * np.sin(phi) * phidot**2, torque - g * l * np.sin(phi)]
+    return [-r * psidot, psidot, phidot, *np.linalg.solve(mass, force)]
+
+
+@pytest.mark.thorough
+def test_the_yoke_alone_rolls_the_robot_in_a_plane(yoke_robot):
+    """Before the pendulum is driven, against Lagrange's equations of two angles, solved up to the jump and on."""
+    trajectory, times, _ = yoke_robot
+    before = times < 15.9
+    known, state = [], np.zeros(5)
+    for start, end in ((0.0, 8.0), (8.0, 15.5)):
+        at = times[before & (times >= start) & (times <= end)]
+        solved = solve_ivp(yoke_alone, (start, end - 1e-12), state, rtol=1e-11, atol=1e-13, dense_output=True)
+        known.append(solved.sol(np.minimum(at, end - 1e-12)) if start == 0.0 else solved.sol(at)[:, 1:])
+        state = solved.y[:, -1]
+    y, psi, phi = np.concatenate(known, axis=1)[:3]
+    np.testing.assert_allclose(trajectory.state.z[before], np.stack([0 * y, y], axis=1), atol=1e-8)
+    np.testing.assert_allclose(trajectory.state.theta[before, 0], phi - psi, atol=1e-7)
+
+
+@pytest.mark.thorough
+def test_the_yoke_robot_goes_where_its_authors_equations_take_it(yoke_robot):
+    """At 10, 20, …, 50 s, by the author's equations with their Euler steps of 10, 5 and 2.5 ms, whose errors of first
+    and second order are extrapolated to 0; 5, 2.5 and 1.25 ms give the same to 1e-4, a third of which may be left.
+    """
+    known = [
+        [0.0, 0.5945982],
+        [0.0881762, 1.0198676],
+        [0.2742601, 0.9136166],
+        [0.3450442, 0.3204261],
+        [0.2380404, -0.4643163],
+    ]
+    np.testing.assert_allclose(yoke_robot[0].state.z[20:101:20], known, atol=3e-5)
+
+
+@pytest.mark.thorough
+def test_norma_accelerates_evenly_and_then_turns_to_its_slider():
+    """α = τ / ((2/3) m r² + M r²) with the torque τ = 0.2 and M = 5, until the slider moves."""
+    trajectory, times, _ = run("norma")
+    alpha, z = 0.2 / (2 / 3 * 3 * 0.2**2 + 5 * 0.2**2), np.asarray(trajectory.state.z)
+    even = times <= 3.0
+    np.testing.assert_allclose(z[even], np.outer(0.2 * alpha * times[even] ** 2 / 2, [1, 0]), atol=1e-9)
+    heading = np.unwrap(np.arctan2(*np.diff(z[times >= 5.0], axis=0).T[::-1]))
+    assert np.all(np.diff(heading) > 0)  # to the left, where the slider is
+    assert heading[-1] > 0.5
+
+
+@pytest.mark.thorough
+def test_norma_rests_where_its_slider_leans_it():
+    """tan φ = m_s d / (m_p L), where the weights of slider and pendulum are in balance in the authors' equations."""
+    document = tomllib.loads(builtin_text("norma"))
+    del document["mechanisms"][0]["joints"][0]["force"]
+    document["mechanisms"][1]["joints"][0]["schedule"] = {"kind": "constant-rate", "theta": 0.05}
+    lean = np.arctan(1.0 * 0.05 / (1.0 * 0.15))
+    document["initial"] = {"axis": [1.0, 0.0, 0.0], "angle": -lean, "theta": [0.0], "thetadot": [0.0]}
+    scenario = read_document(document)
+    rates = jit(vector_field)(scenario.system, jnp.array(0.0), scenario.state)
+    np.testing.assert_allclose(np.concatenate([rates.Omega, rates.thetadot]), 0.0, atol=1e-13)
+
+
+@pytest.mark.thorough
+def test_rotunbot_turns_by_what_its_flywheel_takes():
+    """(J + C) ω₃ + C θ̇ = 0 of the flywheel, C = m R², and all else, J; then it drives straight on, while the momentum
+    of the shell and of the pendulum's place, (d + M r²) ω − m l r cos φ φ̇, is the impulse of the motor.
+    """
+    trajectory, times, seen = run("rotunbot")
+    z, rates, angles = np.asarray(trajectory.state.z), np.asarray(seen.joint_rates), np.asarray(seen.joint_angles)
+    omega = np.asarray(seen.angular_velocity_space)
+    J, C, d = 2 / 3 * 27.8 * 0.4**2 + 20.4 * 0.25**2, 9.81 * 0.2**2, 2 / 3 * 27.8 * 0.4**2
+    np.testing.assert_allclose((J + C) * omega[:, 2] + C * rates[:, 2], 0.0, atol=1e-8)
+    torque = J * np.pi / 8
+    turned = torque / J * np.array([0.5, 2.0])  # after 1 and 2 s
+    headings = np.arctan2(*trajectory.state.Lambda[[20, 40], :2, 0].T[::-1])
+    np.testing.assert_allclose(headings, turned, atol=1e-8)
+    np.testing.assert_allclose(z[:, 0], 0.0, atol=1e-8)  # a right angle after 4 s
+    assert z[-1, 1] > 5.0
+    driving, M = times >= 4.0, 27.8 + 20.4 + 82.8 + 9.81
+    roll = -omega[driving, 0]
+    phi_rate = roll + rates[driving, 0]
+    phi = angles[driving, 0] + z[driving, 1] / 0.4
+    momentum = (d + M * 0.4**2) * roll - 82.8 * 0.27 * 0.4 * np.cos(phi) * phi_rate
+    np.testing.assert_allclose(momentum, 20.0 * (times[driving] - 4.0), atol=1e-5)

@@ -428,7 +428,8 @@ def problems() -> dict[str, dict[str, Any]]:
 
 def with_everything() -> list[dict[str, Any]]:
     """Documents that have all keys there are, but for `balance`."""
-    classical = ("free-rigid-body", "heavy-top", "suslov", "nonholonomic-particle", "vakonomic-particle")
+    rigid = ("free-rigid-body", "heavy-top", "suslov", "rattleback", "oblate-ball")
+    classical = (*rigid, "nonholonomic-particle", "vakonomic-particle")
     with_all_keys = ("every motion", "every mechanism", "under feedback", "predictive", "feedforward")
     named = [name for name in problems() if name.startswith("every kind")]
     return [

@@ -12,9 +12,9 @@ from ..numerics.trigonometry import sine_cosine
 from ..numerics.vectors import apply, cross, dot, inverse, outer
 from ..numerics.versor import derivative
 from ..physics.conditions import Condition, positive, positive_inertia, real_inertia
-from .base import AbstractClassicalSystem
+from ..physics.resistance import AbstractResistance
 from .rigid_body import principal_moments, versor_squared
-from .state import OrientedState
+from .state import AbstractClassicalSystem, OrientedState
 
 
 class EllipsoidState(OrientedState):
@@ -39,7 +39,8 @@ class EllipsoidState(OrientedState):
 class EllipsoidLaws(NamedTuple):
     """What a rolling ellipsoid conserves.
 
-    - ``energy``: E = ½⟨𝕁Ω, Ω⟩ + ½ m |V|² + m g × the height of the centre of mass over the plane, mass length²/time².
+    - ``energy``: E = ½⟨𝕁Ω, Ω⟩ + ½ m |V|² + m g × the height of the centre of mass over the plane, mass length²/time²;
+      with resistance it decreases at the rate of :meth:`RollingEllipsoid.dissipation`.
     - ``versor_squared``: |q|² = 1.
     """
 
@@ -54,8 +55,8 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState]):
     with A the semi-axes. Two equal semi-axes make a spheroid, three a ball. Principal axes of inertia that are turned
     about the vertical against the semi-axes make a rattleback, which prefers one direction of spin.
 
-    Nothing acts but gravity and the plane, which holds it as far as is needed: it never slips and never leaves the
-    plane. :meth:`reaction` tells where that is no longer so.
+    Gravity acts, resistance if there is any, and the plane, which holds it as far as is needed: it never slips and
+    never leaves the plane. :meth:`reaction` tells where that is no longer so.
 
     **Arguments:**
 
@@ -65,6 +66,8 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState]):
     - ``turn``: by how much the first two principal axes are turned about E3 against the semi-axes, rad.
     - ``offset``: from the geometric centre to the centre of mass, body axes, length, shape (3,).
     - ``gravity``: g, length/time².
+    - ``resistance``: such as a :class:`~jaxball.Resistance`, at the contact and of a medium; None without. The radius
+      by which dry friction is multiplied is the height of the geometric centre.
 
     **Raises:** ``ValueError`` when a shape is wrong. Values are not checked here, so that they may be traced; see
     :func:`jaxball.problems`.
@@ -90,6 +93,7 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState]):
     turn: Float[Array, ""]
     offset: Float[Array, "3"]
     gravity: Float[Array, ""]
+    resistance: AbstractResistance | None
 
     title: ClassVar[str] = "rolling ellipsoid"
     state_type: ClassVar[type[EllipsoidState]] = EllipsoidState
@@ -103,12 +107,14 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState]):
         turn: Numbers = 0.0,
         offset: Numbers = (0.0, 0.0, 0.0),
         gravity: Numbers = 1.0,
+        resistance: AbstractResistance | None = None,
     ):
         self.mass, self.turn, self.gravity = (
             numbers(name)(x) for name, x in (("mass", mass), ("turn", turn), ("gravity", gravity))
         )
         self.semiaxes, self.inertia = numbers("semiaxes", (3,))(semiaxes), principal_moments(inertia)
         self.offset = numbers("offset", (3,))(offset)
+        self.resistance = resistance
 
     @property
     def J(self) -> Float[Array, "3 3"]:
@@ -126,18 +132,31 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState]):
 
     def reaction(self, t: Float[Array, ""], state: EllipsoidState) -> Float[Array, "3"]:
         """The force of the plane in space axes: two components of friction, and the normal force."""
-        return apply(state.Lambda, self._force(state, self._Omegadot(state)))
+        return apply(state.Lambda, self._accelerations(state).reaction)
+
+    def dissipation(self, t: Float[Array, ""], state: EllipsoidState) -> Float[Array, ""]:
+        """The power that resistance takes, mass length²/time³: E decreases at this rate."""
+        force, torque = self._resisting(state)
+        if self.resistance is not None:
+            dry = self.resistance.dry_torque(self._height(state.Gamma), state.Omega, state.Gamma)
+            if dry is not None:
+                torque = torque + dot(self._accelerations(state).reaction, state.Gamma) * dry
+        return -dot(torque, state.Omega) - dot(force, self._velocity(state))
 
     def field(self, t: Float[Array, ""], state: EllipsoidState) -> EllipsoidState:
-        """𝕁Ω̇ = 𝕁Ω × Ω + s × R with s from the centre of mass to the contact, and V = s × Ω; q̇ = ½ q Ω♯."""
-        velocity = apply(state.Lambda, cross(self.contact(state.Gamma), state.Omega))
-        return EllipsoidState(derivative(state.q, state.Omega), self._Omegadot(state), velocity[:2])
+        """𝕁Ω̇ = 𝕁Ω × Ω + s × R + T with s from the centre of mass to the contact, and V = s × Ω; q̇ = ½ q Ω♯."""
+        velocity = apply(state.Lambda, self._velocity(state))
+        return EllipsoidState(derivative(state.q, state.Omega), self._accelerations(state).Omegadot, velocity[:2])
 
     def laws(self, t: Float[Array, ""], state: EllipsoidState) -> EllipsoidLaws:
         s, Omega, Gamma = self.contact(state.Gamma) - self.offset, state.Omega, state.Gamma
         V = cross(s, Omega)
         kinetic = (dot(apply(self.J, Omega), Omega) + self.mass * dot(V, V)) / 2
         return EllipsoidLaws(kinetic - self.mass * self.gravity * dot(s, Gamma), versor_squared(state))
+
+    def law_rates(self, t: Float[Array, ""], state: EllipsoidState) -> dict[str, Float[Array, ""]]:
+        """Ė, where there is resistance."""
+        return {} if self.resistance is None else {"energy": -self.dissipation(t, state)}
 
     def conditions(self) -> Iterator[Condition]:
         yield Condition(positive(self.mass), "mass", self.mass, "a positive number")
@@ -148,6 +167,8 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState]):
         inside = jnp.sum((self.offset / self.semiaxes) ** 2) < 1
         yield Condition(inside, "offset", self.offset, "a point inside the surface")
         yield Condition(jnp.isfinite(self.gravity), "gravity", self.gravity, "a finite number")
+        if self.resistance is not None:
+            yield from self.resistance.conditions()
 
     def _height(self, Gamma: Float[Array, "3"]) -> Float[Array, ""]:
         """√(Γ·A²Γ), the height of the geometric centre over the plane."""
@@ -161,13 +182,44 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState]):
         sdot = -squared * (Gammadot - Gamma * dot(Gamma, squared * Gammadot) / height**2) / height
         return s, cross(sdot, Omega) + cross(Omega, cross(s, Omega)) + self.gravity * Gamma
 
-    def _Omegadot(self, state: EllipsoidState) -> Float[Array, "3"]:
-        s, rest = self._moving(state)
-        J = self.J
-        about_contact = J + self.mass * (dot(s, s) * jnp.eye(3, dtype=s.dtype) - outer(s, s))
-        torque = cross(apply(J, state.Omega), state.Omega) + self.mass * cross(s, rest)
-        return apply(inverse(about_contact), torque)
+    def _velocity(self, state: EllipsoidState) -> Float[Array, "3"]:
+        """Of the geometric centre, body axes: c × Ω."""
+        return cross(self.contact(state.Gamma), state.Omega)
 
-    def _force(self, state: EllipsoidState, Omegadot: Float[Array, "3"]) -> Float[Array, "3"]:
+    def _resisting(self, state: EllipsoidState) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+        """The force of a medium at the geometric centre, and all torques of resistance but the dry one, body axes."""
+        none = jnp.zeros_like(state.Omega)
+        if self.resistance is None:
+            return none, none
+        torque = self.resistance.contact_torque(state.Omega, state.Gamma, None)
+        medium = self.resistance.medium(self._velocity(state), state.Omega)
+        return (none, torque) if medium is None else (medium[0], torque + medium[1])
+
+    def _accelerations(self, state: EllipsoidState) -> "_Accelerations":
+        """Newton's and Euler's laws about the contact; dry friction is proportional to the normal force N.
+
+        With the friction N d, Ω̇ is Ω̇₀ + N a, a the acceleration by d, and N = N₀ + N m Γ·(s × a) is solved for N, which
+        is NaN where that has no solution, so that a run ends there.
+        """
+        Omega, Gamma, J = state.Omega, state.Gamma, self.J
         s, rest = self._moving(state)
-        return self.mass * (cross(s, Omegadot) + rest)
+        force, resisting = self._resisting(state)
+        about_contact = inverse(J + self.mass * (dot(s, s) * jnp.eye(3, dtype=s.dtype) - outer(s, s)))
+        torque = cross(apply(J, Omega), Omega) + self.mass * cross(s, rest)
+        torque = torque - cross(self.contact(Gamma), force) + resisting
+        Omegadot = apply(about_contact, torque)
+        dry = None if self.resistance is None else self.resistance.dry_torque(self._height(Gamma), Omega, Gamma)
+        if dry is not None:
+            by_friction = apply(about_contact, dry)
+            without = dot(Gamma, self.mass * (cross(s, Omegadot) + rest) - force)
+            share = 1 - self.mass * dot(Gamma, cross(s, by_friction))
+            N = jnp.where(share > 0, without / share, jnp.nan)
+            Omegadot = Omegadot + N * by_friction
+        return _Accelerations(Omegadot, self.mass * (cross(s, Omegadot) + rest) - force)
+
+
+class _Accelerations(NamedTuple):
+    """Ω̇ and the force of the plane, body axes."""
+
+    Omegadot: Float[Array, "3"]
+    reaction: Float[Array, "3"]

@@ -73,7 +73,7 @@ def check_span(options: argparse.Namespace, scenario: "Scenario") -> None:
         return
     if not isinstance(scenario.system, AbstractBody):
         raise OutputError(
-            f"Argument `--animate` must be left out for a {scenario.system.title}, which has no shell to draw, but it "
+            f"Argument `--animate` must be left out for a {scenario.system.title}, which is not animated, but it "
             f'is "{options.animate}"; use --plot or --out.'
         )
     if scenario.feedback is not None:

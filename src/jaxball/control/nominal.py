@@ -65,7 +65,7 @@ def require_motion(run: Any) -> None:
             f"Argument `run` must have full states, but it is a run of a {type(run.state).__name__}, which does not "
             "contain the position of the ball; simulate with a BallState."
         )
-    if run.contact is not None:
+    if run.history.coefficients:
         raise ValueError(
             "Argument `run` must be one of a body that rolls, but it has a law of contact; simulate without `contact`."
         )

@@ -13,7 +13,7 @@ from ..interface.printing import shown
 from ..interface.wording import counted
 from ..numerics import programs
 from ..numerics.arrays import AnyArray, Numbers, default_dtype, is_traced, to_numpy
-from ..simulation.defaults import DEFAULT_TOLERANCE
+from ..simulation import DEFAULT_TOLERANCE
 from ..simulation.trajectory import Trajectory
 from .controllability import uncontrollable
 from .feedback import AbstractFeedback

@@ -27,7 +27,7 @@ from ..physics.body import Ball, Disk, System
 from ..physics.system import require_one_state
 from ..sensors import AbstractSensor
 from ..sensors.errors import CLOSE
-from ..simulation.defaults import DEFAULT_TOLERANCE
+from ..simulation import DEFAULT_TOLERANCE
 from .belief import Belief, symmetric
 from .estimate import Estimate, Filtered
 from .measurement import Measurement, PlacedState, measurement_of

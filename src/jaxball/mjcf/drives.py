@@ -2,7 +2,7 @@
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from typing import NamedTuple, TypeGuard
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +16,7 @@ from ..physics.mechanisms import (
     Drive,
     EndStops,
     JointForces,
+    JointFriction,
     Motor,
     PDServo,
     SpeedLimitedMotor,
@@ -55,11 +56,16 @@ def write_drive(
         )
     forces = () if drive is None else drive.terms if isinstance(drive, JointForces) else (drive,)
     _write_springs([force for force in forces if isinstance(force, Spring)], joint)
-    _write_dampers([force for force in forces if isinstance(force, Damper)], joint)
+    frictions = [force for force in forces if _is_plain(force)]
+    dampers = [float(force.coefficient) for force in forces if isinstance(force, Damper)]
+    _write_dampers([*dampers, *(float(friction.viscous) for friction in frictions)], joint)
+    if any(float(friction.kinetic) > 0 for friction in frictions):
+        joint.set("frictionloss", repr(sum(float(friction.kinetic) for friction in frictions)))
     stops = [force for force in forces if isinstance(force, EndStops)]
     if stops:
         joint.set("range", f"{float(max(s.lower for s in stops))!r} {float(min(s.upper for s in stops))!r}")
-    others = [force for force in forces if not isinstance(force, Spring | Damper | EndStops)]
+    own = Spring | Damper | EndStops
+    others = [force for force in forces if not isinstance(force, own) and not _is_plain(force)]
     names = [name] if len(others) == 1 else [f"{name}.force[{index}]" for index in range(len(others))]
     return [_write_actuator(own, name, force, actuators) for own, force in zip(names, others, strict=True)]
 
@@ -93,8 +99,15 @@ def _write_springs(springs: list[Spring], joint: ET.Element) -> None:
         joint.set("springref", repr(only))
 
 
-def _write_dampers(dampers: list[Damper], joint: ET.Element) -> None:
-    damping = float(sum(damper.coefficient for damper in dampers))
+def _is_plain(force: AbstractJointForce) -> TypeGuard[JointFriction]:
+    """Whether a force is dry friction that is the same at rest as in motion, MuJoCo's law."""
+    if not isinstance(force, JointFriction) or force.smoothing is not None or force.stribeck is not None:
+        return False
+    return bool(force.largest == force.kinetic)
+
+
+def _write_dampers(coefficients: list[float], joint: ET.Element) -> None:
+    damping = float(sum(coefficients))
     if damping < 0:
         raise MJCFError(
             f"Joint `{joint.get('name')}` must have dampers that take energy away to be written as MJCF, but together "
@@ -114,6 +127,11 @@ def _write_actuator(name: str, joint: str, force: AbstractJointForce, actuators:
         return Control(name, force.command.prepare())
     if isinstance(force, PDServo):
         return _write_pd_servo(name, joint, force, actuators)
+    if isinstance(force, JointFriction):
+        raise MJCFError(
+            f"Joint `{joint}` must have the same friction at rest and at every rate to be written as MJCF, whose "
+            "`frictionloss` is one number, but it has another law; make its `static` friction that in motion."
+        )
     raise MJCFError(
         f"Joint `{joint}` must be moved by motors, springs, dampers and servos to be written as MJCF, but it has a "
         f"{type(force).__name__}."
@@ -147,12 +165,11 @@ def _add_limited(actuators: ET.Element, tag: str, name: str, joint: str, limit: 
 
 
 def read_springs(joint: ET.Element) -> list[AbstractJointForce]:
-    """The spring and the damper among the attributes of a joint.
+    """The spring, the damper and the dry friction among the attributes of a joint.
 
-    **Raises:** :class:`MJCFError` where the joint has friction, a rotor's inertia or a range.
+    **Raises:** :class:`MJCFError` where the joint has a rotor's inertia or a range.
     """
     refuse_values(joint, ("armature",), "a rotor geared to a joint has no counterpart here")
-    refuse_values(joint, ("frictionloss",), "dry friction in a joint has no counterpart here")
     refuse_values(joint, ("ref",), "angles are measured from the configuration in which the file has its bodies")
     if joint.get("range") is not None and joint.get("limited") != "false":
         raise MJCFError(
@@ -164,6 +181,9 @@ def read_springs(joint: ET.Element) -> list[AbstractJointForce]:
         forces.append(Spring(stiffness, number(joint, "springref", 0.0)))
     if damping:
         forces.append(Damper(damping))
+    friction = number(joint, "frictionloss", 0.0)
+    if friction:
+        forces.append(JointFriction(friction))
     return forces
 
 

@@ -73,23 +73,23 @@ def _turn(element: ET.Element, angles: Angles) -> Float[np.ndarray, "3 3"]:
     )
 
 
-def inertial_of(body: ET.Element, angles: Angles) -> Inertial | None:
-    """The inertia of a body in its own frame, None if it has neither inertia nor geoms.
-
-    **Raises:** :class:`MJCFError` where MuJoCo would compute it from geoms.
-    """
+def stated_inertial(body: ET.Element, angles: Angles) -> Inertial | None:
+    """The inertia that a body states, in its own frame; None if it states none."""
     element = body.find("inertial")
     if element is None:
-        if body.find("geom") is None:
-            return None
-        raise MJCFError(
-            f"Element {called(body)} must have an <inertial>, because masses are not computed from geoms here, but it "
-            "has geoms alone."
-        )
+        return None
     frame, mass = frame_of(element, angles), number(element, "mass")
     if element.get("fullinertia") is None:
         return Inertial(mass, frame, numbers(element, "diaginertia", np.zeros(3)))
     xx, yy, zz, xy, xz, yz = numbers(element, "fullinertia", count=6)
-    moments, axes = np.linalg.eigh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
-    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    moments, axes = principal(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
     return Inertial(mass, Frame(frame.turn @ axes, frame.shift), moments)
+
+
+def principal(inertia: Float[np.ndarray, "3 3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
+    """The principal moments of an inertia, and its principal axes as the columns of a rotation."""
+    if np.array_equal(inertia, np.diag(np.diag(inertia))):
+        return np.diag(inertia), np.eye(3)
+    moments, axes = np.linalg.eigh(inertia)
+    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    return moments, axes

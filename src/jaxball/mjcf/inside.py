@@ -22,17 +22,23 @@ from ..physics.motion import Fixed
 from ..physics.parameters import PointMass
 from .drives import read_springs
 from .elements import LEAST, MJCFError, called, numbers, refuse_others, refuse_values
-from .frames import Angles, Frame, frame_of, inertial_of
+from .frames import Frame, frame_of
+from .sensors import Site
+from .shapes import Inertias
 
 IN_BODY = ("inertial", "joint", "geom", "body", "site", "camera", "light")
 
 
 class Inside(NamedTuple):
-    """What a shell carries; ``joints`` has the names of all joints, in the order of the file and of a state's θ."""
+    """What a shell carries; ``joints`` has the names of all joints, in the order of the file and of a state's θ.
+
+    ``sites`` are those of the shell and of all bodies in it, by their names.
+    """
 
     masses: tuple[PointMass, ...]
     mechanisms: tuple[Mechanism, ...]
     joints: tuple[str, ...]
+    sites: dict[str, Site]
 
 
 @dataclass
@@ -53,10 +59,11 @@ class _Carrier(NamedTuple):
 
 @dataclass
 class _Reader:
-    angles: Angles
+    inertias: Inertias
     forces: Mapping[str, Sequence[AbstractJointForce]]
     masses: list[PointMass] = field(default_factory=list)
     trees: list[_Tree] = field(default_factory=list)
+    sites: dict[str, Site] = field(default_factory=dict)
 
     def read(self, body: ET.Element, outer: Frame, carrier: _Carrier) -> None:
         """Reads a body, whose parent has the frame ``outer`` in the axes of the ball, and the bodies in it."""
@@ -66,9 +73,10 @@ class _Reader:
             raise MJCFError(f"Element {called(body)} must move by joints, but it is a mocap body.")
         for geom in body.findall("geom"):
             refuse_contacts(geom)
-        frame = outer.then(frame_of(body, self.angles))
+        frame = outer.then(frame_of(body, self.inertias.angles))
         for element in body.findall("joint"):
             carrier = self._on_joint(element, frame, carrier)
+        self.read_sites(body, frame, carrier)
         for mass in self._masses(body, frame):
             if carrier.tree is None:
                 self.masses.append(PointMass(mass.mass, Fixed(mass.place)))
@@ -76,6 +84,14 @@ class _Reader:
                 carrier.tree.masses.append(CarriedMass(mass.mass, mass.place, carrier.joint))
         for inner in body.findall("body"):
             self.read(inner, frame, carrier)
+
+    def read_sites(self, body: ET.Element, frame: Frame, carrier: _Carrier) -> None:
+        """Reads the sites of a body, which has the ``frame`` in the axes of the ball."""
+        tree = carrier.tree
+        where = [index for index, other in enumerate(self.trees) if other is tree]
+        on = f"mechanisms[{where[0]}].joints[{carrier.joint}]" if where else None
+        for site in body.findall("site"):
+            self.sites[site.get("name", "")] = Site(on, frame.then(frame_of(site, self.inertias.angles)))
 
     def _on_joint(self, element: ET.Element, frame: Frame, carrier: _Carrier) -> _Carrier:
         tree = carrier.tree
@@ -91,7 +107,7 @@ class _Reader:
         return _Carrier(tree, before + 1)
 
     def _masses(self, body: ET.Element, frame: Frame) -> Iterator[CarriedMass]:
-        found = inertial_of(body, self.angles)
+        found = self.inertias.of(body)
         if found is None or (found.mass <= LEAST and np.all(found.moments <= LEAST)):
             return
         placed = frame.then(found.axes)
@@ -106,7 +122,7 @@ class _Reader:
 
 
 def read_inside(
-    shell: ET.Element, frame: Frame, angles: Angles, forces: Mapping[str, Sequence[AbstractJointForce]]
+    shell: ET.Element, frame: Frame, inertias: Inertias, forces: Mapping[str, Sequence[AbstractJointForce]]
 ) -> Inside:
     """The masses and mechanisms in a shell, whose element has the ``frame`` in the axes of the ball.
 
@@ -114,14 +130,15 @@ def read_inside(
 
     **Raises:** :class:`MJCFError` for what a ball with mechanisms does not have.
     """
-    reader = _Reader(angles, forces)
+    reader = _Reader(inertias, forces)
+    reader.read_sites(shell, frame, _Carrier(None, -1))
     for body in shell.findall("body"):
         reader.read(body, frame, _Carrier(None, -1))
     names = tuple(name for tree in reader.trees for name in tree.names)
     for name in forces:
         if name not in names:
             raise MJCFError(f'Actuators must act on joints in the shell, but one acts on "{name}", which is not there.')
-    return Inside(tuple(reader.masses), tuple(map(_mechanism, reader.trees)), names)
+    return Inside(tuple(reader.masses), tuple(map(_mechanism, reader.trees)), names, reader.sites)
 
 
 def refuse_contacts(geom: ET.Element) -> None:

@@ -16,13 +16,16 @@ from ..physics.ground import Ground
 from ..physics.resistance import Resistance
 from ..physics.state import BallState, DiskState
 from ..scenario import Scenario
+from .defaults import apply_defaults
 from .drives import read_actuators
 from .elements import MJCFError, called, number, numbers, refuse_others, refuse_values
-from .frames import Angles, Frame, Inertial, frame_of, inertial_of
+from .frames import Angles, Frame, Inertial, frame_of
 from .inside import IN_BODY, Inside, read_inside, touches
+from .sensors import read_sensors
+from .shapes import Inertias
 from .writing import ROOT
 
-TOP = ("compiler", "option", "worldbody", "actuator", "keyframe", "contact", "sensor")
+TOP = ("compiler", "option", "default", "worldbody", "actuator", "keyframe", "contact", "sensor")
 UNREAD = ("size", "visual", "statistic", "asset", "custom")
 IN_WORLD = ("geom", "body", "light", "camera", "site")
 IN_SHELL = (*IN_BODY, "freejoint")
@@ -57,9 +60,10 @@ class Surface(NamedTuple):
 def from_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Scenario:
     """The scenario of a ball or a disk with mechanisms that an MJCF file describes.
 
-    The file must have a plane; one body on it with a free joint (for a disk, two slides and a hinge), a sphere and an
-    inertia; and in it bodies on hinges and slides, with inertias of their own and no contacts. The first keyframe, if
-    there is one, is the initial state, and its controls are kept. Sensors are not read.
+    The file must have a plane; one body on it with a free joint (for a disk, two slides and a hinge) and a sphere; and
+    in it bodies on hinges and slides without contacts. Bodies state their inertias, or have those of their geoms,
+    spheres, capsules, cylinders, boxes and ellipsoids. The first keyframe, if there is one, is the initial state, and
+    its controls are kept.
 
     **Arguments:**
 
@@ -86,7 +90,9 @@ def from_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Sc
     if root.tag != "mujoco":
         raise MJCFError(f"The file must have <mujoco> as its root, but it has {called(root)}.")
     refuse_others(root, (*TOP, *UNREAD), "it has no counterpart here")
-    angles, world = _angles(root), _only(root, "worldbody", "the file")
+    apply_defaults(root)
+    inertias, world = _inertias(root), _only(root, "worldbody", "the file")
+    angles = inertias.angles
     refuse_others(world, IN_WORLD, "only geoms and one body are read")
     shell = _only(world, "body", "the world")
     refuse_others(shell, IN_SHELL, "it has no counterpart here")
@@ -97,26 +103,37 @@ def from_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Sc
     actuators = [element for group in root.findall("actuator") for element in group]
     controls = np.zeros(len(actuators))
     controls = controls if key is None else numbers(key, "ctrl", controls)
-    own = _own_frame(shell, sphere, angles)
-    inside = read_inside(shell, own.inverse, angles, read_actuators(actuators, controls))
+    own = _own_frame(shell, sphere, inertias)
+    inside = read_inside(shell, own.inverse, inertias, read_actuators(actuators, controls))
     surface = _surface(plane, sphere)
     system = _system(shell, sphere, own, angles, inside, surface, _gravity(root))
     state = _state(system, shell, own, angles, key, inside.joints)
     rolls = not contact and _rolls(system, state)
     law = None if rolls else Contact(sliding=surface.friction[0])
+    if law is not None:
+        for joint in shell.iter("joint"):
+            refuse_values(joint, ("frictionloss",), "joints cannot stick in a body that slips and flies")
     start = state.body if rolls else state
-    return Scenario(root.get("model", ""), system, start, np.asarray(times, dtype=float), contact=law)
+    sensors = read_sensors(root, inside.sites, dict(zip(inside.joints, system.coordinates, strict=True)))
+    times = np.asarray(times, dtype=float)
+    return Scenario(root.get("model", ""), system, start, times, contact=law, sensors=sensors)
 
 
-def _angles(root: ET.Element) -> Angles:
-    unit, sequence = np.pi / 180, "XYZ"
+def _inertias(root: ET.Element) -> Inertias:
+    unit, sequence, from_geoms = np.pi / 180, "XYZ", "auto"
     for compiler in root.findall("compiler"):
         refuse_values(compiler, CHANGED, "inertias must be those that the file states")
-        if compiler.get("balanceinertia") == "true" or compiler.get("inertiafromgeom") == "true":
+        if compiler.get("balanceinertia") == "true":
             raise MJCFError("Element <compiler> must leave inertias as the file states them, but it changes them.")
+        if compiler.get("inertiagrouprange") is not None:
+            raise MJCFError(
+                "Attribute `inertiagrouprange` of <compiler> must be left out, because all geoms of a body have mass "
+                f'here, but it is "{compiler.get("inertiagrouprange")}"; give mass 0 to the others.'
+            )
+        from_geoms = compiler.get("inertiafromgeom", from_geoms)
         unit = 1.0 if compiler.get("angle") == "radian" else unit
         sequence = compiler.get("eulerseq", "xyz").swapcase()
-    return Angles(unit, sequence)
+    return Inertias(Angles(unit, sequence), from_geoms)
 
 
 def _gravity(root: ET.Element) -> Float[np.ndarray, "3"]:
@@ -162,11 +179,11 @@ def _surface(plane: ET.Element, sphere: ET.Element) -> Surface:
     return Surface(condim, friction)
 
 
-def _own_frame(shell: ET.Element, sphere: ET.Element, angles: Angles) -> OwnFrame:
+def _own_frame(shell: ET.Element, sphere: ET.Element, inertias: Inertias) -> OwnFrame:
     """The frame of the ball in that of the element: at the centre of the sphere, along the principal axes."""
-    found = inertial_of(shell, angles)
+    found = inertias.of(shell)
     if found is None:
-        raise MJCFError(f"Element {called(shell)} must have an <inertial>, but it has none.")
+        raise MJCFError(f"Element {called(shell)} must have an <inertial>, or geoms with a mass, but it has none.")
     return OwnFrame(found, Frame(found.axes.turn, numbers(sphere, "pos", np.zeros(3))))
 
 

@@ -1,17 +1,28 @@
 """Sensors: those of MuJoCo that read the same quantity, at sites on the same parts."""
 
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from ..physics.frames import MatrixFrame
 from ..sensors import AbstractSensor, Accelerometer, Encoder, Gyroscope, Position, Tachometer
-from .elements import MJCFError, add
+from .elements import MJCFError, add, called, refuse_values
+from .frames import Frame
 
 Shift = Float[np.ndarray, "3"]
 AT_SITES = {Accelerometer: "accelerometer", Gyroscope: "gyro", Position: "framepos"}
 OF_JOINTS = {Encoder: "jointpos", Tachometer: "jointvel"}
+
+
+class Site(NamedTuple):
+    """A site: the joint whose link it is on, None for the shell, and its frame in the ball with every θ at 0."""
+
+    on: str | None
+    frame: Frame
 
 
 def write_sensors(
@@ -52,3 +63,52 @@ def _site(name: str, sensor: Accelerometer | Gyroscope | Position, shift: Shift)
     B = np.eye(3) if isinstance(sensor, Position) else np.asarray(sensor.frame.matrix())
     turn = None if np.array_equal(B, np.eye(3)) else (*B[:, 0], *B[:, 1])
     return add(ET.Element("body"), "site", name=name, pos=at, xyaxes=turn)
+
+
+def read_sensors(root: ET.Element, sites: Mapping[str, Site], joints: Mapping[str, str]) -> dict[str, AbstractSensor]:
+    """The sensors of a file by their names, from its sites, and from its joints, whose paths here are given by name.
+
+    The noise that a file states is left out, because MuJoCo adds none either.
+
+    **Raises:** :class:`MJCFError` for a sensor of another kind, and for one that is not on the robot.
+    """
+    found: dict[str, AbstractSensor] = {}
+    for index, element in enumerate(one for group in root.findall("sensor") for one in group):
+        refuse_values(element, ("cutoff",), "readings are not cut off here")
+        name = re.sub(r"\W", "_", element.get("name", ""), flags=re.ASCII)
+        name = name if name[:1].isalpha() else f"sensor_{name or index}"
+        found[name] = _read_sensor(element, sites, joints)
+    return found
+
+
+def _read_sensor(element: ET.Element, sites: Mapping[str, Site], joints: Mapping[str, str]) -> AbstractSensor:
+    for kind, tag in OF_JOINTS.items():
+        if element.tag == tag:
+            return kind(on=_found(element, "joint", joints))
+    if element.tag == "framepos" and (element.get("objtype") != "site" or element.get("reftype") is not None):
+        raise MJCFError(
+            f"Element {called(element)} must be the place of a site in space, with `objtype` site and no `reftype`, "
+            "but it is another."
+        )
+    for kind, tag in AT_SITES.items():
+        if element.tag == tag:
+            site = _found(element, "objname" if kind is Position else "site", sites)
+            if kind is Position:
+                return Position(at=site.frame.shift, on=site.on)
+            axes = MatrixFrame(site.frame.turn)
+            return (
+                Gyroscope(on=site.on, frame=axes)
+                if kind is Gyroscope
+                else Accelerometer(at=site.frame.shift, on=site.on, frame=axes)
+            )
+    known = ", ".join(f"<{tag}>" for tag in (*AT_SITES.values(), *OF_JOINTS.values()))
+    raise MJCFError(f"Element {called(element)} must be one of {known}, because others have no counterpart here.")
+
+
+def _found(element: ET.Element, attribute: str, parts: Mapping[str, Any]) -> Any:
+    name = element.get(attribute, "")
+    if name not in parts:
+        raise MJCFError(
+            f'Attribute `{attribute}` of {called(element)} must name a part of the robot, but it is "{name}".'
+        )
+    return parts[name]

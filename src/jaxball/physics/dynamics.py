@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..interface.arguments import require_value
-from ..numerics.masks import without_derivatives
+from ..numerics.differentiation import without_derivatives
 from ..numerics.vectors import apply, cross, dot, outer
 from .conditions import Condition
 from .coupling import FactoredInertia, Inertia, Joints, inertia, joined, joint_forces, with_free_joints

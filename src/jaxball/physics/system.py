@@ -22,7 +22,7 @@ from ..interface.arguments import a, described, refusal
 from ..interface.printing import Printed, is_array
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, default_dtype, to_array
-from ..numerics.masks import differentiated_where
+from ..numerics.differentiation import differentiated_where
 from .conditions import Condition, Problem, unit
 from .hybrid import (
     NO_HISTORY,
@@ -151,7 +151,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
     - ``title``: what it is called in sentences;
     - ``conditions``, ``start_conditions``: which parameters and initial states are possible, so that an impossible run
       has the status ``IMPOSSIBLE`` and a sentence that says why;
-    - ``laws``: what is conserved along every motion;
+    - ``laws``, ``law_rates``: what is conserved along every motion, or changes at a known rate;
     - ``prepare``: work to be done once per solve;
     - ``driving_kinks``, ``motion_kinks``: the times to which a solve steps, because the field is not smooth there;
     - ``to_packed``, ``from_packed``, ``packed_field``: other coordinates for a solve to advance, such as a momentum
@@ -345,6 +345,10 @@ class AbstractSystem(Printed, Generic[AnyState]):
     def laws(self, t: Float[Array, ""], state: AnyState) -> Any:
         """A named tuple of quantities that are conserved along every motion, or when its entries say so."""
         return NoLaws()
+
+    def law_rates(self, t: Float[Array, ""], state: AnyState) -> Mapping[str, Float[Array, "..."]]:
+        """The rates of those of the ``laws`` that are balances, by name; the others are constant."""
+        return {}
 
     def phase_point(self, state: AnyState) -> AbstractState:
         """``state`` as a point of the phase space: the part of it that the motion depends on."""

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ..classical import RigidBodyState
+from ..classical.state import OrientedState
 from ..physics.body import AbstractBody
 from ..simulation.trajectory import Trajectory
 from ..simulation.variables import symbol, symbol_of
@@ -40,7 +40,7 @@ def classical_motion(trajectory: Trajectory[Any, Any], ax: Axes | None = None) -
     """
     rows = _rows(trajectory)
     times, state = np.asarray(trajectory.times)[rows], trajectory.state
-    if isinstance(state, RigidBodyState):
+    if isinstance(state, OrientedState):
         Omega = components(np.asarray(state.Omega)[rows], r"\Omega")
         return over_time(trajectory.system, times, Omega, r"$\Omega_i$", ax)
     series = []

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import equinox as eqx
 import jax.numpy as jnp
 
+from ..interface.wording import all_of
 from ..numerics.arrays import to_array
 from ..physics.body import AbstractBody, Ball, Disk, System
-from ..physics.contact.law import SLOWEST, AbstractFriction, Contact
+from ..physics.contact.law import COEFFICIENTS, SLOWEST, AbstractFriction, Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.force import AbstractWrench, FunctionWrench, HarmonicForce, require_wrench
 from ..physics.ground import Ground, Turntable
@@ -92,7 +93,6 @@ def read_resistance(values: Any, path: str) -> AbstractResistance:
 
 
 ROOM = 64
-COEFFICIENTS = ("sliding", "static", "restitution", "slowest")
 
 
 FRICTIONS = Open(AbstractFriction, {})
@@ -140,12 +140,22 @@ def read_contact(values: Any, path: str) -> Contact:
     return contact
 
 
+def check_no_sticking(system: AbstractBody) -> None:
+    """Raises a :class:`ScenarioError` for joints that stick beside a law of contact."""
+    if system.sticking:
+        have = "has" if len(system.sticking) == 1 else "have"
+        raise ScenarioError(
+            "Key `contact` must be left out where joints stick, because both have modes, which are not combined, but "
+            f"{all_of(system.sticking)} {have} a force of the kind joint-friction; give that `smoothing`."
+        )
+
+
 def rolling_state(scenario: "Scenario", what: str, error: type[ScenarioError] = ScenarioError) -> AbstractState:
     """The state of a scenario, for ``what`` (with its verb), which is for bodies that always roll, without feedback.
 
     **Raises:** ``error`` where the scenario has a law of contact, or feedback.
     """
-    if scenario.contact is not None:
+    if scenario.may_slip:
         raise error(
             f"Key `contact` must be left out here, because {what} for bodies that always roll; `jaxball simulate` and "
             "studies accept it."
@@ -248,22 +258,32 @@ def check_force(force: AbstractWrench | None, path: str, coordinates: int) -> No
             require_wrench("wrench", force, coordinates)
 
 
+_SURROUNDINGS: dict[str, Family] = {"force": FORCES, "ground": {"": GROUND}, "resistance": RESISTANCES}
+
+
 def write_body(system: System) -> dict[str, Any]:
     """The table [body], and [force], [ground] and [resistance] where these exist."""
     kind = kind_of(system)
     keys = BODIES[kind][1]
-    tables = {"body": write_table({name: getattr(system, name) for name in keys}, "body", keys)}
-    surroundings: dict[str, Family] = {"force": FORCES, "ground": {"": GROUND}, "resistance": RESISTANCES}
-    for name, family in surroundings.items():
-        if getattr(system, name) is not None:
-            kind, table = write_member(getattr(system, name), name, family)
-            if kind not in family:
-                tables[name] = {"kind": kind, **table}
-                continue
-            first, key = next(iter(family[kind].keys.items()))
-            tables[name] = table or {
-                first: key.kind.write(key.default, name)
-            }  # because an empty table would be taken for none
+    body = write_table({name: getattr(system, name) for name in keys}, "body", keys)
+    return {"body": body, **write_surroundings({name: getattr(system, name) for name in _SURROUNDINGS})}
+
+
+def write_surroundings(parts: Mapping[str, Any]) -> dict[str, Any]:
+    """The tables [force], [ground] and [resistance] of those of these ``parts`` that are not None, by their names."""
+    tables = {}
+    for name, part in parts.items():
+        if part is None:
+            continue
+        family = _SURROUNDINGS[name]
+        kind, table = write_member(part, name, family)
+        if kind not in family:
+            tables[name] = {"kind": kind, **table}
+            continue
+        first, key = next(iter(family[kind].keys.items()))
+        tables[name] = table or {
+            first: key.kind.write(key.default, name)
+        }  # because an empty table would be taken for none
     return tables
 
 

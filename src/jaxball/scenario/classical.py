@@ -3,16 +3,19 @@
 from collections.abc import Iterable
 from typing import Any
 
+import equinox as eqx
 import jax
 import numpy as np
 
 from ..classical import (
+    EllipsoidState,
     FreeRigidBody,
     HarmonicAxis,
     HeavyTop,
     NonholonomicParticle,
     ParticleState,
     RigidBodyState,
+    RollingEllipsoid,
     SuslovProblem,
     VakonomicParticle,
     VakonomicState,
@@ -20,10 +23,11 @@ from ..classical import (
 from ..numerics.arrays import to_array
 from ..physics.conditions import Condition
 from ..physics.system import AbstractState, AbstractSystem
+from .body import read_resistance, write_surroundings
 from .initial import read_orientation
 from .motions import SERIES, WAVES_IN_SPACE, check_lengths, given_waves
 from .own import Open, module_of, trying_class
-from .table import Key, Module, join, read_one_of, read_table, write_member, write_table
+from .table import Key, Keys, Module, join, read_one_of, read_table, write_member, write_table
 from .values import NOT_ALL_ZERO, POSITIVE, Nested, Numbers, key_error, require_condition
 
 INERTIA = {"inertia": Key(Numbers((3,), POSITIVE))}
@@ -49,10 +53,24 @@ CLASSICAL = Open(
             {"mass": Key(Numbers(rule=POSITIVE)), **INERTIA, "chi": Key(Numbers((3,))), "gravity": Key(Numbers())},
         ),
         "suslov": Module(SuslovProblem, {**INERTIA, "xi": Key(_XI)}),
+        "rolling-ellipsoid": Module(
+            RollingEllipsoid,
+            {
+                "mass": Key(Numbers(rule=POSITIVE)),
+                "semiaxes": Key(Numbers((3,), POSITIVE)),
+                **INERTIA,
+                "turn": Key(Numbers(), 0.0),
+                "offset": Key(Numbers((3,)), (0.0, 0.0, 0.0)),
+                "gravity": Key(Numbers()),
+            },
+        ),
         "nonholonomic-particle": Module(NonholonomicParticle, PARTICLE_MASS),
         "vakonomic-particle": Module(VakonomicParticle, PARTICLE_MASS),
     },
 )
+
+# What resists a system that rolls, in a table of its own, as for a ball.
+RESISTED = ("rolling-ellipsoid",)
 
 _OMEGA = {"Omega": Key(Numbers((3,)), (0.0, 0.0, 0.0))}
 _VERSOR = {"versor": Key(Numbers((4,)), (1.0, 0.0, 0.0, 0.0)), **_OMEGA}
@@ -60,6 +78,9 @@ _ORIENTED = {
     "versor": _VERSOR,
     "axis": {"axis": Key(Numbers((3,), NOT_ALL_ZERO)), "angle": Key(Numbers()), **_OMEGA},
 }
+_PLACE = {"z": Key(Numbers((2,)), (0.0, 0.0))}
+# The keys of states that begin with an orientation and Ω, besides these.
+_BESIDE_ORIENTATION: dict[type[AbstractState], Keys] = {RigidBodyState: {}, EllipsoidState: _PLACE}
 _PARTICLE = {name: Key(Numbers(), 0.0) for name in ("x", "y", "z", "xdot", "ydot")}
 _PARTICLES = {
     ParticleState: _PARTICLE,
@@ -68,13 +89,16 @@ _PARTICLES = {
 # The keys of [initial] by the kind of the system.
 INITIAL = {
     **{kind: {**_ORIENTED["versor"], **_ORIENTED["axis"]} for kind in ("free-rigid-body", "heavy-top", "suslov")},
+    "rolling-ellipsoid": {**_ORIENTED["versor"], **_ORIENTED["axis"], **_PLACE},
     "nonholonomic-particle": _PARTICLES[ParticleState],
     "vakonomic-particle": _PARTICLES[VakonomicState],
 }
 
 
-def read_classical(kind: str, body: Any, initial: Any, start: Any) -> tuple[AbstractSystem, AbstractState]:
-    """The system of the table ``body`` and the state of the table ``initial`` at time ``start``.
+def read_classical(
+    kind: str, body: Any, initial: Any, start: Any, resistance: Any = None
+) -> tuple[AbstractSystem, AbstractState]:
+    """The system of the tables ``body`` and ``resistance`` and the state of the table ``initial`` at time ``start``.
 
     ``kind`` is a name in ``CLASSICAL``, or that of a user's class.
 
@@ -83,6 +107,9 @@ def read_classical(kind: str, body: Any, initial: Any, start: Any) -> tuple[Abst
     module = CLASSICAL[kind] if kind in CLASSICAL else CLASSICAL.own(kind, "kind")
     system = module.read({} if body is None else body, "body")
     _refuse(system.conditions())
+    if resistance is not None:
+        read = read_resistance(resistance, "resistance")
+        system = eqx.tree_at(lambda s: s.resistance, system, read, is_leaf=lambda leaf: leaf is None)
     state = _read_state(system.state_type, {} if initial is None else initial)
     _refuse(state.conditions())
     _refuse(system.start_conditions(to_array(start), state))
@@ -92,25 +119,30 @@ def read_classical(kind: str, body: Any, initial: Any, start: Any) -> tuple[Abst
 
 
 def write_classical(system: AbstractSystem, state: AbstractState) -> dict[str, Any]:
-    """The kind and the tables [body] and [initial].
+    """The kind and the tables [body], [resistance] and [initial].
 
     **Raises:** :class:`ScenarioError` for a system that a file cannot hold: a user's own, or one with a function.
     """
     kind, body = write_member(system, "body", CLASSICAL)
-    if isinstance(state, RigidBodyState):
-        initial = write_table({"versor": state.q, "Omega": state.Omega}, "initial", _VERSOR)
+    if type(state) in _BESIDE_ORIENTATION:
+        keys = {**_VERSOR, **_BESIDE_ORIENTATION[type(state)]}
+        named = {"versor" if name == "q" else name: value for name, value in vars(state).items()}
+        initial = write_table(named, "initial", keys)
     elif kind not in CLASSICAL:
         initial = module_of(type(state)).write(state, "initial")
     else:
         keys = _PARTICLES[type(state)]
         initial = write_table({name: getattr(state, name) for name in keys}, "initial", keys)
-    return {"kind": kind, "body": body, "initial": initial}
+    resistance = getattr(system, "resistance", None) if kind in RESISTED else None
+    return {"kind": kind, "body": body, **write_surroundings({"resistance": resistance}), "initial": initial}
 
 
 def _read_state(kind: type[AbstractState], values: Any) -> AbstractState:
-    if kind is RigidBodyState:
-        choice, table = read_one_of(values, "initial", _ORIENTED, otherwise=_OMEGA)
-        return RigidBodyState(**read_orientation(choice, table, "initial"))
+    if kind in _BESIDE_ORIENTATION:
+        beside = _BESIDE_ORIENTATION[kind]
+        choices = {choice: {**keys, **beside} for choice, keys in _ORIENTED.items()}
+        choice, table = read_one_of(values, "initial", choices, otherwise={**_OMEGA, **beside})
+        return kind(**read_orientation(choice, table, "initial"))
     if kind not in _PARTICLES:
         with trying_class("initial", kind.__name__):
             return module_of(kind).read(values, "initial")

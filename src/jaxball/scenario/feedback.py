@@ -12,7 +12,6 @@ from jaxtyping import Array
 
 from ..control.push import Push
 from ..physics.body import System
-from ..physics.contact.law import Contact
 from ..sensors import AbstractSensor
 from .errors import ScenarioError, each_of, key_error, shown
 from .paths import check_number, with_numbers
@@ -265,7 +264,6 @@ class Fixed(NamedTuple):
     """The parts of a scenario that feedback must fit."""
 
     system: System
-    contact: Contact | None
     times: SaveTimes
     solve: Mapping[str, Any]
 
@@ -301,15 +299,15 @@ def check_feedback(
     if is_traced_document():
         return
     each_of(
-        lambda: _check_solve(fixed.contact, fixed.solve),
+        lambda: _check_solve("contact" in document, fixed.solve),
         lambda: sample_of(fixed.times.array(fixed.times.count)),
         lambda: check_model(feedback.model, document),
         lambda: _check_fit(feedback, estimator, fixed, sensors),
     )
 
 
-def _check_solve(contact: Contact | None, solve: Mapping[str, Any]) -> None:
-    if contact is not None:
+def _check_solve(may_slip: bool, solve: Mapping[str, Any]) -> None:
+    if may_slip:
         raise ScenarioError(
             "Key `contact` must be left out with `feedback`, which is for bodies that always roll; the friction that "
             "is needed is among the observables of the run."

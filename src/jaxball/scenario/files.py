@@ -1,5 +1,7 @@
 """Scenario files: text to scenario and back, and documents as functions of their numbers."""
 
+import functools
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +24,7 @@ from .body import (
     CONTACT,
     KEYS as BODY_KEYS,
     check_force,
+    check_no_sticking,
     check_sensors,
     kind_of,
     read_contact,
@@ -32,7 +35,7 @@ from .body import (
     write_sensors,
 )
 from .checks import check_confined, check_start
-from .classical import CLASSICAL, INITIAL as CLASSICAL_INITIAL, read_classical, write_classical
+from .classical import CLASSICAL, INITIAL as CLASSICAL_INITIAL, RESISTED, read_classical, write_classical
 from .errors import each_of, raise_first, tried
 from .feedback import (
     ESTIMATOR,
@@ -97,6 +100,7 @@ CLASSICAL_KEYS = {
     "body": Key(unread(tables=keys_of(CLASSICAL)), None),
     "initial": Key(unread(tables=CLASSICAL_INITIAL), None),
 }
+RESISTED_KEYS = {**CLASSICAL_KEYS, "resistance": BODY_KEYS["resistance"]}
 
 
 def load_scenario(source: str | Path) -> Scenario:
@@ -245,26 +249,28 @@ def _contents(
     )
     state = initial_state(initial, "initial", kind, system.coordinates, actuated.targets, start)
     span = namespace(times.start, times.end).stack([times.start, times.end])
-    fixed = Fixed(system, contact, times, solve or {})
+    fixed = Fixed(system, times, solve or {})
     *_, first_state, _ = each_of(
+        lambda: contact and check_no_sticking(system),
         lambda: solve and check_dae(system, contact, solve["solver"], solve["dae"]),
         lambda: check_confined(system, span, state),
         lambda: check_start(system, start, state),
         lambda: sensors is None or check_sensors(sensors, "sensors", system),
-        # Unless there is a law of contact that cannot be read.
-        lambda: released_from(initial, "initial", state, contact) if contact or "contact" not in document else state,
+        lambda: released_from(initial, "initial", state, "contact" in document),
         lambda: solve and sensors is not None and check_feedback(feedback, estimator, sensors, fixed, document),
     )
     return Contents(table["title"], system, first_state, contact, times, solve, sensors, feedback, estimator)
 
 
 def _read_classical(document: dict[str, Any]) -> Contents:
+    keys = RESISTED_KEYS if document["kind"] in RESISTED else CLASSICAL_KEYS
     table, times, solve = each_of(
-        lambda: read_table(document, "", CLASSICAL_KEYS),
+        lambda: read_table(document, "", keys),
         lambda: "time" in document and read_times(document["time"], "time"),
         lambda: read_table(document.get("solve", {}), "solve", SOLVE),
     )
-    system, state = read_classical(table["kind"], table["body"], table["initial"], times.start)
+    resistance = table.get("resistance")
+    system, state = read_classical(table["kind"], table["body"], table["initial"], times.start, resistance)
     check_dae(system, None, solve["solver"], solve["dae"])
     return Contents(table["title"], system, state, None, times, solve, {})
 
@@ -290,7 +296,7 @@ def write_scenario(scenario: Scenario) -> str:
         "format": FORMAT,
         "title": scenario.title,
         **_tables(system, state),
-        "contact": {} if contact is None else CONTACT.write(contact, "contact"),
+        "contact": CONTACT.write(contact, "contact") if scenario.may_slip else {},
         "time": write_times(scenario.times),
         "solve": write_table({name: getattr(scenario, name) for name in SOLVE}, "solve", SOLVE),
         "sensors": write_sensors({name: sensors[name] for name in scenario.sensors}, "sensors"),
@@ -372,7 +378,45 @@ class Structure:
 
     def traced(self, values: Float[Array, " paths"]) -> tuple[Parts, Conditions]:
         """What ``values``, which must be traced, make, and the conditions on them. What they do not change is known."""
-        numbers = dict(zip(self.paths, values, strict=True))
-        with traced_conditions() as conditions:
-            document = with_numbers(self.document, numbers)
-            return Parts.of(read_contents(document), document), conditions
+        return _traced(self.document, self.paths, values)
+
+
+def _traced(
+    document: Mapping[str, Any], paths: tuple[str, ...], values: Float[Array, " paths"]
+) -> tuple[Parts, Conditions]:
+    with traced_conditions() as conditions:
+        traced = with_numbers(document, dict(zip(paths, values, strict=True)))
+        return Parts.of(read_contents(traced), traced), conditions
+
+
+@dataclass(frozen=True)
+class Outline:
+    """A document without the numbers at some paths, as a traceable function of these.
+
+    Equal ones, of any documents, are the same function.
+
+    - ``text``: the document without its title and with 0 at the paths, as JSON.
+    - ``paths``: of numbers that do not determine how much is computed: see :func:`~.paths.check_number`.
+    """
+
+    text: str
+    paths: tuple[str, ...]
+
+    @classmethod
+    def of(cls, document: Mapping[str, Any], paths: tuple[str, ...]) -> "Outline":
+        """That of a document with numbers at these paths."""
+        rest = with_numbers(document, dict.fromkeys(paths, 0.0))
+        rest.pop("title", None)
+        return cls(json.dumps(rest, default=lambda array: array.tolist()), paths)
+
+    def build(self, values: Float[Array, " paths"]) -> Parts:
+        """The contents of the document with ``values`` at the paths, possible or not.
+
+        **Raises:** :class:`~.errors.UntraceableError` where something depends on them that cannot be traced.
+        """
+        return _built(self, values)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _built(outline: Outline, values: Float[Array, " paths"]) -> Parts:
+    return _traced(json.loads(outline.text), outline.paths, values)[0]

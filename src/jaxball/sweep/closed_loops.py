@@ -12,15 +12,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from .. import native
 from ..control.feedback import AbstractFeedback
 from ..control.loop import ClosedLoop, looped
 from ..control.weights import weight_matrix
 from ..ensemble import AbstractReduction
-from ..ensemble.quantities import values
-from ..ensemble.reductions import Observed
+from ..ensemble.reductions import Observed, values
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.batches import in_threads, unpadded

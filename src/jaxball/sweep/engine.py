@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ..ensemble import AbstractReduction, simulate_ensemble
-from ..ensemble.quantities import CONTACT as CONTACT_REDUCTIONS
+from ..ensemble.reductions import CONTACT as CONTACT_REDUCTIONS
 from ..numerics import programs
 from ..numerics.batches import of_rows
 from ..physics.body import AbstractBody

@@ -12,14 +12,15 @@ import numpy as np
 from jaxtyping import Array
 
 from ..estimation.measurement import Measurement
-from ..physics.contact.body_on_plane import ContactHistory
+from ..physics.contact.body_on_plane import BodyOnPlane, ContactHistory
 from ..physics.contact.modes import Mode
 from ..physics.contact.released import ReleasedState
 from ..physics.hybrid import AbstractHistory
 from ..physics.state import BallState, DiskState
-from ..results.variables import labels, undescribed
+from ..physics.system import AbstractSystem
+from ..results.variables import labels, of_classical_state
 from ..scenario import Scenario
-from ..simulation.variables import CLASSICAL_STATE, EXTREMES, HISTORY, RUN, RUN_SWITCHES, STATE, Variable
+from ..simulation.variables import EXTREMES, HISTORY, RUN, RUN_SWITCHES, STATE, Variable
 from .axes import Axis, Designed, FromFile, Ranged, Zipped
 from .errors import StudyError
 from .study import Study
@@ -97,14 +98,14 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
         outputs["time"] = Output(dimensions, saves, np.dtype(np.float64), "time", "save time", True)
     for name, (known, shape) in state_variables(template).items():
         outputs[name] = _output(known._replace(dimensions=(*dimensions, *known.dimensions)), (*saves, *shape))
+    _, of_run = history_variables(template.system_to_solve)
+    outputs |= {name: _output(known) for name, known in of_run.items()}
     if study.readings:
         outputs |= _of_readings(study, template)
     if template.feedback is not None:
         from .closed_loops import loop_variables  # which other studies do without
 
         outputs |= {name: _output(known) for name, known in loop_variables(template).items()}
-    if template.contact is not None:
-        outputs |= {name: _output(known) for name, known in RUN_SWITCHES.items()}
     if study.contact:
         outputs |= {name: _output(known) for name, known in EXTREMES.items()}
     for find in study.finds:
@@ -116,7 +117,7 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
 
 
 def state_variables(template: Scenario) -> dict[str, tuple[Variable, tuple[int, ...]]]:
-    """The variables of the state at a time, with shapes: those of the body and, with a law of contact, its mode."""
+    """The variables of the state at a time, with shapes: those of the body and, where it has modes, of its history."""
     state = template.state
     body = state.body if isinstance(state, ReleasedState) else state
     if template.feedback is not None:
@@ -124,10 +125,20 @@ def state_variables(template: Scenario) -> dict[str, tuple[Variable, tuple[int, 
         body = dataclasses.replace(body, theta=none, thetadot=none)
     shapes = {name: np.shape(leaf) for name, leaf in vars(body).items() if np.size(leaf)}
     known = {name: (_variable(body, name, shape), shape) for name, shape in shapes.items()}
-    if template.contact is None:
-        return known
+    over_time, _ = history_variables(template.system_to_solve)
     sizes = {"axis": 3, "direction": 2}
-    return known | {name: (one, tuple(sizes[axis] for axis in one.dimensions)) for name, one in HISTORY.items()}
+    return known | {name: (one, tuple(sizes[axis] for axis in one.dimensions)) for name, one in over_time.items()}
+
+
+@functools.singledispatch
+def history_variables(system: AbstractSystem) -> tuple[dict[str, Variable], dict[str, Variable]]:
+    """The variables of the history of the system that is solved, by name: at a time, and of a run as a whole."""
+    return {}, {}
+
+
+@history_variables.register
+def _of_plane(system: BodyOnPlane) -> tuple[dict[str, Variable], dict[str, Variable]]:
+    return HISTORY, RUN_SWITCHES
 
 
 @functools.singledispatch
@@ -143,7 +154,7 @@ def _of_contact(contact: ContactHistory) -> dict[str, Array]:
     seen = jnp.concatenate([contact.mode, switches.source, switches.target], axis=-1)
     modes = sum(jnp.any(seen == int(mode), axis=-1).astype(int) << int(mode) for mode in Mode)
     of_switches = {"switches": switches.count, "first_switch": switches.times[..., 0], "modes": modes}
-    return {name: getattr(contact, name) for name in HISTORY} | of_switches
+    return contact.over_time | of_switches
 
 
 def labels_of(outputs: dict[str, Output], template: Scenario) -> dict[str, np.ndarray]:
@@ -208,4 +219,4 @@ def _variable(state: Any, name: str, shape: tuple[int, ...]) -> Variable:
     if isinstance(state, BallState | DiskState):
         known = STATE[name]
         return known if len(shape) == len(known.dimensions) else known._replace(dimensions=())
-    return CLASSICAL_STATE.get(name) or undescribed(name, len(shape))
+    return of_classical_state(name, len(shape))

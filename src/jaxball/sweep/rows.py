@@ -10,6 +10,7 @@ import numpy as np
 import tomli_w
 from jaxtyping import Array, Bool, Float, Int
 
+from ..numerics import programs
 from ..numerics.arrays import is_traced
 from ..numerics.batches import in_batches
 from ..physics.body import AbstractBody
@@ -186,7 +187,7 @@ def _compiled(text: str, paths: tuple[str, ...]) -> tuple[Structure, Callable[[n
         changing = {k: leaf for k, leaf in enumerate(jax.tree.leaves(parts)) if is_traced(leaf)}
         return changing, conditions.all_hold(), conditions.all_certain()
 
-    return structure, jax.jit(jax.vmap(read))
+    return structure, programs.jit(jax.vmap(read))
 
 
 def _times(stacked: _Stacked, template: Scenario, ends_only: bool) -> Float[np.ndarray, "rows times"]:

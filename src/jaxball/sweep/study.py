@@ -288,8 +288,8 @@ def _template(value: Any, folder: Path) -> tuple[dict[str, Any], Scenario]:
 def _check_contact(table: dict[str, Any], template: Scenario) -> None:
     for key in ("contact", "detachment"):
         if table[key] and not isinstance(template.system, AbstractBody):
-            raise StudyError(f"Key `{key}` must be false for a {template.system.title}, which touches no plane.")
-        if table[key] and template.contact is not None:
+            raise StudyError(f"Key `{key}` must be false for a {template.system.title}, which is no ball or disk.")
+        if table[key] and template.may_slip:
             raise StudyError(
                 f"Key `{key}` must be false where the scenario has a law of contact, with which the body may slip and "
                 "fly, but it is true."

@@ -53,8 +53,9 @@ def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
     """The balances of any system in one state; of a body with joints that stick, those of the body."""
     system, state = system.shown, system.shown_state(state)
     if not isinstance(system, AbstractBody):
-        laws = system.laws(t, state)._asdict()
-        return Quantities({name: _constant(value) for name, value in laws.items()}, None, None)
+        laws, rates = system.laws(t, state)._asdict(), system.law_rates(t, state)
+        balances = {n: Balance(value, rates[n]) if n in rates else _constant(value) for n, value in laws.items()}
+        return Quantities(balances, None, None)
     observables, in_space = observe(system, t, state), state.in_space()
     found, r = accelerations(system, t, state), system.radius
     acting = load(system, t, state).with_torque(found.dry)

@@ -35,13 +35,17 @@ def _slide() -> Scenario:
     )
 
 
+def pendulum_robot(scale: Any = 1.0) -> Ball:
+    """A ball with a pendulum, driven by ``scale`` times its torque."""
+    torque = Motor(Sinusoids(0.0, amplitude=[0.25 * scale], frequency=[2.0]))
+    shell: dict[str, Any] = SOLID | {"inertia": (0.02, 0.024, 0.022)}
+    return Ball(**shell, mechanisms=[planar_pendulum(0.5, 0.1, drive=torque)])
+
+
 @functools.cache
 def _pendulum() -> Scenario:
-    torque = Motor(Sinusoids(0.0, amplitude=[0.25], frequency=[2.0]))
-    shell: dict[str, Any] = SOLID | {"inertia": (0.02, 0.024, 0.022)}
-    ball = Ball(**shell, mechanisms=[planar_pendulum(0.5, 0.1, drive=torque)])
     start = BallState(Omega=(0.5, 2.0, 0.3), theta=(0.3,), thetadot=(0.0,))
-    return Scenario("pendulum", ball, start, np.linspace(0.0, 5.0, 51), rtol=1e-12, atol=1e-12)
+    return Scenario("pendulum", pendulum_robot(), start, np.linspace(0.0, 5.0, 51), rtol=1e-12, atol=1e-12)
 
 
 def _builtin(name: str) -> Callable[[], Scenario]:

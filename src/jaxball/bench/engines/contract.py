@@ -1,9 +1,11 @@
 """The contract of the engines: a case, the settings of an engine, and the motion that it computes."""
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -68,6 +70,26 @@ class Motion(NamedTuple):
     theta: Float[np.ndarray, "T n"]
     thetadot: Float[np.ndarray, "T n"]
     seconds: float
+
+
+class Derivative(NamedTuple):
+    """The derivative of a final place, and the processor time in seconds that compiling and one evaluation took."""
+
+    value: Float[np.ndarray, "2"]
+    compiling: float
+    seconds: float
+
+
+def timed(program: Callable[[], Any], repeats: int) -> tuple[np.ndarray, list[float]]:
+    """The value of a program, and the processor times of its first call, which compiles, and of ``repeats`` others."""
+    calls = []
+    for _ in range(repeats):
+        begin = time.process_time()
+        jax.block_until_ready(program())
+        calls.append(time.process_time() - begin)
+    begin = time.process_time()
+    value = np.asarray(program())
+    return value, [*calls, time.process_time() - begin]
 
 
 Row = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # of a motion, at one time

@@ -4,17 +4,18 @@ import importlib
 import logging
 import re
 import time
+import xml.etree.ElementTree as ET
 from typing import Any
 
 import numpy as np
 
 from ...mjcf import Exported, MJCFError, to_mjcf
 from ...numerics.arrays import to_array
-from ...physics.body import Ball
 from ...physics.contact.released import ReleasedState, released
 from ...physics.mechanisms import Hinge
 from ...scenario import Scenario
 from .contract import Case, Motion, Row, Setting, motion_of
+from .inside import in_space, prescribed
 
 # Untyped, because it need not be installed where types are checked.
 drake: Any = importlib.import_module("pydrake.all")
@@ -27,29 +28,28 @@ def run(case: Case, setting: Setting, timestep: float) -> Motion:
 
     Of a continuous plant, ``timestep`` is the accuracy that its integrator is asked for.
     """
-    scenario, continuous = case.scenario(), setting.values.get("continuous", False)
-    exported = to_mjcf(scenario)
-    _check(scenario, exported)
+    scenario, continuous = in_space(case.scenario()), setting.values.get("continuous", False)
+    exported = to_mjcf(scenario) if continuous else to_mjcf(scenario, timestep=timestep)
+    angles = prescribed(scenario.system, scenario.times[:1])
+    _check(scenario, bool(angles), setting)
     step = 0.0 if continuous else timestep
     config = drake.MultibodyPlantConfig(time_step=step, contact_model="point", **setting.values.get("plant", {}))
     builder = drake.DiagramBuilder()
     plant, _ = drake.AddMultibodyPlant(config, builder)
-    sliding = case.friction if scenario.contact is None else float(scenario.contact.sliding)
+    sliding = scenario.friction_or(case.friction)
     text = re.sub('friction="[^"]*"', f'friction="{sliding!r} 0 0"', exported.text)
     _parse(plant, text)
+    _add_servos(plant, exported)
     _set_gravity(plant, scenario)
     plant.Finalize()
     if exported.controls:
-        times = np.linspace(scenario.times[0], scenario.times[-1], SAMPLES * (len(scenario.times) - 1) + 1)
-        torque = drake.PiecewisePolynomial.CubicShapePreserving(times, exported.controls_at(times).T, False)
-        source = builder.AddSystem(drake.TrajectorySource(torque))
-        builder.Connect(source.get_output_port(), plant.get_actuation_input_port())
+        _connect(builder, plant, scenario, exported, servos=bool(angles), ahead=step)
     simulator = drake.Simulator(builder.Build())
     if continuous:
         accurate = {"accuracy": timestep, "use_error_control": True, "max_step_size": 0.1}
         drake.ApplySimulatorConfig(drake.SimulatorConfig(integration_scheme="runge_kutta3", **accurate), simulator)
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    _start(plant, context, scenario)
+    _start(plant, context, scenario, angles)
     simulator.Initialize()
     rows, seconds = [_row(plant, context, scenario)], 0.0
     for t in scenario.times[1:] - scenario.times[0]:
@@ -71,13 +71,34 @@ def _parse(plant: Any, text: str) -> None:
         log.setLevel(level)
 
 
-def _check(scenario: Scenario, exported: Exported) -> None:
-    if not isinstance(scenario.system, Ball):
-        raise MJCFError("A disk is left out, because Drake does not read the slides of its MJCF.")
-    if any("servos" in note for note in exported.notes):
-        raise MJCFError("Prescribed masses are left out, because Drake reads no servos from MJCF.")
-    mechanisms: Any = scenario.system.mechanisms  # with joints, or they could not have been written
-    if any(not isinstance(joint, Hinge) for mechanism in mechanisms for joint in mechanism.joints):
+def _add_servos(plant: Any, exported: Exported) -> None:
+    """The servos of prescribed masses, which Drake does not read from MJCF, as its own, implicit in each step."""
+    for servo in ET.fromstring(exported.text).findall("actuator/general"):
+        name = servo.get("joint", "")
+        stiffness = float(servo.get("gainprm", ""))
+        damping = -float(servo.get("biasprm", "").split()[2])
+        actuator = plant.AddJointActuator(name, plant.GetJointByName(name))
+        actuator.set_controller_gains(drake.PdControllerGains(p=stiffness, d=damping))
+
+
+def _connect(builder: Any, plant: Any, scenario: Scenario, exported: Exported, *, servos: bool, ahead: float) -> None:
+    """Connects the controls: torques, or what servos are to reach at the end of each step, which is ``ahead``."""
+    times = np.linspace(scenario.times[0], scenario.times[-1], SAMPLES * (len(scenario.times) - 1) + 1)
+    controls = exported.controls_at(times + ahead if servos else times).T
+    values = np.concatenate([controls, np.zeros_like(controls)]) if servos else controls
+    source = builder.AddSystem(
+        drake.TrajectorySource(drake.PiecewisePolynomial.CubicShapePreserving(times, values, False))
+    )
+    robot = plant.GetBodyByName("shell").model_instance()
+    port = plant.get_desired_state_input_port(robot) if servos else plant.get_actuation_input_port()
+    builder.Connect(source.get_output_port(), port)
+
+
+def _check(scenario: Scenario, servos: bool, setting: Setting) -> None:
+    if servos and setting.name == "TAMSI":
+        raise MJCFError("Prescribed masses are left out, because TAMSI has no servos.")
+    system: Any = scenario.system  # whose mechanisms have joints, or they could not have been written
+    if any(not isinstance(joint, Hinge) for mechanism in system.mechanisms for joint in mechanism.joints):
         raise MJCFError("Mechanisms with other joints than hinges are left out, because this file starts no others.")
 
 
@@ -88,8 +109,8 @@ def _set_gravity(plant: Any, scenario: Scenario) -> None:
     plant.mutable_gravity_field().set_gravity_vector(-float(system.gravity) * up)
 
 
-def _start(plant: Any, context: Any, scenario: Scenario) -> None:
-    """The initial state of the scenario."""
+def _start(plant: Any, context: Any, scenario: Scenario, angles: Any) -> None:
+    """The initial state of the scenario, with the first of the prescribed ``angles`` and their rates."""
     system: Any = scenario.system
     state: Any = scenario.state
     t = to_array(float(scenario.times[0]))
@@ -104,6 +125,10 @@ def _start(plant: Any, context: Any, scenario: Scenario) -> None:
         joint = plant.GetJointByName(name)
         joint.set_angle(context, theta)
         joint.set_angular_rate(context, rate)
+    for name, (theta, rate) in angles.items():
+        joint = plant.GetJointByName(name)
+        joint.set_angle(context, float(theta[0]))
+        joint.set_angular_rate(context, float(rate[0]))
     if system.ground is not None and system.ground.turntable is not None:
         rate = system.ground.turntable.turning.derivatives(t)[1]
         plant.GetJointByName("turntable").set_angular_rate(context, float(rate))

@@ -26,10 +26,7 @@ def run(case: Case, setting: Setting, timestep: float) -> Motion:
     steps = np.rint(np.diff(scenario.times) / timestep).astype(int)
     timestep = float(np.diff(scenario.times)[0] / steps[0])  # of which the save times are multiples
     exported = to_mjcf(scenario, timestep=timestep)
-    model = mujoco.MjModel.from_xml_string(exported.text)
-    _set(model, setting.values, timestep)
-    if scenario.contact is None:
-        model.geom_friction[:, 0] = case.friction
+    model = model_of(case, setting, exported, timestep)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     rows, seconds = [_row(data, scenario)], 0.0
@@ -40,6 +37,25 @@ def run(case: Case, setting: Setting, timestep: float) -> Motion:
             seconds += time.process_time() - begin
             rows.append(_row(data, scenario))
     return motion_of(rows, seconds)
+
+
+def model_of(case: Case, setting: Setting, exported: Exported, timestep: float) -> Any:
+    """The model of a robot with a setting and a time step."""
+    model = mujoco.MjModel.from_xml_string(exported.text)
+    _set(model, setting.values, timestep)
+    if not case.scenario().may_slip:
+        model.geom_friction[:, 0] = case.friction
+    return model
+
+
+def final_place(model: Any, controls: np.ndarray) -> np.ndarray:
+    """Where the shell is after as many steps as there are ``controls``, each kept within its step."""
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    for control in controls:
+        data.ctrl[:] = control
+        mujoco.mj_step(model, data)
+    return data.joint("shell").qpos[:2].copy()
 
 
 @contextlib.contextmanager

@@ -2,6 +2,7 @@
 
 import argparse
 import dataclasses
+import os
 from pathlib import Path
 
 from ...interface.interruption import INTERRUPTED, STOPPED, interrupt_message
@@ -10,6 +11,7 @@ from ..jax_setup import set_up_jax
 from ..options import BadInputError, positive
 
 ENGINES = "engines"
+NO_CACHE = "JAXBALL_NO_CACHE"
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -26,6 +28,11 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--budget", type=positive, metavar="SECONDS", help="time for the timed calls of each setting")
     parser.add_argument("--limit", type=positive, metavar="SECONDS", help="skip settings whose solves take longer")
     parser.add_argument("--out", type=Path, default=Path("out/bench"), metavar="FOLDER", help="default: out/bench")
+    parser.add_argument(
+        "--gradients",
+        action="store_true",
+        help="after engines: derivatives of a robot's final place instead of its motions",
+    )
     parser.add_argument("--quick", action="store_true", help="two problems, a few solvers, two tolerances")
     parser.add_argument("--list", action="store_true", help="list problems and solvers")
 
@@ -33,6 +40,9 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     if not options.list:
         check_folder(options.out, "--out")
+    if options.gradients:
+        _check_gradients(options)
+        os.environ[NO_CACHE] = "1"  # because compiling is measured
     set_up_jax()
     if options.problems[:1] == [ENGINES]:
         return _engines(options)
@@ -56,6 +66,16 @@ def run(options: argparse.Namespace) -> int:
     return INTERRUPTED if results.interrupted else 0
 
 
+def _check_gradients(options: argparse.Namespace) -> None:
+    if options.problems[:1] != [ENGINES]:
+        raise BadInputError("Argument `--gradients` must be left out without the word engines before it.")
+    if options.problems[1:]:
+        raise BadInputError("Argument PROBLEM must be engines alone with `--gradients`, which has one robot.")
+    for name in ("solvers", "quick"):
+        if getattr(options, name):
+            raise BadInputError(f"Argument `--{name}` must be left out with `--gradients`, which has one robot.")
+
+
 def _engines(options: argparse.Namespace) -> int:
     """Robots in general engines, beside the exact solution."""
     for name in ("tolerances", "budget", "limit"):
@@ -66,6 +86,11 @@ def _engines(options: argparse.Namespace) -> int:
 
     if options.list:
         print(engines.listing())
+        return 0
+    if options.gradients:
+        from ...bench.engines import gradients
+
+        gradients.measure(options.out)
         return 0
     try:
         plan = engines.plan(options.problems[1:], options.solvers, quick=options.quick)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...interface.views import MOST_BODIES, check_view
+from ...interface.output import MOST_BODIES, check_view
 from ...interface.wording import counted
 from ...results.files import READ_BACK, RunError, check_saved
 from ..jax_setup import compiled_for, set_up_jax
@@ -132,7 +132,7 @@ def _check(options: argparse.Namespace, trajectory: "Trajectory[Any, Any]", what
         raise RunError(f"{what} has no finite state to show. {trajectory.message}")
     if options.friction is not None and not isinstance(trajectory.system, AbstractBody):
         raise BadInputError(
-            "Argument `--friction` must be left out for a system that touches no plane, such as a "
+            "Argument `--friction` must be left out for a system that is no ball or disk, such as a "
             f"{trajectory.system.title}, but it is {options.friction:g}."
         )
 

@@ -16,7 +16,8 @@ Row = TypeVar("Row")
 Whole = TypeVar("Whole")
 
 
-class Column(NamedTuple, Generic[Row]):
+@dataclasses.dataclass(frozen=True)
+class Column(Generic[Row]):
     """A column's heading and how it shows a row; words are aligned left, numbers right."""
 
     heading: str

@@ -29,7 +29,8 @@ at each saved time that the solve reached, or of a long run at evenly spaced one
   if the filter is right, and ``innovation`` (T, 3), the normalised innovation squared and its upper and lower bounds of
   that probability.
 
-A rigid body has ``time``, ``centre``, which is its fixed point, ``quaternion`` and ``angular_velocity`` as above;
+A rigid body has ``time``, ``centre``, which is its fixed point, or the centre of a rolling ellipsoid in axes that
+travel with it, ``quaternion`` and ``angular_velocity`` as above;
 ``angular_momentum`` 𝕀Ω (T, 3) and ``vertical`` Γ (T, 3) in body axes, ``momentum_in_space`` (T, 3), and in Suslov's
 problem ``xi`` (T, 3), of length 1, in body axes. Its ``ellipsoid`` has its ``centre`` in the body, three ``semi_axes``
 and the ``quaternion`` from these to body axes; ``centre_of_mass`` is in body axes, or None, and so is the ``place`` of
@@ -52,8 +53,9 @@ from jaxtyping import Float
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, to_hex
 
-from ...classical import ParticleState, RigidBodyState, VakonomicState
-from ...interface.views import MOST_BODIES
+from ...classical import ParticleState, VakonomicState
+from ...classical.state import OrientedState
+from ...interface.output import MOST_BODIES
 from ...physics.body import AbstractBody
 from ...simulation.trajectory import Trajectory
 from ..palette import ARROWS, COMPONENTS, MODES, TRAIL, mass_colour
@@ -70,7 +72,10 @@ STOPS = 9
 ESCAPES = {ord(letter): f"\\u{ord(letter):04x}" for letter in "<>&\u2028\u2029"}
 Runs = Trajectory[Any, Any] | Mapping[str, Trajectory[Any, Any]]
 ROLLING, RIGID, PARTICLE = "body that rolls", "rigid body", "particle"
-SHOWN = "a ball, a disk, a rigid body with a RigidBodyState or a particle with a ParticleState or a VakonomicState"
+SHOWN = (
+    "a ball, a disk, a rigid body with a RigidBodyState or an EllipsoidState or a particle with a ParticleState or a "
+    "VakonomicState"
+)
 
 
 def view_document(
@@ -156,7 +161,7 @@ def _scene(
     for name, given in (("friction", friction), ("wanted", wanted), ("discs", discs or None)):
         if given is not None:
             raise ValueError(
-                f"Argument `{name}` must be left out for a {kind}, which touches no plane, but it is given."
+                f"Argument `{name}` must be left out for a {kind}, which is no ball or disk, but it is given."
             )
     trajectories = list(named.values())
     return rigid_scene(trajectories) if kind == RIGID else particle_scene(trajectories)
@@ -221,6 +226,6 @@ def kind_of(trajectory: Trajectory[Any, Any]) -> str | None:
     """The kind as which a run is shown; None if it cannot be shown."""
     if isinstance(trajectory.system, AbstractBody):
         return ROLLING
-    if isinstance(trajectory.state, RigidBodyState):
+    if isinstance(trajectory.state, OrientedState):
         return RIGID
     return PARTICLE if isinstance(trajectory.state, ParticleState | VakonomicState) else None

@@ -1,4 +1,4 @@
-"""Bodies without a plane in a view: rigid bodies about a point at rest, and particles."""
+"""Bodies without a plane in a view: rigid bodies about a point at rest or their centre, and particles."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from ...classical import HeavyTop, SuslovProblem, VakonomicState
+from ...classical import HeavyTop, RollingEllipsoid, SuslovProblem, VakonomicState
 from ...numerics import programs
 from ...numerics.arrays import to_array
 from ...simulation.trajectory import Trajectory
@@ -17,7 +17,7 @@ from ..record import known_rows
 from .scene import (
     BLUE,
     PAIR,
-    YELLOW,
+    SUBSCRIPTS,
     Numbers,
     Scene,
     angular_velocity,
@@ -37,7 +37,7 @@ APART = 3.2  # between the fixed points of two bodies, in radii of the largest
 REACH = 1.25  # of the tip whose path is drawn, in radii
 SMALL = 1 / 24  # of the largest extent of all paths of particles: the radius that arrows and dots are drawn by
 
-THIRD = {"name": "E₃", "colour": YELLOW}
+AXES = tuple({"name": f"E{k}".translate(SUBSCRIPTS), "colour": colour} for k, colour in enumerate(COMPONENTS, start=1))
 THROUGH_CENTRE = {"name": "the axis through the centre of mass", "colour": "#D55E00"}
 
 
@@ -65,7 +65,8 @@ class Turning(NamedTuple):
     @classmethod
     def of(cls, trajectory: Trajectory[Any, Any]) -> "Turning":
         rows = known_rows(trajectory)
-        stated: Any = getattr(trajectory.system, "inertia", ())
+        rolls = isinstance(trajectory.system, RollingEllipsoid)  # which has a principal axis of its own
+        stated: Any = () if rolls else getattr(trajectory.system, "inertia", ())
         inertia = np.asarray(stated, dtype=float) if np.shape(stated) == (3,) else None
         return cls(trajectory, rows, inertia, ellipsoid_of(trajectory.system, inertia))
 
@@ -104,8 +105,11 @@ def ellipsoid_of(system: Any, inertia: Float[np.ndarray, "3"] | None) -> Ellipso
 
     The second moments s_j = ∫ x_j² dm are ½ (d1 + d2 + d3) − d_j about the fixed point. Those of a heavy top about its
     centre of mass are diag(s) − m χχᵀ, and its semi-axes are the standard deviations of its mass, at its own scale. For
-    other bodies, whose mass is unknown, the largest semi-axis is 1. Impossible moments give a thin one.
+    other bodies, whose mass is unknown, the largest semi-axis is 1. Impossible moments give a thin one. That of a
+    rolling ellipsoid is its surface.
     """
+    if isinstance(system, RollingEllipsoid):
+        return Ellipsoid(np.asarray(system.semiaxes, dtype=float), np.zeros(3), np.eye(3))
     if inertia is None:
         return Ellipsoid(np.ones(3), np.zeros(3), np.eye(3))
     second = np.sum(inertia) / 2 - inertia
@@ -127,7 +131,8 @@ def _rigid_parts(one: Turning) -> dict[str, Any]:
     shape, top = one.shape, one.top
     arm = np.zeros(3) if top is None else np.asarray(top.chi)
     length = np.linalg.norm(arm)
-    tip = (arm / length if length > 0 else np.array([0.0, 0.0, 1.0])) * REACH * shape.radius
+    k = axis_of_revolution(one.trajectory.system)
+    tip = (arm / length if length > 0 else np.eye(3)[k]) * REACH * shape.radius
     return made("rigid", one.trajectory, shape.radius, len(one.rows)) | {
         "ellipsoid": {
             "semi_axes": shape.semi_axes.tolist(),
@@ -135,8 +140,16 @@ def _rigid_parts(one: Turning) -> dict[str, Any]:
             "quaternion": Rotation.from_matrix(shape.turn).as_quat().tolist(),
         },
         "centre_of_mass": None if top is None else arm.tolist(),
-        "tip": {"place": tip.tolist()} | (THROUGH_CENTRE if length > 0 else THIRD),
+        "tip": {"place": tip.tolist()} | (THROUGH_CENTRE if length > 0 else AXES[k]),
     }
+
+
+def axis_of_revolution(system: Any) -> int:
+    """Which body axis has its path drawn: that of a spheroid, and the third one of another body."""
+    if not isinstance(system, RollingEllipsoid):
+        return 2
+    semiaxes = np.asarray(system.semiaxes)
+    return int(np.argmax(np.abs(semiaxes - np.median(semiaxes))))
 
 
 def _rigid_numbers(one: Turning, x: float, changes: Float[np.ndarray, "T laws"]) -> dict[str, Numbers]:

@@ -15,7 +15,7 @@ AROUND = 80  # characters in JSON that name an array, its type and its shape
 Discs = Sequence[tuple[Float[np.ndarray, "2"], float]]  # of the plane, each with centre and radius
 SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 PAIR = 2
-BLUE, RED, YELLOW = COMPONENTS
+BLUE, RED = COMPONENTS[:2]
 INK = "ink"  # the colour of text, on light pages and on dark ones
 WIDTH = 1.6  # of lines, pixels
 
