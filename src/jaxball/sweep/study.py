@@ -296,8 +296,8 @@ def _check_contact(table: dict[str, Any], template: Scenario) -> None:
             )
     if table["detachment"] and template.feedback is not None:
         raise StudyError(
-            "Key `detachment` must be false where the scenario has feedback, whose samples are solved one by one, but it "
-            "is true; `contact = true` finds the least normal force."
+            "Key `detachment` must be false where the scenario has feedback, whose samples are solved one by one, but "
+            "it is true; `contact = true` finds the least normal force."
         )
 
 
@@ -325,8 +325,8 @@ def _check_of_loop(scenario: dict[str, Any], path: str) -> None:
         )
     if path.endswith(".errors.random_walk") and not value_at(scenario, path):
         raise StudyError(
-            f"Key `{path}` must be positive in the scenario if rows change it, because a filter estimates a bias only of "
-            "a sensor that has a random walk, but it is 0; give a small one."
+            f"Key `{path}` must be positive in the scenario if rows change it, because a filter estimates a bias only "
+            "of a sensor that has a random walk, but it is 0; give a small one."
         )
 
 
