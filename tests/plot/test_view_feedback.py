@@ -66,7 +66,7 @@ def test_the_half_axes_are_those_of_the_ellipse_of_95_percent():
 
 
 def test_graphs_show_deviations_and_innovations_with_their_bounds(run):
-    """Deviations are those of the history. The bounds are the quantiles of as many squared normal numbers as are read."""
+    """Deviations are those of the history. Bounds are the quantiles of as many squared normal numbers as are read."""
     estimate = dataclasses.replace(
         run.history.estimate,
         followed=run.history.estimate.followed._replace(read=jnp.arange(len(run.times)) % 3),

@@ -159,7 +159,10 @@ def changed(old, new):
         (changed("gyro = 0.1", "gyr = 0.1"), "Key `estimator.biases` names 'gyr', which is no sensor; did you mean"),
         (changed('["camera", "gyro"]', '["radar"]'), "names of sensors of the scenario; they are camera, gyro"),
         (changed("noise = 0.01, ", ""), "Key `sensors.camera` must have noise"),
-        (changed("missing = 0.2", "delay = 0.07"), "Key `sensors.camera.errors.delay` must be a whole number of samples"),
+        (
+            changed("missing = 0.2", "delay = 0.07"),
+            "Key `sensors.camera.errors.delay` must be a whole number of samples",
+        ),
         (changed("start = 0.0\nend = 1.0\nstep = 0.05", "at = [0.0, 0.1, 1.0]"), "must have equally spaced times"),
         (changed("[time]", '[solve]\nsolver = "gauss16"\n\n[time]'), '`solve.solver` must be "dopri8" with `feedback`'),
         (changed("[time]", "[contact]\nsliding = 0.2\n\n[time]"), "Key `contact` must be left out with `feedback`"),

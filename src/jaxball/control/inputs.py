@@ -114,9 +114,7 @@ def held(system: System, places: Sequence[Place], u: Float[Array, " m"]) -> Syst
     return _held(system, places, u, {})
 
 
-def _held(
-    system: System, places: Sequence[Place], u: Float[Array, " m"], limits: Mapping[str, Array | None]
-) -> System:
+def _held(system: System, places: Sequence[Place], u: Float[Array, " m"], limits: Mapping[str, Array | None]) -> System:
     values = {place.name: u[k] for k, place in enumerate(places)}
     names = [system.coordinates[slot] for slot in system.accelerated]
     law = GivenAccelerations(jnp.stack([values[name] for name in names])) if names else None

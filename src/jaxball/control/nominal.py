@@ -100,9 +100,7 @@ def nominal_of(run: Trajectory[Any, Any], sampled: SampledSystem, samples: int) 
     return nominal_from(run.system, run.times[0], start, sampled, samples)
 
 
-def nominal_from(
-    system: System, t0: Numbers, start: Any, sampled: SampledSystem, samples: int
-) -> NominalMotion:
+def nominal_from(system: System, t0: Numbers, start: Any, sampled: SampledSystem, samples: int) -> NominalMotion:
     """The same of the run of a body from a start at ``t0``; traceable."""
     t0 = jnp.asarray(t0, default_dtype())
     shares = np.append(np.arange(samples)[:, None] + np.array([[0.0, *GAUSS]]), samples)

@@ -26,7 +26,7 @@ def weight_matrix(name: str, given: Weights, names: Sequence[str]) -> Float[AnyA
     n = len(names)
     if isinstance(given, Mapping):
         given = by_name(name, given, names)
-    values = given if is_traced(given) else to_numpy(given, name)
+    values: Any = given if is_traced(given) else to_numpy(given, name)
     xp = jnp if is_traced(values) else np
     if values.ndim == 0:
         values = xp.broadcast_to(values, (n,))
@@ -44,7 +44,7 @@ def weight_matrix(name: str, given: Weights, names: Sequence[str]) -> Float[AnyA
     return matrix
 
 
-def require_positive(name: str, matrix: Float[np.ndarray, "n n"], strictly: bool = False) -> None:
+def require_positive(name: str, matrix: Float[AnyArray, "n n"], strictly: bool = False) -> None:
     """Raises a ``ValueError`` for a symmetric matrix with a negative eigenvalue, or ``strictly``, one of 0."""
     eigenvalues = np.linalg.eigvalsh(matrix)
     least, largest = float(eigenvalues[0]), float(np.max(np.abs(eigenvalues)))
@@ -56,7 +56,7 @@ def require_positive(name: str, matrix: Float[np.ndarray, "n n"], strictly: bool
 def factor(matrix: Float[AnyArray, "n n"]) -> Float[AnyArray, "n n"]:
     """A W with WᵀW = matrix, for a symmetric matrix without negative eigenvalues, which may be singular."""
     if is_traced(matrix):
-        return _by_cholesky(matrix)
+        return _by_cholesky(jnp.asarray(matrix))
     eigenvalues, vectors = np.linalg.eigh(matrix)
     return np.sqrt(np.maximum(eigenvalues, 0.0))[:, None] * vectors.T
 
@@ -90,5 +90,7 @@ def by_name(name: str, given: Mapping[str, Any], names: Sequence[str], other: fl
                 f"Argument `{name}` must have names as keys, but one is {key!r}{did_you_mean(key, known, there)}"
             )
         number = value if is_traced(value) else float(to_numpy(value, f"{name}[{key!r}]"))
-        values = [number if key in (own, own.partition("[")[0]) else old for own, old in zip(names, values, strict=True)]
+        values = [
+            number if key in (own, own.partition("[")[0]) else old for own, old in zip(names, values, strict=True)
+        ]
     return (jnp if any(map(is_traced, values)) else np).asarray(values)

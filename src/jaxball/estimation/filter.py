@@ -391,7 +391,8 @@ def samples_late(name: str, sensor: AbstractSensor, sampled: SampledSystem) -> i
     late = delay / float(np.asarray(sampled.sample))
     if abs(late - round(late)) > CLOSE * max(late, 1.0):
         raise ValueError(
-            f"Argument `sensors[{name!r}].errors.delay` must be a whole number of samples, but it is {late:.6g} of them."
+            f"Argument `sensors[{name!r}].errors.delay` must be a whole number of samples, but it is {late:.6g} of "
+            "them."
         )
     return round(late)
 

@@ -62,13 +62,14 @@ class OutputFeedback(AbstractFeedback):
     """A regulator that is given the estimates of a filter instead of the state: it acts on what sensors read.
 
     Between samples the filter predicts with the inputs that act, which a robot knows: within limits, and after a
-    ``delay`` of :func:`~jaxball.control.closed_loop`. Readings of a sensor with a ``delay`` arrive so much later, and are
-    taken for what they were: the filter then goes again from the sample at which they were taken.
+    ``delay`` of :func:`~jaxball.control.closed_loop`. Readings of a sensor with a ``delay`` arrive so much later, and
+    are taken for what they were: the filter then goes again from the sample at which they were taken.
 
     **Arguments** of :meth:`of`, which makes one:
 
     - ``feedback``: the regulator, such as :func:`~jaxball.control.tvlqr` makes.
-    - ``sensors``, ``process``, ``biases``: as for an :class:`ErrorStateFilter`; a ``delay`` is a whole number of samples.
+    - ``sensors``, ``process``, ``biases``: as for an :class:`ErrorStateFilter`; a ``delay`` is a whole number of
+      samples.
     - ``spread``: the standard deviations at the start, around the start of the motion, as for a filter.
     - ``system``: the robot that is measured, where it is not the one that the regulator and the filter know; give
       the same one to :func:`~jaxball.control.closed_loop`.
@@ -186,7 +187,9 @@ class OutputFeedback(AbstractFeedback):
             ahead = known.predicted(self._time(i - 1), belief, u)[0]
             ahead = _where(i > 0, ahead, belief)
             there = arrived & jnp.isfinite(y)
-            with_reading, innovation, S = known.updated(self._time(i), ahead, u, Reading(jnp.where(there, y, 0.0), there))
+            with_reading, innovation, S = known.updated(
+                self._time(i), ahead, u, Reading(jnp.where(there, y, 0.0), there)
+            )
             after = _where(i >= 0, with_reading, ahead)
             return after, (after, innovation @ jnp.linalg.solve(S, innovation), jnp.sum(there))
 

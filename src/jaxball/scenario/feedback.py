@@ -60,7 +60,7 @@ class AbstractFeedbackSettings(abc.ABC):
 
     inputs: tuple[str, ...] | None = None
     limits: Number | Named | None = None
-    delay: int | Array = 0
+    delay: Any = 0
     start: Named = field(default_factory=dict)
     pushes: tuple[Push, ...] = ()
     model: Named = field(default_factory=dict)

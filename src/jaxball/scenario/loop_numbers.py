@@ -146,9 +146,7 @@ def loop_numbers(contents: Contents, document: Mapping[str, Any], sample: float)
         S=S,
         friction=to_array(feedback.friction) if predictive_control and feedback.friction is not None else None,
         penalty=to_array(feedback.penalty) if predictive_control else None,
-        estimator=None
-        if contents.estimator is None
-        else _of_estimator(contents.estimator, contents.sensors, sampled),
+        estimator=None if contents.estimator is None else _of_estimator(contents.estimator, contents.sensors, sampled),
         inputs=feedback.inputs,
         horizon=feedback.horizon if predictive_control else None,
         limited=limited_inputs(sampled.limits if limits is None else limits) if predictive_control else (),
@@ -180,9 +178,8 @@ def _of_estimator(
 
     chosen = estimator.chosen(sensors)
     for name, sensor in chosen.items():
-        noise = sensor.errors.noise if sensor.errors is not None else None
-        if is_traced(noise):
-            require(noise > 0, f"sensors.{name}.errors.noise", "a positive number", lambda: "")
+        if sensor.errors is not None and is_traced(sensor.errors.noise):
+            require(sensor.errors.noise > 0, f"sensors.{name}.errors.noise", "a positive number", lambda: "")
     spreads = {name: 0.0 for name, sensor in chosen.items() if wanders(sensor)} | dict(estimator.biases)
     biases = {name: to_array(value) for name, value in spreads.items()}
     late = tuple((name, samples_late(name, sensor, sampled)) for name, sensor in chosen.items())

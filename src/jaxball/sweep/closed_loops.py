@@ -150,7 +150,8 @@ def _row(sought: Sought, common: Common, shared: Any, row: Any) -> dict[str, Arr
     known = numbers.feedback(common.sample, common.t0, sought.samples) if common.feedback is None else common.feedback
     feedback, plant, first = numbers.around(known)
     found = looped(feedback, plant, first, sought.samples, numbers.delay, None, sought.longest)
-    loop = ClosedLoop(*found[:5], feedback, plant, found[5])
+    times, states, u, du, xi, memory = found
+    loop = ClosedLoop(times, states, u, du, xi, feedback, plant, memory)
     reached = jnp.sum(jnp.all(jnp.isfinite(loop.xi), axis=1)) - 1
     results = {
         "status": jnp.where(reached == sought.samples, int(Status.SUCCESS), int(Status.SOLVER_FAILED)),

@@ -89,9 +89,7 @@ def _measure(sensors: Any, trajectory: Trajectory[Any, Any]) -> dict[str, Array]
     return of_rows(lambda sensors, run: run.measured(sensors), sensors, trajectory)
 
 
-def _closed_loops(
-    batch: Batch, request: Request, reductions: Mapping[str, AbstractReduction]
-) -> dict[str, np.ndarray]:
+def _closed_loops(batch: Batch, request: Request, reductions: Mapping[str, AbstractReduction]) -> dict[str, np.ndarray]:
     """The rows of a scenario with feedback."""
     from .closed_loops import solve_loops  # which other studies do without
 

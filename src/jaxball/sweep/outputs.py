@@ -188,17 +188,20 @@ def with_extremes(results: dict[str, np.ndarray], template: Scenario | None) -> 
 
 
 def _of_readings(study: Study, template: Scenario) -> dict[str, Output]:
-    """The variables of what sensors read: their extremes over the save times, and with these the readings themselves."""
-    state = template.state.body if isinstance(template.state, ReleasedState) else template.state
+    """The variables of what sensors read: its extremes over the save times and, where these are kept, all of it."""
+    system: Any = template.system
+    state: Any = template.state.body if isinstance(template.state, ReleasedState) else template.state
     measurement = Measurement(dict(template.sensors))
-    shapes = jax.eval_shape(lambda t: measurement.parts(template.system, t, state), jnp.zeros(()))
+    shapes = jax.eval_shape(lambda t: measurement.parts(system, t, state), jnp.zeros(()))
     outputs = {}
     for name, sensor in template.sensors.items():
         shape = shapes[name].shape
         own = ("axis",) if shape == (3,) else tuple(f"measured_{name}_{k}" for k in range(len(shape)))
         known = Variable(own, sensor.units, sensor.meaning)
         if study.save == "times":
-            outputs[f"measured_{name}"] = _output(known._replace(dimensions=("save", *own)), (template.times.size, *shape))
+            outputs[f"measured_{name}"] = _output(
+                known._replace(dimensions=("save", *own)), (template.times.size, *shape)
+            )
         for word in EXTREME:
             outputs[f"measured_{name}_{word}"] = _output(known._replace(meaning=f"{word} {known.meaning}"), shape)
     return outputs

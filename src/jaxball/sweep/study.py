@@ -296,8 +296,8 @@ def _check_contact(table: dict[str, Any], template: Scenario) -> None:
             )
     if table["detachment"] and template.feedback is not None:
         raise StudyError(
-            "Key `detachment` must be false where the scenario has feedback, whose samples are solved one by one, but it "
-            "is true; `contact = true` finds the least normal force."
+            "Key `detachment` must be false where the scenario has feedback, whose samples are solved one by one, but "
+            "it is true; `contact = true` finds the least normal force."
         )
 
 
@@ -320,11 +320,13 @@ def _check_paths(axes: tuple[Axis, ...], scenario: dict[str, Any], template: Sce
 def _check_of_loop(scenario: dict[str, Any], path: str) -> None:
     """Raises for a number that determines how a closed loop is computed."""
     if path.partition(".")[0] == "time":
-        raise StudyError(f"Key `{path}` must be the same in all rows with feedback, because save times are its samples.")
+        raise StudyError(
+            f"Key `{path}` must be the same in all rows with feedback, because save times are its samples."
+        )
     if path.endswith(".errors.random_walk") and not value_at(scenario, path):
         raise StudyError(
-            f"Key `{path}` must be positive in the scenario if rows change it, because a filter estimates a bias only of "
-            "a sensor that has a random walk, but it is 0; give a small one."
+            f"Key `{path}` must be positive in the scenario if rows change it, because a filter estimates a bias only "
+            "of a sensor that has a random walk, but it is 0; give a small one."
         )
 
 

@@ -247,9 +247,11 @@ class _Deviations(NamedTuple):
 
     @classmethod
     def of(cls, scenario: "Scenario", feedback: "AbstractFeedback") -> "_Deviations":
+        import numpy as np
+
         from ...control.weights import weight_matrix
 
-        return cls(weight_matrix("Q", _regulator(scenario).Q, _track_of(feedback).directions))
+        return cls(np.asarray(weight_matrix("Q", _regulator(scenario).Q, _track_of(feedback).directions)))
 
     def along(self, loop: "ClosedLoop") -> "np.ndarray":
         import numpy as np
@@ -285,7 +287,8 @@ def _table(deviations: _Deviations, held: list[Held]) -> list[str]:
 
 def _basin_line(name: str, basin: "Basin") -> str:
     assert basin.grid is not None
-    return f"{name}, {str(basin).removeprefix('Basin: ')}, to within {basin.within:g}, over {' and '.join(basin.grid.names)}"
+    found, over = str(basin).removeprefix("Basin: "), " and ".join(basin.grid.names)
+    return f"{name}, {found}, to within {basin.within:g}, over {over}"
 
 
 def _content(

@@ -25,8 +25,9 @@ at each saved time that the solve reached, or of a long run at evenly spaced one
 
 - under feedback, ``nominal_centre`` (T, 3) and ``nominal_quaternion`` (T, 4), the pose of the motion that it holds, and
   ``deviation`` (T, n) from it in local coordinates; and from sensors, ``estimate`` (T, 3), the estimated place on the
-  plane, ``ellipse`` (T, 6), the two half axes of the ellipse around it in which the place lies with 95 % probability, if
-  the filter is right, and ``innovation`` (T, 3), the normalised innovation squared and its upper and lower bounds of that probability.
+  plane, ``ellipse`` (T, 6), the two half axes of the ellipse around it in which the place lies with 95 % probability,
+  if the filter is right, and ``innovation`` (T, 3), the normalised innovation squared and its upper and lower bounds of
+  that probability.
 
 A rigid body has ``time``, ``centre``, which is its fixed point, or the centre of a rolling ellipsoid in axes that
 travel with it, ``quaternion`` and ``angular_velocity`` as above;

@@ -20,7 +20,15 @@ from .scene import BLUE, Numbers, continuous, each, graph, of_masses, series
 
 CONFIDENCE = 0.95
 GREY = "#8a8a8a"
-LETTERS = {"attitude": "φ", "phi": "φ", "phidot": "φ̇", "Omega": "Ω", "z": "z", "theta": "θ", "thetadot": "θ̇"}
+LETTERS = {
+    "attitude": "φ",
+    "Omega": "Ω",
+    "phi": "φ",
+    "phidot": "φ̇",
+    "z": "z",
+    "theta": "θ",
+    "thetadot": "θ̇",
+}
 
 
 def feedback_numbers(
@@ -28,8 +36,8 @@ def feedback_numbers(
 ) -> dict[str, Numbers]:
     """The pose of the motion, the place of the estimate on the plane, and the two half axes of its ellipse.
 
-    Then the numbers of the graphs. In axes of the page; ``lift`` is how far the centre of a body lies above that of the first of all. Where nothing was
-    estimated, at the end, the last estimate goes on.
+    Then the numbers of the graphs. In axes of the page; ``lift`` is how far the centre of a body lies above that of the
+    first of all. Where nothing was estimated, at the end, the last estimate goes on.
     """
     history = trajectory.history
     if not isinstance(history, FeedbackHistory):
