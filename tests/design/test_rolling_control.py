@@ -302,10 +302,10 @@ def test_the_command_keeps_constraints(tmp_path, capsys, monkeypatch):
     assert command(tmp_path, text) == 0
     captured = capsys.readouterr()
     assert "barrier 1e-08" in captured.err
-    assert re.search(r"^  speed-limit: holds, (margin|but for) \S+$", captured.out, re.MULTILINE)
+    assert re.search(r"^  speed-limit: holds(, margin| to within) \S+$", captured.out, re.MULTILINE)
     report = (tmp_path / "out" / "report.md").read_text()
-    found = re.search(r"^\| speed-limit \| holds, (margin|but for) (\S+) \|$", report, re.MULTILINE)
-    assert float(found[2]) < (1e-3 if found[1] == "margin" else 1e-4)
+    found = re.search(r"^\| speed-limit \| holds(, margin| to within) (\S+) \|$", report, re.MULTILINE)
+    assert float(found[2]) < (1e-3 if found[1] == ", margin" else 1e-4)
     assert (tmp_path / "out" / "problem.toml").read_text() == text
     run = jaxball.load_scenario(tmp_path / "out" / "design.toml").simulate(throw=True)
     limits = eqx.filter_jit(design.SpeedLimit(0.12))(
