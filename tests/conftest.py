@@ -17,6 +17,7 @@ os.environ["JAXBALL_NO_CACHE"] = "1"  # where pytest has no folder for programs;
 jax.config.update("jax_enable_x64", X64)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
+jax.config.update("jax_traceback_in_locations_limit", 1)  # Whole ones take a tenth of the time that tracing takes.
 
 # Compiling counts as part of an example's time, and a test must give the same answer each time.
 hypothesis.settings.register_profile("compiled", deadline=None, derandomize=True, database=None)
@@ -46,7 +47,7 @@ def pytest_configure(config):
     """Compiling takes most of the default run; only long studies gain more from optimised programs than they cost."""
     unoptimised = "not slow" in config.option.markexpr
     if _checks_shapes(config):
-        jaxtyping.install_import_hook(checked.modules(), "beartype.beartype")
+        checked.install()
     from tests.support import programs
 
     jax.config.update("jax_disable_most_optimizations", unoptimised)

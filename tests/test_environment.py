@@ -1,10 +1,14 @@
 """Whether the installed JAX computes right numbers and the tests run as they should."""
 
+import sys
+
 import jax
 import jax.numpy as jnp
+import jaxtyping
 import numpy as np
 import pytest
 
+from jaxball.numerics import versor
 from tests.support.precision import X64
 
 
@@ -19,3 +23,10 @@ def test_jax_computes_batched_quadratic_forms_right():
 @pytest.mark.any_precision
 def test_the_tests_run_in_the_type_that_was_asked_for():
     assert jnp.zeros(1).dtype == (jnp.float64 if X64 else jnp.float32)
+
+
+def test_shapes_are_checked():
+    if "beartype" not in sys.modules:
+        pytest.skip("Shapes are checked where the default tests run, not where others alone do.")
+    with pytest.raises(jaxtyping.TypeCheckError, match="'3'"):
+        versor.exponential(jnp.zeros(4))

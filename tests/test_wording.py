@@ -3,8 +3,7 @@
 import pytest
 
 from jaxball.cli import main
-from jaxball.interface.installation import pip_install
-from jaxball.interface.wording import all_of, counted, did_you_mean, one_of
+from jaxball.interface.wording import all_of, counted, did_you_mean, one_of, pip_install
 from jaxball.scenario import ScenarioError
 from jaxball.scenario.values import Choice, Integer, Numbers
 

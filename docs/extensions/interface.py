@@ -49,7 +49,7 @@ CHAPTERS = {
     "states": ("States and observables", ["physics.state", "physics.observables", "simulation.equilibrium"]),
     "events": (
         "Events and extremes",
-        ["simulation.events", "simulation.occurrences", "simulation.extremes"],
+        ["simulation.events", "simulation.extremes"],
     ),
     "contact": (
         "Slip, flight and impact",

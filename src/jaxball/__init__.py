@@ -184,10 +184,10 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         AbstractEvent as AbstractEvent,
         Detachment as Detachment,
         Event as Event,
+        Occurrences as Occurrences,
         Slip as Slip,
     )
     from .simulation.extremes import ContactExtremes as ContactExtremes, contact_extremes as contact_extremes
-    from .simulation.occurrences import Occurrences as Occurrences
     from .simulation.simulate import simulate as simulate
     from .simulation.trajectory import Trajectory as Trajectory
 else:

@@ -16,7 +16,7 @@ from jaxball.bench.engines.contract import Motion
 from jaxball.bench.engines.inside import hung, in_space, prescribed
 from jaxball.bench.engines.run import Row, listing, measure, plan
 from jaxball.bench.run import SelectionError
-from jaxball.interface.installation import pip_install
+from jaxball.interface.wording import pip_install
 from jaxball.mjcf import to_mjcf
 
 ROOT = Path(__file__).parents[2]

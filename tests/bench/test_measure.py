@@ -16,7 +16,7 @@ from jaxball.bench import QUICK, Settings, bench, listing
 from jaxball.bench.contenders import ALL, FAMILIES, Contender, Family, Outcome, Program, Run, Work
 from jaxball.bench.measure import measure
 from jaxball.bench.problem import Piece, Problem
-from jaxball.interface.installation import pip_install
+from jaxball.interface.wording import pip_install
 
 E = 2.718281828459045
 GROWTH = Problem(

@@ -16,7 +16,7 @@ import diffrax, jax, jax.numpy as jnp, numpy as np
 jax.config.update("jax_enable_x64", True)
 from jaxball import BallState, contact_extremes, paper, simulate
 from jaxball.ensemble import simulate_ensemble
-from jaxball.ensemble.quantities import CONTACT
+from jaxball.ensemble.reductions import CONTACT
 leaves, structure = jax.tree.flatten(paper.ball())
 p, times = jnp.array([1.0, 1.0, 1.0]), jnp.array([0.0, 0.3, 0.6])
 fine = dict(rtol=1e-12, atol=1e-12)

@@ -47,10 +47,13 @@ def test_disturbed_starts_are_held_and_saved(folder, capsys):
     again = basin(track, starts, Q=Q, within=0.3, limits=0.5, delay=1, push=push, system=scenario.system)
     np.testing.assert_array_equal(np.ravel(found["basin"]["returned"]), again.returned)
     assert found["basin"]["share"] == again.share
+    seen = basin(seeing.feedback, starts, Q=Q, within=0.3, limits=0.5, delay=1, push=push, system=scenario.system)
+    np.testing.assert_array_equal(np.ravel(found["basin_from_sensors"]["returned"]), seen.returned)
+    assert "from sensors, 4 of 6 starts come back, 66.7%, to within 0.3, over phi and phidot" in captured.err
     saved = jaxball.load_run("held.npz")
     np.testing.assert_allclose(saved.state.z, seeing.states.z, rtol=0, atol=1e-9)
     np.testing.assert_allclose(saved.history.u[:-1], seeing.u, rtol=0, atol=1e-9)
-    names = {"paths", "inputs", "gains", "basin", "estimate"}
+    names = {"paths", "inputs", "gains", "basin", "basin_from_sensors", "estimate"}
     assert {path.name for path in (folder / "figures").iterdir()} == {f"disk_{name}.png" for name in names}
 
 

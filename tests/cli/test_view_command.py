@@ -7,7 +7,7 @@ import pytest
 
 from jaxball.cli import main
 from jaxball.design import load_result
-from jaxball.interface.views import MARK
+from jaxball.interface.output import MARK
 from jaxball.sweep import open_dataset
 from tests.scenario.documents import DISK
 from tests.support.pages import arrays_of, document_in, unpacked

@@ -65,9 +65,9 @@ def test_a_homogeneous_ball_slides_in_a_parabola_and_then_rolls(throw):
     seen, slides = run.observables, rolls > TIMES
     np.testing.assert_allclose(seen.normal_force, M * G, rtol=CLOSE)
     np.testing.assert_allclose(seen.friction[slides], np.tile(-mu * M * G * sigma[:2], (slides.sum(), 1)), atol=1e-9)
-    np.testing.assert_allclose(seen.energy + run.contact.rubbed, seen.energy[0], atol=CLOSE)
+    np.testing.assert_allclose(seen.energy + run.contact.friction_loss, seen.energy[0], atol=CLOSE)
     # Friction takes the energy of the slip velocity, as of two bodies that collide without rebound.
-    assert float(run.contact.rubbed[-1]) == pytest.approx(0.5 * M * K / (1 + K) * speed**2, abs=CLOSE)
+    assert float(run.contact.friction_loss[-1]) == pytest.approx(0.5 * M * K / (1 + K) * speed**2, abs=CLOSE)
 
 
 SOLVERS = {
@@ -156,7 +156,7 @@ def test_heights_of_bounces(e):
     speeds = np.asarray(switches.after.V)[: count - 1, 2]
     np.testing.assert_allclose(speeds**2 / (2 * G), e ** (2 * (n[:-1] + 1)) * h, atol=CLOSE)
     assert e**count * fall * G <= 1e-6 * np.sqrt(G * R) < e ** (count - 1) * fall * G
-    assert float(run.contact.struck[-1]) == pytest.approx(M * G * h, abs=CLOSE)
+    assert float(run.contact.impact_loss[-1]) == pytest.approx(M * G * h, abs=CLOSE)
     assert float(run.observables.energy[-1]) == pytest.approx(0.0, abs=CLOSE)
 
 
@@ -286,6 +286,6 @@ def test_a_slip_that_begins_from_rest_takes_what_the_energy_loses():
         assert run.ok
         assert run.contact.mode[1] == Mode.SLIDING
         energy = run.observables.energy
-        np.testing.assert_allclose(energy[0] - energy, run.contact.rubbed, rtol=0, atol=close)
+        np.testing.assert_allclose(energy[0] - energy, run.contact.friction_loss, rtol=0, atol=close)
         np.testing.assert_allclose(run.contact.V, fine.contact.V, rtol=0, atol=close)
-    assert fine.contact.rubbed[-1] > 0.1
+    assert fine.contact.friction_loss[-1] > 0.1

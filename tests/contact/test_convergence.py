@@ -93,8 +93,8 @@ def test_what_friction_takes_is_what_the_energy_loses():
         run = simulated(case._replace(body=still), Contact(0.1, 0.11), tolerance)
         energy = run.observables.energy
         assert run.ok
-        assert run.contact.rubbed[-1] > 0.01
-        np.testing.assert_allclose(energy + run.contact.rubbed, energy[0], rtol=0, atol=MOST * tolerance)
+        assert run.contact.friction_loss[-1] > 0.01
+        np.testing.assert_allclose(energy + run.contact.friction_loss, energy[0], rtol=0, atol=MOST * tolerance)
 
 
 def end_of_slip(mu, tolerance, height):
@@ -172,7 +172,7 @@ def test_an_impact_at_the_start_is_a_switch():
     assert first == (Cause.LANDS, jaxball.Mode.FLIGHT, jaxball.Mode.FLIGHT)
     assert float(switches.times[0]) == 0.0
     lost = np.asarray(switches.lost)[: int(switches.count)]
-    np.testing.assert_allclose(np.sum(lost), run.contact.struck[-1], rtol=1e-12)
+    np.testing.assert_allclose(np.sum(lost), run.contact.impact_loss[-1], rtol=1e-12)
 
 
 @pytest.mark.slow

@@ -49,7 +49,7 @@ def read(p, adjoint=REVERSE, tolerance=1e-12):
         [
             *(jnp.ravel(leaf) for leaf in end),
             history.V[-1],
-            jnp.stack([history.rubbed[-1], history.struck[-1]]),
+            jnp.stack([history.friction_loss[-1], history.impact_loss[-1]]),
             history.switches.times[:SWITCHES],
         ]
     )

@@ -55,7 +55,7 @@ def test_friction_that_grows_with_the_speed_stops_a_slip_as_an_exponential(start
     assert int(run.contact.switches.count) == 1
     np.testing.assert_allclose(run.contact.switches.times[0], np.log(1 + c * v0 / mu) / rate, rtol=0, atol=1e-11)
     lost = 0.5 * v0**2 / (1 / M + R**2 / D)  # of the motion of the lowest point, whose mass is 1 / (1/m + r²/d)
-    np.testing.assert_allclose(run.contact.rubbed[-1], lost, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(run.contact.friction_loss[-1], lost, rtol=0, atol=1e-11)
 
 
 @pytest.mark.slow
@@ -85,7 +85,8 @@ def test_a_law_that_does_not_depend_on_the_speed_is_a_coefficient():
         for law in (0.1, Growing(0.1, 0.0))
     )
     assert int(one.contact.switches.count) == int(other.contact.switches.count) > 2
-    for found, expected in ((one.state.Omega, other.state.Omega), (one.contact.rubbed, other.contact.rubbed)):
+    losses = one.contact.friction_loss, other.contact.friction_loss
+    for found, expected in ((one.state.Omega, other.state.Omega), losses):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8)
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.control import Feedforward, closed_loop, tvlqr
+from jaxball.control import Feedforward, SampledSystem, closed_loop, tvlqr
 
 pytestmark = pytest.mark.thorough  # all share programs that take seconds to compile
 
@@ -47,6 +47,22 @@ def test_masses_come_before_joints_and_the_limit_is_that_of_the_motor(track):
     assert track.inputs == ("masses[0]", "masses[1]", "mechanisms[0].joints[0]")
     np.testing.assert_array_equal(track.sampled.limits, [np.inf, np.inf, 2.0])
     assert track.sampled.system.coordinates == track.inputs
+
+
+def test_the_limits_of_motors_stay(track):
+    """Of a robot that is sampled already, and of one with the inputs that acted; those of other limits are these."""
+    again = SampledSystem.of(track.sampled.system, H)
+    np.testing.assert_array_equal(again.limits, track.sampled.limits)
+    limits = [jnp.inf, 0.4, 0.05]
+    loop = closed_loop(track, {"z": 0.3}, limits=limits)
+    assert bool(jnp.any(loop.saturated[:, 2]))
+    np.testing.assert_array_equal(SampledSystem.of(loop.run.system, H).limits, [np.inf, np.inf, 0.05])
+    np.testing.assert_allclose(loop.run.observables.joint_efforts[:-1, 0] - _passive(loop), loop.u[:, 2], atol=1e-12)
+
+
+def _passive(loop):
+    """The effort of the spring and the damper beside the motor."""
+    return -1.5 * loop.states.theta[:-1, 2] - 0.1 * loop.states.thetadot[:-1, 2]
 
 
 def test_inputs_are_means_of_schedules_laws_and_motors(track):

@@ -1,5 +1,7 @@
 """Predictive control with active limits, against SciPy's solutions of the same quadratic program, written out."""
 
+import diffrax
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,6 +10,7 @@ from scipy.optimize import LinearConstraint, minimize
 
 import jaxball
 from jaxball.control import closed_loop, mpc, tvlqr
+from jaxball.control.predictive import solved
 from jaxball.physics.observables import observe
 from tests.control import robots
 
@@ -163,6 +166,35 @@ def test_a_closed_loop_keeps_limits_that_the_regulator_would_exceed(track):
     assert float(jnp.max(held.memory.worst)) == 0
 
 
+@pytest.mark.slow
+def test_gradients_of_the_cost_go_through_active_limits():
+    """By the mass of the robot, the limit of the motor, the weight of the input, and the start.
+
+    Each plan's inputs are known to some 1e-7, so that central differences with steps of 1e-3 of numbers of size 1 are
+    known to 1e-3 of the derivatives' size.
+    """
+
+    run = jaxball.simulate(robots.with_pendulum(), [0.0, 1.0])
+
+    def cost(by, adjoint):
+        planned = tvlqr(run, Q={"phi": 1.0, "theta": 1.0}, R=0.1 * (1 + by[2]), Qf=1.0, sample=H)
+        control = mpc(planned, 5, limits=0.3 * (1 + by[1]))
+        start = jnp.array([0.0, 0.0, 0.0, 0.4, 0.0]) * (1 + by[3])
+        robot = robots.with_pendulum(mass=robots.MASS + by[0])
+        loop = closed_loop(control, start, system=robot, limits=0.3 * (1 + by[1]), adjoint=adjoint)
+        return jnp.sum(loop.xi**2), jnp.sum(jnp.abs(loop.u) > 0.2999)
+
+    zero = jnp.zeros(4)
+    ahead = diffrax.ForwardMode()
+    forward = jaxball.jit(jax.jacfwd(lambda by: cost(by, ahead)[0]))(zero)
+    reverse = jaxball.jit(jax.grad(lambda by: cost(by, diffrax.RecursiveCheckpointAdjoint())[0]))(zero)
+    value = jaxball.jit(lambda by: cost(by, ahead))
+    assert 2 <= int(value(zero)[1]) < 10, "some inputs are at the limit, and some are not"
+    expected = [(float(value(e)[0]) - float(value(-e)[0])) / 2e-3 for e in 1e-3 * jnp.eye(4)]
+    np.testing.assert_allclose(reverse, forward, rtol=1e-4, atol=1e-7)
+    np.testing.assert_allclose(forward, expected, rtol=2e-3, atol=1e-5)
+
+
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
@@ -175,3 +207,29 @@ def test_a_closed_loop_keeps_limits_that_the_regulator_would_exceed(track):
 def test_bad_input_gets_a_sentence(track, options, sentence):
     with pytest.raises(ValueError, match=sentence):
         mpc(track, **options)
+
+
+def test_derivatives_of_a_plan_are_those_of_its_conditions(track):
+    """By the deviation, a limit, the penalty and the weights, at active limits; in both modes, and by differences.
+
+    The program is solved to 1e-9 of its cost, so that inputs are off by some 1e-6: central differences with steps of
+    1e-3 by 1e-3 of derivatives of size 1, where no limit becomes active or inactive.
+    """
+    control = mpc(track, HORIZON, limits=0.5, friction=0.04)
+    rng = np.random.default_rng(1)
+    along = rng.normal(size=12)
+    of_cost = rng.normal(size=(HORIZON, 14))
+
+    def result(by):
+        M = control.track.W * (1 + by[2])
+        changed = eqx.tree_at(lambda c: (c.limits.d, c.track.W), control, (control.limits.d * (1 + by[1]), M))
+        plan = solved(changed.stages(jnp.asarray(0)), jnp.asarray(XI) + by[0] * along)
+        return jnp.sum(plan.z * of_cost)
+
+    zero = jnp.zeros(3)
+    forward, reverse = jax.jit(jax.jacfwd(result))(zero), jax.jit(jax.grad(result))(zero)
+    np.testing.assert_allclose(reverse, forward, rtol=1e-4)  # slacks of active limits are some 1e-10 of others
+    compiled = jax.jit(result)
+    expected = [(compiled(e) - compiled(-e)) / 2e-3 for e in 1e-3 * jnp.eye(3)]
+    assert int(control.plan(0, track.nominal.state(0).retract(jnp.asarray(XI))).iterations) > 0
+    np.testing.assert_allclose(reverse, expected, rtol=0, atol=2e-3 * float(np.max(np.abs(expected))))

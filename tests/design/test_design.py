@@ -151,10 +151,10 @@ class Crooked(design.AbstractObjective):
 
 
 class Endless(design.AbstractObjective):
-    """√x at x = 0."""
+    """√(0 x²) of the end, whose derivative is 0 times infinity."""
 
     def __call__(self, run):
-        return jnp.sqrt(jnp.sum(run.z[0] ** 2))
+        return jnp.sqrt(0.0 * run.z[-1, 0] ** 2)
 
 
 @pytest.mark.thorough

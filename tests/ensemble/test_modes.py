@@ -89,7 +89,7 @@ def test_every_row_is_a_run_of_its_own():
         assert abs(int(one.rejected) - int(row.rejected)) <= 2
         for a, b in zip(jax.tree.leaves(one.state), jax.tree.leaves(row.state), strict=True):
             np.testing.assert_allclose(a, b, rtol=0, atol=5e-8)
-        for name in ("V", "height", "slip", "rubbed", "struck"):
+        for name in ("V", "height", "slip", "friction_loss", "impact_loss"):
             np.testing.assert_allclose(getattr(one.contact, name), getattr(row.contact, name), rtol=0, atol=5e-8)
         np.testing.assert_array_equal(one.contact.mode, row.contact.mode)
         ours, theirs = one.contact.switches, row.contact.switches
@@ -123,7 +123,7 @@ def test_bounces_end_in_a_finite_time():
     last = np.take_along_axis(np.asarray(switches.times), np.asarray(switches.count)[:, None] - 1, axis=1)[:, 0]
     np.testing.assert_allclose(last, ends, rtol=1e-5)
     np.testing.assert_array_equal(run.contact.mode[:, -1], Mode.ROLLING)
-    np.testing.assert_allclose(run.contact.struck[:, -1], G * h, rtol=1e-9)
+    np.testing.assert_allclose(run.contact.impact_loss[:, -1], G * h, rtol=1e-9)
     lost = (1 - e[0] ** 2) * G * h[0] * e[0] ** (2 * np.arange(3))
     np.testing.assert_allclose(switches.lost[0, :3], lost, rtol=1e-9)
 
@@ -138,7 +138,7 @@ def test_a_slip_ends_when_friction_has_made_it_roll():
         run = simulate_ensemble(system, start + TIMES, state, contact=law, **BLOCK).trajectory
         np.testing.assert_allclose(run.contact.switches.times[:, 0], start + 2 * V / (7 * mu * G), rtol=0, atol=1e-8)
         np.testing.assert_allclose(run.contact.V[:, -1, 0], 5 / 7 * V, rtol=1e-9)
-        np.testing.assert_allclose(run.contact.rubbed[:, -1], V**2 / 7, rtol=1e-9)
+        np.testing.assert_allclose(run.contact.friction_loss[:, -1], V**2 / 7, rtol=1e-9)
 
 
 @pytest.mark.slow
@@ -203,7 +203,7 @@ def assert_possible(rows, many):
     assert np.all(np.abs(many.reductions["energy_drift"]) < 1e-6 * energy)
     rolling = np.asarray(run.contact.mode) == Mode.ROLLING
     assert np.all(np.asarray(run.contact.slip)[rolling] == 0)
-    taken = np.diff(np.asarray(run.contact.rubbed), axis=1), np.diff(np.asarray(run.contact.struck), axis=1)
+    taken = np.diff(np.asarray(run.contact.friction_loss), axis=1), np.diff(np.asarray(run.contact.impact_loss), axis=1)
     assert all(np.all(part > -1e-8) for part in taken)
 
 

@@ -1,13 +1,14 @@
 """Feedback from sensors: with good sensors that of the state, with poor ones better than none."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxball
 from jaxball.control import Feedforward, closed_loop, tvlqr
-from jaxball.estimation import OutputFeedback
-from jaxball.sensors import Encoder, Gyroscope, Position, SensorErrors
+from jaxball.estimation import ErrorStateFilter, OutputFeedback
+from jaxball.sensors import Accelerometer, Encoder, Gyroscope, Position, SensorErrors
 from tests.control import robots
 
 H = 0.05
@@ -60,7 +61,52 @@ def test_a_robot_with_other_parameters_is_held(track):
     np.testing.assert_allclose(held.xi[-20:], exact.xi[-20:], rtol=0, atol=0.03)
 
 
-def test_a_late_sensor_is_refused(track):
-    late = {"camera": Position(errors=SensorErrors(noise=0.1, delay=H))}
-    with pytest.raises(ValueError, match=r"`sensors\['camera'\]\.errors\.delay` must be 0 for feedback"):
+def test_late_readings_are_taken_for_what_they_were(track):
+    """At each sample it knows what the filter of a log knows, of which nothing has been read since.
+
+    That filter is given the inputs that acted: limited, and two samples late. The regulator's inputs and both programs'
+    solves differ by their tolerances of 1e-10.
+    """
+    late = sensors(0.02) | {"camera": Position(errors=SensorErrors(noise=0.02, missing=0.2, delay=3 * H))}
+    loop = closed_loop(OutputFeedback.of(track, late, spread=SPREAD), START, limits=0.1, delay=2)
+    assert bool(loop.saturated.any())
+    read = loop.run.measured(late)
+    known = ErrorStateFilter.for_sampled(track.sampled, late)
+    for k in (1, 2, 40):
+        log = {name: values[: k + 1] for name, values in read.items()}
+        found = known(log, track.nominal.state(0), SPREAD, u=loop.u[:k])
+        last = jax.tree.map(lambda leaf: leaf[-1], found.state)
+        xi = track.nominal.state(k).difference(last)
+        np.testing.assert_allclose(loop.memory.xi[k], xi, rtol=0, atol=1e-7)
+        np.testing.assert_allclose(loop.memory.P[k], found.covariance[-1], rtol=0, atol=1e-8)
+    estimate = loop.history.estimate
+    np.testing.assert_array_equal(np.isnan(estimate.nis), np.arange(121) > 116)
+    degrees = np.asarray(estimate.read)[:117]
+    assert set(degrees) == {4, 7}
+
+
+def test_a_delay_between_samples_is_refused(track):
+    late = {"camera": Position(errors=SensorErrors(noise=0.1, delay=1.5 * H))}
+    with pytest.raises(ValueError, match=r"`sensors\['camera'\]\.errors\.delay` must be a whole number of samples"):
         OutputFeedback.of(track, late, spread=SPREAD)
+
+
+@pytest.mark.slow
+def test_the_derivative_of_the_cost_by_the_place_of_an_accelerometer(track):
+    """Against central differences, with steps of 1e-4 of a place of size 1: 1e-8 of the third derivative, and the
+    tolerance of solves over the step, 1e-6.
+    """
+    noise = SensorErrors(noise=0.02)
+
+    def cost(by):
+        place = jnp.array([0.3, 0.0, 0.4]) + by * jnp.array([1.0, 0.0, -0.5])
+        sensors = {"imu": Accelerometer(at=place, errors=noise), "joint": Encoder(JOINT, errors=noise)}
+        seeing = OutputFeedback.of(track, sensors, spread=SPREAD, process={"phidot": 0.1})
+        loop = closed_loop(seeing, START, samples=20)
+        return track.cost(loop.xi, loop.du)
+
+    slope = float(jaxball.jit(jax.jacfwd(cost))(jnp.array(0.0)))
+    compiled = jaxball.jit(cost)
+    expected = (float(compiled(jnp.array(1e-4))) - float(compiled(jnp.array(-1e-4)))) / 2e-4
+    assert abs(expected) > 1e-3
+    assert slope == pytest.approx(expected, rel=1e-3)

@@ -14,6 +14,7 @@ import pytest
 import jaxball
 from jaxball import BallState, CarriedMass, Disk, DiskState, Hinge, JointFriction, Mechanism, Slider, Spring
 from jaxball.chaos import lyapunov_spectrum
+from jaxball.cli import main
 from jaxball.design import DesignError
 from jaxball.design.control.rolling import Rolling
 from jaxball.ensemble import simulate_ensemble
@@ -257,3 +258,26 @@ def test_a_run_with_sticking_obeys_the_laws_of_mechanics():
     report = verify(robot(0.3, 0.45, stribeck=0.1), np.linspace(0.0, 6.0, 61), DiskState(theta=[1.0], thetadot=[0.0]))
     assert report.ok
     assert {row.law for row in report.rows if row.applies} >= {"energy", "momentum", "rolling", "error", "solvers"}
+
+
+@pytest.mark.thorough
+def test_the_command_line_and_figures_show_a_run_with_sticking(tmp_path, capsys):
+    """There is nothing to find between the saved times, where forces jump."""
+    (tmp_path / "stuck.toml").write_text("""
+        format = 1
+        kind = "ball"
+        body = { mass = 1.0, radius = 1.0, gravity = 1.0, inertia = [0.4, 0.4, 0.4] }
+        time = { start = 0.0, end = 1.0, saves = 6 }
+        initial = { Omega = [0.0, 1.0, 0.0] }
+        [[mechanisms]]
+        masses = [{ mass = 0.2, place = [0.0, 0.0, -0.5], joint = 0 }]
+        [[mechanisms.joints]]
+        kind = "hinge"
+        axis = [0.0, 1.0, 0.0]
+        force = { kind = "joint-friction", kinetic = 0.05, static = 0.06 }
+    """)
+    assert main(["simulate", f"{tmp_path / 'stuck.toml'}", "--out", f"{tmp_path / 'run.npz'}", "--no-cache"]) == 0
+    assert "t = 0.6190884338: mechanisms[0].joints[0] breaks loose" in capsys.readouterr().out
+    run = jaxball.load_scenario(tmp_path / "stuck.toml").simulate(dense=True)
+    assert jaxball.plot.contact_force(run).get_ylabel() == "contact force"
+    assert jaxball.plot.friction_ratio(run).lines

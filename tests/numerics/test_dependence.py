@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import pytest
 from jax import lax
 
-from jaxball.numerics.dependence import evaluated, lasting, varying
+from jaxball.numerics.dependence import evaluated, varying, varying_in_loop
 
 
 def shifted(x, y, z):
@@ -36,8 +36,8 @@ def test_what_varies_with_the_first_argument(function, expected):
 
 def test_what_varies_after_any_number_of_turns():
     program = jax.make_jaxpr(lambda x, y, z: (x, x, y))(1.0, 2.0, 3.0)
-    assert lasting(program, [], [True, False, False]) == [True, True, True]
-    assert lasting(program, [], [False, False, True]) == [False, False, True]
+    assert varying_in_loop(program, [], [True, False, False]) == [True, True, True]
+    assert varying_in_loop(program, [], [False, False, True]) == [False, False, True]
 
 
 def test_only_what_is_needed_is_computed_and_some_of_it_is_known():

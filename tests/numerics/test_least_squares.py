@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxball.numerics.least_squares import least_squares
+from jaxball.numerics.linear import least_squares
 
 
 @pytest.mark.parametrize(("rows", "n", "decades"), [(5, 1, 0.0), (9, 9, 2.0), (19, 9, 6.0)])

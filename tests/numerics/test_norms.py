@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.numerics.norms import length, norm, room, root
+from jaxball.numerics.vectors import length, norm, room, root
 
 
 def test_derivatives_where_a_vector_vanishes():

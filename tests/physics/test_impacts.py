@@ -193,7 +193,7 @@ def test_derivatives_are_numbers_where_nothing_slips_before():
 
 
 @jax.jit
-def struck(ball, t, state, mu, restitution):
+def impact_loss(ball, t, state, mu, restitution):
     """The impact, and the kinetic energy before and after."""
     found = response(ball, t, state)
     done = impact(ball, t, state, found, mu, restitution)
@@ -217,7 +217,7 @@ def test_impulses_change_velocities_by_newton_and_eulers_laws(seed):
         moment = dataclasses.replace(moment, V=robots.centre_velocity(robot, setting, moment) + slip)
         state = ReleasedState(state_of(moment), jnp.asarray(moment.V), jnp.zeros(()))
         ball = ball_of(robot, setting, moment).prepare()
-        done, after, *_ = struck(ball, jnp.zeros(()), state, jnp.asarray(0.4), jnp.asarray(0.6))
+        done, after, *_ = impact_loss(ball, jnp.zeros(()), state, jnp.asarray(0.4), jnp.asarray(0.6))
         I = np.asarray(done.collision.impulse)
         pushed, free = (newton_euler.solve(robot, setting, moment, Pushed(F)) for F in (I, 0 * I))
         changed = jax.tree.map(lambda x, y: np.asarray(x - y), done.state, state)
@@ -244,7 +244,7 @@ def test_the_energy_that_an_impact_takes():
         body = jaxball.BallState(q / np.linalg.norm(q), rng.normal(size=3), (0.3, 0.2), [0.3, -0.4], rng.normal(size=2))
         V = jnp.asarray(np.append(rng.normal(size=2), -1.0))
         case = (ReleasedState(body, V, jnp.zeros(())), jnp.asarray(0.3), jnp.asarray(0.8))
-        done, _, before, after = struck(ball, jnp.zeros(()), *case)
+        done, _, before, after = impact_loss(ball, jnp.zeros(()), *case)
         assert done.work < 0
         np.testing.assert_allclose(after - before, done.work, atol=1e-13)
 

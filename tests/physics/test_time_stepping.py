@@ -264,9 +264,9 @@ def test_slow_impacts_have_no_rebound(process):
     """From a height of 1/2 it comes down at 1, is back at 0.7, and stays."""
     system = homogeneous(restitution=0.7, rest_speed=0.8, process=process)
     run = simulate(system, upright(ORIGIN, height=0.5), 3.0, 2000)
-    assert run.struck.sum() == 2
+    assert run.impact_loss.sum() == 2
     assert run.changes() == [Mode.FLIGHT, Mode.ROLL]
-    np.testing.assert_allclose(run.times[1:][run.struck], [1.0, 2.4], atol=3 * run.times[1])
+    np.testing.assert_allclose(run.times[1:][run.impact_loss], [1.0, 2.4], atol=3 * run.times[1])
 
 
 @pytest.mark.parametrize("process", [True, False])

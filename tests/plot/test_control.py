@@ -1,11 +1,15 @@
 """Figures of feedback: what they hold, against the arrays of what they show."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 import jaxball
 from jaxball import plot
 from jaxball.control import Feedforward, basin, closed_loop, tvlqr
+from jaxball.estimation.estimate import Followed, LoopEstimate
 from tests.control import robots
 
 
@@ -55,3 +59,21 @@ def test_a_map_shows_which_starts_come_back(track):
     apart = basin(track, np.zeros((2, 5)))
     with pytest.raises(ValueError, match="must be a dictionary of two directions"):
         plot.basin_map(apart)
+
+
+def test_an_estimate_shows_normalised_squares_with_their_bounds():
+    """Of one error that is four standard deviations large, and of innovations of two readings or of none."""
+    count = 3
+    states, truth = (jax.vmap(lambda z: jaxball.DiskState(z=z))(jnp.array([0.0, z, 0.0])) for z in (0.0, 2.0))
+    P = jnp.zeros((count, 3, 3)).at[:, 2, 2].set(0.25)
+    nis = jnp.array([1.0, jnp.nan, 9.0])
+    followed = Followed(states, jnp.zeros((count, 0)), P, nis, jnp.array([2, 0, 2]))
+    found = LoopEstimate(jnp.arange(3.0), ("phi", "phidot", "z"), (), followed)
+    of_errors, of_innovations = plot.estimate(found, truth).axes[-2:]
+    for ax, squares, degrees in ((of_errors, [0.0, 16.0, 0.0], 1), (of_innovations, nis, 2)):
+        shown, low, high = (line.get_ydata() for line in ax.lines[:3])
+        np.testing.assert_allclose(shown, squares, rtol=1e-12)
+        expected = chi2.ppf([[0.025], [0.975]], degrees) * np.ones(count)
+        expected[:, ~np.isfinite(squares)] = np.nan
+        np.testing.assert_allclose([low, high], expected, rtol=1e-12)
+    assert len(plot.estimate(found).axes) == 4  # without the truth there are no errors to normalise

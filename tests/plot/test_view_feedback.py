@@ -65,6 +65,26 @@ def test_the_half_axes_are_those_of_the_ellipse_of_95_percent():
     np.testing.assert_allclose(half_axes(np.array([[[0.25]]]))[0], [[0.5 * 1.959963984540054, 0, 0], [0, 0, 0]])
 
 
+def test_graphs_show_deviations_and_innovations_with_their_bounds(run):
+    """Deviations are those of the history. Bounds are the quantiles of as many squared normal numbers as are read."""
+    estimate = dataclasses.replace(
+        run.history.estimate,
+        followed=run.history.estimate.followed._replace(read=jnp.arange(len(run.times)) % 3),
+    )
+    document = dataclasses.replace(run, history=dataclasses.replace(run.history, estimate=estimate)).view().document
+    titles = [one["title"] for one in document["plots"]]
+    assert titles[-2 - len(run.system.mechanisms) - 1 :][:2] == ["Deviation", "Innovation, 95 %"]
+    deviation = next(one for one in document["plots"] if one["title"] == "Deviation")
+    assert [line["name"] for line in deviation["series"]] == ["|δφ|", "|δΩ|", "|δz|"]
+    assert deviation["series"][2]["columns"] == [6, 7]
+    shown = np.linalg.norm(arrays(document, "deviation")[:, 6:], axis=1)
+    np.testing.assert_allclose(shown, 0.3, rtol=1e-6)  # of float32
+    upper, lower = arrays(document, "innovation")[:, 1:].T
+    assert np.isnan(upper[0])
+    expected = [chi2.ppf(p, [1, 2]) for p in (0.975, 0.025)]
+    np.testing.assert_allclose([upper[1:3], lower[1:3]], expected, rtol=1e-6)
+
+
 def test_other_runs_have_neither(ball_trajectory):
     assert "nominal_centre" not in ball_trajectory.view().document["bodies"][0]["arrays"]
 

@@ -38,7 +38,7 @@ def test_counterparts_have_the_order_of_the_method(name):
 
 @pytest.mark.parametrize("name", DAE)
 def test_counterparts_for_the_dae_solve_it(name):
-    require_dae(BallState(), DAE[name].solver)
+    require_dae(paper.ball(), BallState(), DAE[name].solver)
     order = DAE[name].solver.order(ODETerm(lambda t, y, args: -y))
     assert order == ORDERS[name]
     assert DAE[name] == ODE[name]

@@ -19,6 +19,7 @@ from jaxball import (
     save,
     simulate,
 )
+from jaxball.simulation.variables import HISTORY
 
 LAW = Contact(sliding=0.3, static=0.35, restitution=0.4, slowest=0.05, room=8)
 
@@ -65,12 +66,20 @@ def test_a_data_set_says_what_its_numbers_stand_for(disk, tmp_path):
         assert data["switch_before_V"].dims == ("switch", "axis")
         assert data["switch_after_z"].dims == data["switch_after_phi"].dims == ("switch",)
         np.testing.assert_array_equal(data["switch_times"], switches.times[:count])
-        np.testing.assert_array_equal(data["struck"], history.struck)
+        np.testing.assert_array_equal(data["impact_loss"], history.impact_loss)
         # What the impacts took is what all of them together have taken at the end.
-        np.testing.assert_allclose(data["switch_lost"].sum(), history.struck[-1], rtol=1e-12)
+        np.testing.assert_allclose(data["switch_lost"].sum(), history.impact_loss[-1], rtol=1e-12)
         law = {name: data.attrs[f"contact_{name}"] for name in ("sliding", "static", "restitution", "slowest", "room")}
         assert law == {"sliding": 0.3, "static": 0.35, "restitution": 0.4, "slowest": 0.05, "room": 8}
         assert data.attrs["contact_switches"] == count
+
+
+def test_every_quantity_of_a_history_is_described(disk):
+    """And nothing else is; a run without modes has none."""
+    assert disk.history.over_time.keys() == HISTORY.keys()
+    assert disk.history.coefficients == {"static": 0.35, "sliding": 0.3}
+    rolling = simulate(disk.system, [0.0, 1.0], DiskState(phidot=-1.0)).history
+    assert (rolling.over_time, rolling.coefficients) == ({}, {})
 
 
 def test_a_table_has_the_modes(disk, tmp_path):
@@ -109,3 +118,15 @@ def test_a_run_without_a_law_has_no_contact(tmp_path):
     run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0], DiskState(phidot=-1.0), rtol=1e-6, atol=1e-6)
     assert load_run(run.save(tmp_path / "run.npz")).contact is None
     assert "mode" not in run.to_dataset()
+
+
+def test_a_file_with_names_of_an_earlier_version_is_read_with_a_warning(disk, tmp_path):
+    older = {"rejected": "rejected_steps", "friction_loss": "rubbed", "impact_loss": "struck"}
+    with np.load(disk.save(tmp_path / "run.npz")) as saved:
+        np.savez(tmp_path / "older.npz", **{older.get(name, name): saved[name] for name in saved.files})
+    with pytest.warns(FutureWarning, match="has names of an earlier version of jaxball; load it and save it again"):
+        run = load_run(tmp_path / "older.npz")
+    assert_same(run, disk)
+    assert run.rejected == disk.rejected
+    np.testing.assert_array_equal(run.contact.rubbed, disk.contact.friction_loss)
+    np.testing.assert_array_equal(run.contact.struck, disk.contact.impact_loss)

@@ -9,6 +9,7 @@ import pytest
 
 import jaxball
 from jaxball import BallState, Contact, DiskState, ReleasedState
+from jaxball.physics.contact.body_on_plane import BodyOnPlane
 from jaxball.scenario import Scenario, ScenarioError, read_scenario, write_scenario
 from jaxball.scenario.files import Structure
 
@@ -48,6 +49,14 @@ def test_a_start_is_read_and_written(lines, law, state):
     scenario = read_scenario(with_contact(*lines))
     assert same_objects(scenario, Scenario("", SOLID_BALL, state, np.linspace(0.0, 2.0, 5), contact=law))
     assert same_objects(scenario, read_scenario(write_scenario(scenario)))
+
+
+def test_a_scenario_says_which_system_is_solved():
+    rolling, sliding = read_scenario(with_contact()), read_scenario(with_contact(LAW))
+    assert rolling.system_to_solve is rolling.system
+    assert isinstance(sliding.system_to_solve, BodyOnPlane)
+    assert (rolling.may_slip, sliding.may_slip) == (False, True)
+    assert (rolling.friction_or(0.7), sliding.friction_or(0.7)) == (0.7, 0.2)
 
 
 def test_a_disk_moves_in_its_plane():
@@ -101,7 +110,8 @@ SENTENCES = {
     ),
     "differential-algebraic": (
         [LAW, 'solve = { dae = true, solver = "radau5" }'],
-        "Key `solve.dae` must be false with `contact`, whose modes are differential equations, but it is true.",
+        "Key `solve.dae` must be false for a body with a law of contact, whose modes are differential equations, but "
+        "it is true.",
     ),
 }
 
@@ -121,6 +131,19 @@ def test_a_disk_does_not_leave_its_plane():
 def test_a_classical_system_has_no_contact():
     with pytest.raises(ScenarioError, match=r"^Key `contact` is not known"):
         read_scenario(f'format = 1\nkind = "nonholonomic-particle"\n{LAW}\n{TIMES}')
+
+
+def test_joints_that_stick_have_no_law_of_contact_beside_them():
+    text = """
+        [[mechanisms]]
+        masses = [{ mass = 0.2, place = [0.0, 0.0, -0.5], joint = 0 }]
+        [[mechanisms.joints]]
+        kind = "hinge"
+        axis = [0.0, 1.0, 0.0]
+        force = { kind = "joint-friction", kinetic = 0.2 }
+    """
+    with pytest.raises(ScenarioError, match=r"^Key `contact` must be left out where joints stick, .* `smoothing`\.$"):
+        read_scenario(with_contact(LAW) + text)
 
 
 def test_traced_numbers_make_the_law_and_the_start():

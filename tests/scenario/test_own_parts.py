@@ -15,6 +15,7 @@ import pytest
 
 import jaxball
 from jaxball import Ball, BallState, Contact, ReleasedState, ScenarioError, read_scenario, write_scenario
+from jaxball.design import read_problem
 from jaxball.physics.contact.released import released_energy
 from jaxball.sweep import read_study
 from tests.support.documents import make_module, modules_of
@@ -76,7 +77,7 @@ def text_of(name):
 
 
 def test_the_page_has_a_file_for_each_contract_of_twenty_to_forty_lines():
-    assert {*PARTS, "width"} == set(MODULES)
+    assert {*PARTS, "width", "level", "slow"} == set(MODULES)
     assert all(text.count("\n") <= 40 for text in MODULES.values())
 
 
@@ -130,6 +131,18 @@ def test_a_reduction_of_a_study_and_numbers_of_own_classes_swept():
     np.testing.assert_allclose(many.reductions["width"], expected, rtol=0, atol=1e-10)
 
 
+def test_an_objective_and_a_constraint_of_a_problem_file():
+    """Those of the files, with their keys as fields."""
+    found = read_problem(
+        'format = 1\nscenario = "disk"\nvariables = [{ path = "body.mass", lower = 0.5, upper = 2.0 }]\n'
+        'objectives = [{ kind = "go-far" }, { kind = "level:Level", height = -0.2, weight = 10.0 }]\n'
+        'constraints = [{ kind = "slow:Slow", most = 1.5 }]'
+    )
+    level, slow = found.problem.objectives["Level"], found.problem.constraints["Slow"]
+    assert (type(level).__module__, type(slow).__module__) == ("level", "slow")
+    assert (float(level.height), float(level.weight), float(slow.most)) == (-0.2, 10.0, 1.5)
+
+
 @pytest.mark.parametrize(
     "contact", [None, pytest.param(Contact(0.4), marks=pytest.mark.thorough)], ids=["rolling", "sliding"]
 )
@@ -170,7 +183,7 @@ def test_a_cable_exchanges_energy_with_the_body_as_its_potential():
     centre = np.column_stack([run.state.z, run.contact.height])
     distance = np.linalg.norm(anchor - centre - np.asarray(run.state.Lambda) @ point, axis=1)
     stretched = np.maximum(distance - L, 0.0)
-    total = np.asarray(energy) + 0.5 * k * stretched**2 + run.contact.rubbed + run.contact.struck
+    total = np.asarray(energy) + 0.5 * k * stretched**2 + run.contact.friction_loss + run.contact.impact_loss
     assert int(run.contact.switches.count) >= 2
     assert np.ptp(0.5 * k * stretched**2) > 0.1
     np.testing.assert_allclose(total, total[0], rtol=0, atol=1e-9)

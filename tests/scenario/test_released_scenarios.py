@@ -18,7 +18,8 @@ def test_the_hoop_comes_back():
     np.testing.assert_allclose(switches.times[: int(switches.count)], [5.0], rtol=1e-9)
     slides = np.minimum(times, 5.0)
     np.testing.assert_allclose(trajectory.state.z, slides - 0.2 * slides**2 - (times - slides), atol=1e-8)
-    np.testing.assert_allclose(trajectory.contact.rubbed[-1], 0.5 * 4**2 / 2, atol=1e-8)  # of the reduced mass m / 2
+    loss = trajectory.contact.friction_loss[-1]
+    np.testing.assert_allclose(loss, 0.5 * 4**2 / 2, atol=1e-8)  # of the reduced mass m / 2
 
 
 @pytest.mark.slow
@@ -47,7 +48,7 @@ def test_the_ball_bounces_as_long_as_zeno_lets_it():
     last = int(switches.count) - 1
     np.testing.assert_allclose(switches.times[last], fall * (1 + e) / (1 - e), atol=1e-5)
     assert int(switches.target[last]) == Mode.ROLLING
-    np.testing.assert_allclose(trajectory.contact.struck[-1], 4.2 - 0.7 * (8 / 7) ** 2, atol=1e-5)
+    np.testing.assert_allclose(trajectory.contact.impact_loss[-1], 4.2 - 0.7 * (8 / 7) ** 2, atol=1e-5)
 
 
 @pytest.mark.slow

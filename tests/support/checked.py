@@ -1,10 +1,22 @@
-"""Where shapes and types are checked at run time."""
+"""Where shapes and types are checked at run time, and how often."""
 
+import dataclasses
+import functools
 import importlib.util
+import inspect
+import itertools
 import pkgutil
+from collections.abc import Callable
+from typing import Any
+
+import jaxtyping
 
 # Its functions are called a hundred thousand times for a program, and take no arrays whose shapes could be wrong.
 UNCHECKED = "native"
+
+# The checks of a call take longer than many a function; of all calls, they would take a quarter of the tests' time.
+FIRST_CALLS = 30
+LATER = 30  # of the later calls, every so many are checked
 
 
 def modules() -> list[str]:
@@ -14,3 +26,36 @@ def modules() -> list[str]:
     assert package.submodule_search_locations
     inside = pkgutil.iter_modules(list(package.submodule_search_locations))
     return [f"jaxball.{module.name}" for module in inside if module.name != UNCHECKED]
+
+
+def install() -> None:
+    """Checks what is imported from now on: of each function, in each process, the first calls and some of the later."""
+    jaxtyping.jaxtyped = _sparing(jaxtyping.jaxtyped)
+    jaxtyping.install_import_hook(modules(), "beartype.beartype")
+
+
+def _sparing(checked: Callable[..., Any]) -> Callable[..., Any]:
+    """The decorator that the import hook applies, with fewer checks."""
+
+    def decorator(of: Any = None, **options: Any) -> Any:
+        if of is None:
+            return functools.partial(decorator, **options)
+        if inspect.isclass(of):
+            if dataclasses.is_dataclass(of) and not hasattr(of.__init__, "__wrapped__"):  # of a parent, it is checked
+                of.__init__ = decorator(of.__init__, **options)
+            return of
+        if not inspect.isfunction(of):
+            return checked(of, **options)
+        every_call = functools.cache(lambda: checked(of, **options))  # made when called first: most functions never are
+        calls = itertools.count()
+
+        @functools.wraps(of)
+        def function(*args: Any, **kwargs: Any) -> Any:
+            call = next(calls)
+            if call < FIRST_CALLS or call % LATER == 0:
+                return every_call()(*args, **kwargs)
+            return of(*args, **kwargs)
+
+        return function
+
+    return decorator

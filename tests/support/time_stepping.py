@@ -152,7 +152,7 @@ class Run:
     theta: np.ndarray  # (N + 1, k)
     thetadot: np.ndarray  # (N + 1, k)
     mode: np.ndarray  # (N,): a Mode each
-    struck: np.ndarray  # (N,): whether there was an impact
+    impact_loss: np.ndarray  # (N,): whether there was an impact
     impulse: np.ndarray  # (N, 3): of the plane, in space; without impact, about h times its force
     work: np.ndarray  # (N,): that of the impulse, times the mean of the slip velocities before and after
 
@@ -194,7 +194,7 @@ def simulate(system, state, duration, steps):
         theta=np.array(angles).reshape(steps + 1, free),
         thetadot=rates[:, 6:],
         mode=np.array([contact.mode for contact in contacts]),
-        struck=np.array([contact.struck for contact in contacts]),
+        impact_loss=np.array([contact.impact_loss for contact in contacts]),
         impulse=np.array([contact.impulse for contact in contacts]),
         work=np.array([contact.work for contact in contacts]),
     )
@@ -222,7 +222,7 @@ class _Contact:
     """What the contact did in a step."""
 
     def __init__(self):
-        self.mode, self.struck, self.impulse, self.work = Mode.FLIGHT, False, np.zeros(3), 0.0
+        self.mode, self.impact_loss, self.impulse, self.work = Mode.FLIGHT, False, np.zeros(3), 0.0
 
     def push(self, impulse, before, after):
         """An impulse between two slip velocities."""
@@ -235,8 +235,8 @@ def _step(inside, t, q, u, h):
     q, contact = _moved(q, u, 0.5 * h), _Contact()
     body, height, speed = inside.at(t + 0.5 * h, q), q[1][2], -u[5]
     touches = bool(height <= TOUCHING)
-    contact.struck = touches and bool(speed > SLOW * h * abs(body.acceleration(u)[5]))
-    if not contact.struck:
+    contact.impact_loss = touches and bool(speed > SLOW * h * abs(body.acceleration(u)[5]))
+    if not contact.impact_loss:
         u = _pushed(body, u, h, contact, touches)
         return _moved(q, u, 0.5 * h), u, contact
     late = min(-height / speed, h)  # the middle of the step, for the impact

@@ -40,7 +40,7 @@ def test_rows_slide_as_far_as_their_friction_says(tmp_path):
     np.testing.assert_array_equal(data["switches"], stops)
     np.testing.assert_allclose(data["first_switch"], np.where(stops, V / (3 * mu), np.nan), rtol=1e-9)
     np.testing.assert_array_equal(data["modes"], np.where(stops, 1 + 2, 2))
-    np.testing.assert_allclose(data["rubbed"][stops], V[stops] ** 2 / 6, rtol=1e-8)
+    np.testing.assert_allclose(data["friction_loss"][stops], V[stops] ** 2 / 6, rtol=1e-8)
     (scenario,) = row_scenarios(tmp_path / "s.zarr", [1])
     assert [float(scenario.contact.static), float(scenario.state.V[0])] == [0.1, 1.0]
 

@@ -72,17 +72,17 @@ def select_problems(known: Mapping[str, Problem], names: Sequence[str]) -> list[
     return [problem for key, problem in known.items() if not names or key in chosen]
 
 
-def select_contenders(names: Sequence[str], known: Mapping[str, Contender] = ALL) -> list[Contender]:
-    """The contenders with these ``names``, in the order of ``known``; all if there are no names.
+def select_contenders(names: Sequence[str]) -> list[Contender]:
+    """The contenders with these ``names``, in the order of the list of them; all if there are no names.
 
     A name may also consist of whole words of one, or be the package: "RadauIIA" selects all of its stage numbers, and
     "SciPy" all of SciPy.
 
     **Raises:** :class:`SelectionError` for a name that no contender has.
     """
-    labels = {key: (key, contender.family.name) for key, contender in known.items()}
+    labels = {key: (key, contender.family.name) for key, contender in ALL.items()}
     chosen = {key for name in names for key in _matching("solvers", name, labels)}
-    return [contender for key, contender in known.items() if not names or key in chosen]
+    return [contender for key, contender in ALL.items() if not names or key in chosen]
 
 
 def _matching(argument: str, name: str, labels: Mapping[str, tuple[str, ...]]) -> list[str]:

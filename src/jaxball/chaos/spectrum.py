@@ -13,13 +13,22 @@ from ..interface.arguments import refusal, require_callable, traceable
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.arrays import Numbers, numbers, to_array, to_numpy
-from ..numerics.tangent import Field, Normal, generic_vectors, orthonormalised, without_normal
 from ..physics.packing import Packing
 from ..physics.phase_space import dimension, normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import possible_start
 from ..simulation.arguments import DEFAULT_TOLERANCE, checked_solver, checked_steps, checked_tolerances
-from ..simulation.deviations import FIRST_STEP, Flow, Steps, advanced
+from ..simulation.deviations import (
+    FIRST_STEP,
+    Field,
+    Flow,
+    Normal,
+    Steps,
+    advanced,
+    generic_vectors,
+    orthonormalised,
+    without_normal,
+)
 from ..simulation.simulate import at_rest
 from .result import LyapunovSpectrum
 

@@ -6,10 +6,6 @@ an :class:`AbstractClassicalState`. No integrator, no figures and no files are i
 
 from ..interface.names import interface as _interface
 from .axis import AbstractAxis as AbstractAxis, FunctionAxis as FunctionAxis, HarmonicAxis as HarmonicAxis
-from .base import (
-    AbstractClassicalState as AbstractClassicalState,
-    AbstractClassicalSystem as AbstractClassicalSystem,
-)
 from .ellipsoid import (
     EllipsoidLaws as EllipsoidLaws,
     EllipsoidState as EllipsoidState,
@@ -24,6 +20,8 @@ from .particle import (
 )
 from .rigid_body import FreeBodyLaws as FreeBodyLaws, FreeRigidBody as FreeRigidBody
 from .state import (
+    AbstractClassicalState as AbstractClassicalState,
+    AbstractClassicalSystem as AbstractClassicalSystem,
     ParticleState as ParticleState,
     RigidBodyState as RigidBodyState,
     VakonomicState as VakonomicState,

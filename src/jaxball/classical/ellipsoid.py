@@ -13,9 +13,8 @@ from ..numerics.vectors import apply, cross, dot, inverse, outer
 from ..numerics.versor import derivative
 from ..physics.conditions import Condition, positive, positive_inertia, real_inertia
 from ..physics.resistance import AbstractResistance
-from .base import AbstractClassicalSystem
 from .rigid_body import principal_moments, versor_squared
-from .state import OrientedState
+from .state import AbstractClassicalSystem, OrientedState
 
 
 class EllipsoidState(OrientedState):

@@ -9,9 +9,8 @@ from jaxtyping import Array, Float
 from ..numerics.arrays import Numbers, numbers
 from ..numerics.vectors import cross, dot
 from ..physics.conditions import Condition, positive, positive_inertia, real_inertia
-from .base import AbstractClassicalSystem
 from .rigid_body import gyroscopic_torque, kinetic_energy, principal_moments, turned, versor_squared
-from .state import RigidBodyState
+from .state import AbstractClassicalSystem, RigidBodyState
 
 
 class HeavyTopLaws(NamedTuple):

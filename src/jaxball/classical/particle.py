@@ -13,8 +13,7 @@ from jaxtyping import Array, Float
 
 from ..numerics.arrays import Numbers, numbers
 from ..physics.conditions import Condition, positive
-from .base import AbstractClassicalSystem
-from .state import ParticleState, VakonomicState
+from .state import AbstractClassicalSystem, ParticleState, VakonomicState
 
 
 class ParticleLaws(NamedTuple):

@@ -9,8 +9,7 @@ from ..numerics.arrays import Numbers, numbers
 from ..numerics.vectors import apply, cross, dot
 from ..numerics.versor import derivative
 from ..physics.conditions import Condition, positive_inertia, real_inertia
-from .base import AbstractClassicalSystem
-from .state import OrientedState, RigidBodyState
+from .state import AbstractClassicalSystem, OrientedState, RigidBodyState
 
 
 class FreeBodyLaws(NamedTuple):

@@ -1,11 +1,29 @@
-"""The states of the classical systems."""
+"""The states of the classical systems, and the laws that these have in common, quantities conserved along motions."""
+
+import abc
+from typing import Any
 
 import equinox as eqx
 from jaxtyping import Array, Float
 
 from ..numerics.arrays import Numbers, numbers, to_array
 from ..numerics.versor import rotation_matrix, vertical_in_body
-from .base import AbstractClassicalState
+from ..physics.system import AbstractState, AbstractSystem, AnyState
+
+
+class AbstractClassicalState(AbstractState):
+    """The state that a solve of a classical system advances: arrays, at rest by default."""
+
+
+class AbstractClassicalSystem(AbstractSystem[AnyState]):
+    """Parameters of a classical system, with its equations of motion and the laws that these imply.
+
+    It fulfils the contract of :class:`~jaxball.AbstractSystem`, of which it implements ``field`` and ``laws``.
+    """
+
+    @abc.abstractmethod
+    def laws(self, t: Float[Array, ""], state: AnyState) -> Any:
+        """A named tuple of quantities that are conserved along every motion, or when its entries say so."""
 
 
 class OrientedState(AbstractClassicalState):

@@ -10,9 +10,8 @@ from ..numerics.arrays import Numbers
 from ..numerics.vectors import apply, dot
 from ..physics.conditions import Condition, positive_inertia, real_inertia
 from .axis import AbstractAxis, HarmonicAxis
-from .base import AbstractClassicalSystem
 from .rigid_body import gyroscopic_torque, kinetic_energy, principal_moments, turned, versor_squared
-from .state import RigidBodyState
+from .state import AbstractClassicalSystem, RigidBodyState
 
 ALLOWED = 1e-6  # how far the sine of the angle between Ω and the constraint's plane may be from 0
 

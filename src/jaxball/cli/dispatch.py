@@ -8,9 +8,8 @@ import sys
 from collections.abc import Sequence
 
 from .. import __version__
-from ..interface.errors import UserError
 from ..interface.interruption import INTERRUPTED, STOPPED
-from ..interface.wording import did_you_mean
+from ..interface.wording import UserError, did_you_mean
 from .options import BAD_INPUT, BROKEN_PIPE, add_no_cache, sentence
 
 # Only the command that runs is imported.

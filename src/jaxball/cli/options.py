@@ -9,8 +9,8 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 
 from ..interface.activity import Line, activity
-from ..interface.errors import UserError
 from ..interface.output import OutputError, check_destination, check_folder
+from ..interface.wording import UserError
 
 BAD_INPUT = 2
 FAILED_SOLVE = 3

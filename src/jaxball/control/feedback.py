@@ -13,8 +13,8 @@ from .sampled import PlacedState, SampledSystem
 class AbstractFeedback(Printed):
     """What adds to the inputs of a nominal motion, at each sample, by the state measured there.
 
-    A kind of feedback implements ``__call__``, and ``begin`` if it remembers something from sample to sample. Both are
-    traced, for one state.
+    A kind of feedback implements ``__call__``, and ``begin`` if it remembers something from sample to sample, and
+    ``applied`` if that depends on the inputs which act in the end. All are traced, for one state.
 
     - ``sampled``: the robot that it is designed for.
     - ``nominal``: the motion that it holds.
@@ -30,6 +30,10 @@ class AbstractFeedback(Printed):
     @abc.abstractmethod
     def __call__(self, k: Int[Array, ""], state: PlacedState, memory: Any) -> tuple[Float[Array, " m"], Any]:
         """δu of sample ``k`` at ``state``, before limits, and what it remembers of it."""
+
+    def applied(self, k: Int[Array, ""], u: Float[Array, " m"], memory: Any) -> Any:
+        """What it remembers of sample ``k`` once it is known which inputs act, after delay and limits."""
+        return memory
 
     def estimated(self, times: Float[Array, " T"], memory: Any) -> Any:
         """What it has estimated at the samples of a run and its end, by what it remembers then; None if nothing."""

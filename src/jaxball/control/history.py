@@ -1,6 +1,6 @@
 """What a run under feedback records besides its states: the motion that it holds, the inputs, and estimates."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -20,6 +20,8 @@ class FeedbackHistory(AbstractHistory):
     - ``estimate``: the :class:`~jaxball.estimation.LoopEstimate` of a feedback from sensors; else None.
     - ``inputs``: the names of the inputs.
     """
+
+    described: ClassVar[str] = "feedback, between whose samples it is not known"
 
     switches: Switches
     nominal: PlacedState

@@ -4,11 +4,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..interface.arguments import refusal
 from ..interface.wording import did_you_mean
-from ..numerics.arrays import default_dtype
+from ..numerics.arrays import default_dtype, is_traced
 from ..physics.body import Ball, Disk, PointMass, System
 from ..physics.feedback import AbstractLaw, FollowSchedules
 from ..physics.mechanisms import AbstractJointForce, AbstractMechanism, Accelerated, Drive, JointForces, Motor
@@ -84,9 +85,12 @@ def places_of(system: System, names: Sequence[str] | None) -> tuple[Place, ...]:
 def with_inputs(system: System, places: Sequence[Place]) -> System:
     """The system with θ and θ̇ of every input in its state, and every input 0.
 
-    What a schedule, a law or a :class:`~jaxball.Motor` did is gone; other forces on the joints stay.
+    What a schedule, a law or a :class:`~jaxball.Motor` did is gone, but for the limits of motors; other forces on the
+    joints stay.
     """
-    return held(_freed(system, places), places, jnp.zeros(len(places)))
+    motors = {place.name: motor_of(system, place) for place in places}
+    limits = {name: motor.limit for name, motor in motors.items() if motor is not None}
+    return _held(_freed(system, places), places, jnp.zeros(len(places)), limits)
 
 
 def _freed(system: System, places: Sequence[Place]) -> System:
@@ -106,33 +110,49 @@ def _freed(system: System, places: Sequence[Place]) -> System:
 
 
 def held(system: System, places: Sequence[Place], u: Float[Array, " m"]) -> System:
-    """A system that :func:`with_inputs` made, with given inputs; traceable."""
+    """A system that :func:`with_inputs` made, with given inputs, which no motor limits any more; traceable."""
+    return _held(system, places, u, {})
+
+
+def _held(system: System, places: Sequence[Place], u: Float[Array, " m"], limits: Mapping[str, Array | None]) -> System:
     values = {place.name: u[k] for k, place in enumerate(places)}
     names = [system.coordinates[slot] for slot in system.accelerated]
     law = GivenAccelerations(jnp.stack([values[name] for name in names])) if names else None
-    return _moved(system, places, values, law)
+    return _moved(system, places, values, limits, law)
 
 
-def _moved(system: System, places: Sequence[Place], signals: Mapping[str, Any], law: AbstractLaw | None) -> System:
-    """The system with motors that follow ``signals``, by the names of inputs, and another law."""
+def _moved(
+    system: System,
+    places: Sequence[Place],
+    signals: Mapping[str, Any],
+    limits: Mapping[str, Array | None],
+    law: AbstractLaw | None,
+) -> System:
+    """The system with motors that follow ``signals`` within ``limits``, by the names of inputs, and another law."""
     mechanisms = list(system.mechanisms)
     for place in places:
         if place.mechanism is not None and place.is_effort:
-            mechanism, motor = mechanisms[place.mechanism], Motor(signals[place.name])
+            mechanism, motor = mechanisms[place.mechanism], Motor(signals[place.name], limits.get(place.name))
             kept = kept_drive(mechanism.drives[place.number])
             mechanisms[place.mechanism] = _driven(mechanism, place.number, motor if kept is None else kept + motor)
     return type(system)(**{**system.arguments, "mechanisms": mechanisms, "law": law})
 
 
 def recorded(
-    system: System, places: Sequence[Place], times: Float[Array, " samples_and_end"], u: Float[Array, "samples m"]
+    system: System,
+    places: Sequence[Place],
+    limits: Float[Array, " m"],
+    times: Float[Array, " samples_and_end"],
+    u: Float[Array, "samples m"],
 ) -> System:
-    """The same with inputs that follow ``u``, each row from one of ``times`` to the next."""
+    """The same with inputs that follow ``u``, each row from one of ``times`` to the next, by motors with ``limits``."""
     values = {place.name: u[:, k] for k, place in enumerate(places)}
     zero, names = jnp.zeros_like(times[0]), [system.coordinates[slot] for slot in system.accelerated]
     schedules = [PiecewiseAcceleration(zero, times, values[name][:, None], zero) for name in names]
     law = FollowSchedules(tuple(schedules)) if schedules else None
-    return _moved(system, places, {name: PiecewiseSignal(times, row) for name, row in values.items()}, law)
+    signals = {name: PiecewiseSignal(times, row) for name, row in values.items()}
+    limited = {place.name: limits[k] for k, place in enumerate(places) if is_traced(limits) or np.isfinite(limits[k])}
+    return _moved(system, places, signals, limited, law)
 
 
 def limits_of(system: System, places: Sequence[Place]) -> Float[Array, " m"]:

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.arguments import refusal, require
 from ..interface.printing import Printed
@@ -63,7 +63,7 @@ class ClosedLoop(Printed):
     @property
     def run(self) -> Trajectory[Any, Any]:
         """The run as a trajectory of the robot with the inputs that acted: with observables, figures and files."""
-        system = recorded(self.plant.system, self.plant.places, self.times, self.u)
+        system = recorded(self.plant.system, self.plant.places, self.plant.limits, self.times, self.u)
         reached = self.times[jnp.sum(jnp.all(jnp.isfinite(self.xi), axis=1)) - 1]
         status = jnp.where(reached == self.times[-1], int(Status.SUCCESS), int(Status.SOLVER_FAILED))
         start, none = jax.tree.map(lambda leaf: leaf[0], self.states), jnp.zeros_like(status)
@@ -167,11 +167,16 @@ def looped(
     plant: SampledSystem,
     start: PlacedState,
     samples: int,
-    delay: int = 0,
+    delay: int | Int[Array, ""] = 0,
     adjoint: diffrax.AbstractAdjoint | None = None,
+    longest: int | None = None,
 ) -> tuple[Any, ...]:
-    """Times, states, inputs, what feedback added to them, deviations, and its memory at the end; traceable."""
+    """Times, states, inputs, what feedback added to them, deviations, and its memory at the end; traceable.
+
+    A ``delay`` that is traced is at most the ``longest``.
+    """
     nominal, limits = feedback.nominal, plant.limits
+    room = int(delay) if longest is None else longest
     t0 = nominal.times[0]
 
     def step(carry: Any, k: Array) -> Any:
@@ -179,11 +184,12 @@ def looped(
         added, memory = feedback(k, state, memory)
         queue = jnp.concatenate([waiting, added[None]])
         planned = nominal.input(k)
-        u = jnp.clip(planned + queue[0], -limits, limits)
+        u = jnp.clip(planned + queue[room - delay], -limits, limits)
+        memory = feedback.applied(k, u, memory)
         after = plant.flow(t0 + plant.sample * k.astype(t0.dtype), state, u, adjoint)
         return (after, memory, queue[1:]), (state, u, u - planned, feedback.deviation(k, state))
 
-    waiting = jnp.zeros((delay, nominal.u.shape[1]), nominal.u.dtype)
+    waiting = jnp.zeros((room, nominal.u.shape[1]), nominal.u.dtype)
     numbered = jnp.arange(samples)
     (last, memory, _), (states, u, du, xi) = jax.lax.scan(step, (start, feedback.begin(), waiting), numbered)
     states = jax.tree.map(lambda along, end: jnp.concatenate([along, end[None]]), states, last)

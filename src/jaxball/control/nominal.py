@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int
 from ..interface.arguments import require
 from ..interface.printing import Printed
 from ..numerics import programs
-from ..numerics.arrays import default_dtype, is_traced
+from ..numerics.arrays import Numbers, default_dtype, is_traced
 from ..physics.body import Ball, Disk, System
 from ..physics.motion import OnRail
 from ..physics.observables import Observables
@@ -65,7 +65,7 @@ def require_motion(run: Any) -> None:
             f"Argument `run` must have full states, but it is a run of a {type(run.state).__name__}, which does not "
             "contain the position of the ball; simulate with a BallState."
         )
-    if run.contact is not None:
+    if run.history.coefficients:
         raise ValueError(
             "Argument `run` must be one of a body that rolls, but it has a law of contact; simulate without `contact`."
         )
@@ -96,15 +96,20 @@ def nominal_of(run: Trajectory[Any, Any], sampled: SampledSystem, samples: int) 
     Each input is the mean over its sample, by Gauss's rule of two points, of the effort or acceleration in the run; so
     the motion misses its next state by what is of third order in the sample. The run is solved again for this.
     """
-    t0 = jnp.asarray(run.times[0], default_dtype())
+    start = jax.tree.map(lambda leaf: leaf[0], run.state)
+    return nominal_from(run.system, run.times[0], start, sampled, samples)
+
+
+def nominal_from(system: System, t0: Numbers, start: Any, sampled: SampledSystem, samples: int) -> NominalMotion:
+    """The same of the run of a body from a start at ``t0``; traceable."""
+    t0 = jnp.asarray(t0, default_dtype())
     shares = np.append(np.arange(samples)[:, None] + np.array([[0.0, *GAUSS]]), samples)
     times = t0 + sampled.sample * jnp.asarray(shares, default_dtype())
-    start = jax.tree.map(lambda leaf: leaf[0], run.state)
     settings: dict[str, Any] = {"rtol": sampled.rtol, "atol": sampled.atol, "adjoint": diffrax.ForwardMode()}
-    again = simulate(run.system, times, start, inside=False, **settings)
+    again = simulate(system, times, start, inside=False, **settings)
     if not is_traced(again.status):
         again.raise_if_failed()
-    states, inputs = _moving(run.system, sampled.system, sampled.places, times, again.state, again.observables)
+    states, inputs = _moving(system, sampled.system, sampled.places, times, again.state, again.observables)
     every = len(GAUSS) + 1
     u = 0.5 * (inputs[1::every] + inputs[2::every])
     return NominalMotion(times[::every], jax.tree.map(lambda leaf: leaf[::every], states), u)

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int
 
 from ..interface.arguments import require
 from ..numerics import programs
-from ..numerics.arrays import Numbers, to_array
+from ..numerics.arrays import Numbers, is_traced, to_array
 from ..physics.observables import movement
 from ..physics.state import RotationState
 from .feedback import AbstractFeedback
@@ -124,6 +124,8 @@ def mpc(
     the limits, it is the same. It begins from its last plan. Limits that cannot be kept are exceeded as little as their
     ``penalty`` makes best; :meth:`PredictiveControl.exceeded` names them.
 
+    Plans can be differentiated in both modes, by all numbers, also where limits are active.
+
     Friction and normal force are linearised along the motion. The friction cone is replaced by a pyramid of eight sides
     within it, in which the normal force is positive too.
 
@@ -160,7 +162,25 @@ def mpc(
     most = track.sampled.limits if limits is None else limits_of(track.sampled, limits)
     mu = None if friction is None else _positive("friction", friction)
     cost = _positive("penalty", penalty)
-    limited = tuple(np.flatnonzero(np.isfinite(np.asarray(most))).tolist())
+    return predictive(track, ahead, most, mu, cost, limited_inputs(most))
+
+
+def limited_inputs(most: Float[Array, " m"]) -> tuple[int, ...]:
+    """The inputs that have limits, by their numbers; all where limits are traced."""
+    if is_traced(most):
+        return tuple(range(len(most)))
+    return tuple(np.flatnonzero(np.isfinite(np.asarray(most))).tolist())
+
+
+def predictive(
+    track: Track,
+    ahead: int,
+    most: Float[Array, " m"],
+    mu: Float[Array, ""] | None,
+    cost: Float[Array, ""],
+    limited: tuple[int, ...],
+) -> PredictiveControl:
+    """Predictive control with limits of the inputs that are ``limited``; traceable."""
     rows = _limits(track, most, mu, limited)
     inputs = [sign + track.inputs[i] for i in limited for sign in ("", "-")]
     of_plane = ["normal force"] if mu is None else [f"friction[{j}]" for j in range(len(rows.L) - len(inputs))]
@@ -169,7 +189,7 @@ def mpc(
 
 def _positive(name: str, given: Numbers) -> Float[Array, ""]:
     value = to_array(given, name)
-    if value.ndim or not float(value) > 0:
+    if value.ndim or not (is_traced(value) or float(value) > 0):
         raise ValueError(f"Argument `{name}` must be a positive number, but it is {given}.")
     return value
 

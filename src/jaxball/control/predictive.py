@@ -5,6 +5,9 @@ It is the elastic program, which always has a solution: each limit L G (ξ, δu)
 those of Mehrotra's predictor and corrector; each is a linear quadratic regulator, whose recursion takes a time in
 proportion to the horizon. Sources: Mehrotra, *SIAM J. Optim.* 2 (1992) 575; Rao, Wright & Rawlings, *J. Optim. Theory
 Appl.* 99 (1998) 723.
+
+Derivatives, in both modes, are those of the solution: of one more of these steps, from the solution, in which the
+optimality conditions change (the implicit function theorem). They do not go through the iterations.
 """
 
 from typing import Any, NamedTuple
@@ -128,6 +131,18 @@ def solved(stages: Stages, xi: Float[Array, " n"], guess: Plan | None = None) ->
     """The plan from the deviation ``xi``; ``guess`` is one near it, such as the last one, shifted by a stage."""
     unlimited = stages.followed(None, xi)
     kept = jnp.max(stages.beyond(unlimited)) <= 0
+    found, count, closed = _iterated(*jax.lax.stop_gradient((stages, xi, unlimited, kept, guess)))
+    point = _differentiable(stages, xi, found)
+    z = jnp.where(kept, unlimited, point.z)
+    beyond = stages.beyond(z)
+    exceeded = jnp.where(beyond > EXCEEDED, beyond, 0.0)
+    return Plan(z, jnp.where(kept, 0.0, point.λ), exceeded, count, closed)
+
+
+def _iterated(
+    stages: Stages, xi: Array, unlimited: Array, kept: Bool[Array, ""], guess: Plan | None
+) -> tuple[_Point, Int[Array, ""], Bool[Array, ""]]:
+    """The solution, the number of iterations, and whether the gap is closed."""
     z = unlimited if guess is None else stages.followed(guess.z, xi)
     cost = stages.cost(unlimited)
     point = _inside(stages, z, CENTRED * cost / stages.d.size, 0.0 if guess is None else guess.multipliers)
@@ -141,10 +156,31 @@ def solved(stages: Stages, xi: Float[Array, " n"], guess: Plan | None = None) ->
         return _advanced(stages, point), count + 1
 
     point, count = jax.lax.while_loop(unfinished, step, (point, jnp.asarray(0)))
-    z = jnp.where(kept, unlimited, point.z)
-    beyond = stages.beyond(z)
-    exceeded = jnp.where(beyond > EXCEEDED, beyond, 0.0)
-    return Plan(z, jnp.where(kept, 0.0, point.λ), exceeded, count, kept | (point.gap <= CLOSED * cost))
+    return point, count, kept | (point.gap <= CLOSED * cost)
+
+
+def _differentiable(stages: Stages, xi: Float[Array, " n"], found: _Point) -> _Point:
+    """The solution with its derivatives by the stages and ``xi``: the change of a step that keeps to the conditions."""
+    n, (z, t, s, λ, ν) = stages.n, found
+    D = 1 / (t / λ + s / ν)
+    factors = _factored(stages, D)
+    # By how much the flow, the slacks and the multipliers miss their conditions: 0, but not their derivatives.
+    onward = jnp.einsum("hij,hj->hi", stages.A, z[:, :n]) + jnp.einsum("hij,hj->hi", stages.B, z[:, n:]) + stages.c
+    missed = jnp.concatenate([(xi - z[0, :n])[None], onward[:-1] - z[1:, :n]])
+    b = (s / ν) * (stages.penalty - λ - ν) - (stages.d - stages.rows(z) + s - t)
+
+    def follow(before: Array, at: Any) -> Any:
+        K, closed, missed = at
+        now = before + missed
+        return closed @ now, jnp.concatenate([now, -K @ now])
+
+    end, moved = jax.lax.scan(follow, jnp.zeros_like(xi), (factors.K, factors.closed, missed))
+    of_stages, of_end = stages.gradient(z)
+    of_stages = of_stages + 2 * moved @ stages.M + stages.pulled(λ + D * (b + stages.rows(moved)))
+    dz = moved + _solved(stages, factors, (of_stages, of_end + 2 * stages.end[:n, :n] @ end))
+    dλ = D * (stages.rows(dz) + b)
+    change = jax.tree.map(lambda x: x - jax.lax.stop_gradient(x), (dz, dλ))
+    return found._replace(z=z + change[0], λ=λ + change[1])
 
 
 def _inside(stages: Stages, z: Array, product: Array, multipliers: Array | float) -> _Point:

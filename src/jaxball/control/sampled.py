@@ -13,7 +13,7 @@ from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, default_dtype, numbers
 from ..physics.body import System
 from ..physics.state import PlacedState
-from ..simulation.defaults import DEFAULT_TOLERANCE
+from ..simulation import DEFAULT_TOLERANCE
 from ..simulation.simulate import simulate
 from .inputs import Place, held, limits_of, places_of, with_inputs
 

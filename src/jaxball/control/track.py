@@ -12,8 +12,8 @@ from jaxtyping import Array, Float
 from ..interface.printing import shown
 from ..interface.wording import counted
 from ..numerics import programs
-from ..numerics.arrays import Numbers, default_dtype, is_traced, to_numpy
-from ..simulation.defaults import DEFAULT_TOLERANCE
+from ..numerics.arrays import AnyArray, Numbers, default_dtype, is_traced, to_numpy
+from ..simulation import DEFAULT_TOLERANCE
 from ..simulation.trajectory import Trajectory
 from .controllability import uncontrollable
 from .feedback import AbstractFeedback
@@ -115,7 +115,7 @@ def tvlqr(
     - ``run``: what :func:`jaxball.simulate` returns, of a ball or a disk that rolls.
     - ``Q``, ``R``: weights of ξ and of δu per time: a number for all, a row of numbers, a matrix, or a dictionary of
       numbers by name, where ``"z"`` stands for all entries of z and names left out have weight 0. ``R`` must be
-      positive.
+      positive. They may be traced, and gains be differentiated by them.
     - ``Qf``: the same at the end; by default the cost-to-go of the last sample's linearisation, repeated over another
       length of the motion, which for a motion that ends at rest holds it there.
     - ``cross``: weights of products of ξ and δu, shape (n, m); none if not given.
@@ -145,25 +145,49 @@ def tvlqr(
     sampled = SampledSystem.of(run.system, sample, inputs, rtol, atol)
     count = samples_in(run.times, float(to_numpy(sample, "sample")))
     nominal = nominal_of(run, sampled, count)
-    directions = nominal.state(0).directions
-    h = float(to_numpy(sample, "sample"))
-    W = jnp.asarray(_factor(h, Q, R, cross, directions, sampled.inputs), default_dtype())
-    end = None if Qf is None else factor(weight_matrix("Qf", Qf, directions))
-    S = None if end is None else jnp.asarray(np.pad(end, (0, 1)), default_dtype())
+    factors = factors_of(float(to_numpy(sample, "sample")), sampled, Q, R, Qf, cross)
+    return tracked(sampled, nominal, *factors)
+
+
+def tracked(
+    sampled: SampledSystem,
+    nominal: NominalMotion,
+    W: Float[Array, "rows n_plus_m"],
+    S: Float[Array, "rows_at_end n_plus_one"] | None,
+) -> Track:
+    """The regulator along a motion, with factors of its weights; traceable."""
     linear, found = _regulated(sampled, nominal, W, S)
-    return Track(sampled, nominal, linear, found, W, directions)
+    return Track(sampled, nominal, linear, found, W, sampled.directions)
+
+
+def factors_of(
+    h: float, sampled: SampledSystem, Q: Weights, R: Weights, Qf: Weights | None, cross: Numbers | None = None
+) -> tuple[Float[Array, "rows n_plus_m"], Float[Array, "rows_at_end n_plus_one"] | None]:
+    """W of the weights of a sample, and S of those at the end, None without; of weights that may be traced.
+
+    **Raises:** ``ValueError`` for weights of another shape or sign, and unknown names.
+    """
+    directions, dtype = sampled.directions, default_dtype()
+    W = jnp.asarray(_factor(h, Q, R, cross, directions, sampled.inputs), dtype)
+    if Qf is None:
+        return W, None
+    return W, jnp.pad(jnp.asarray(factor(weight_matrix("Qf", Qf, directions)), dtype), (0, 1))
 
 
 def _factor(
     h: float, Q: Weights, R: Weights, cross: Numbers | None, directions: Sequence[str], inputs: Sequence[str]
-) -> Float[np.ndarray, "rows n_plus_m"]:
+) -> Float[AnyArray, "rows n_plus_m"]:
     """W of the weights of a sample."""
     n, m = len(directions), len(inputs)
     state, control = weight_matrix("Q", Q, directions), weight_matrix("R", R, inputs)
-    require_positive("R", control, strictly=True)
+    traced = is_traced(state) or is_traced(control)
+    if not traced:
+        require_positive("R", control, strictly=True)
     mixed = np.zeros((n, m)) if cross is None else to_numpy(cross, "cross")
     if mixed.shape != (n, m):
         raise ValueError(f"Argument `cross` must be an array of shape ({n}, {m}), but its shape is {mixed.shape}.")
+    if traced:
+        return factor(h * jnp.block([[jnp.asarray(state), mixed], [mixed.T, control]]))
     whole = np.block([[state, mixed], [mixed.T, control]])
     require_positive("Q, R and cross" if cross is not None else "Q", whole)
     return factor(h * whole)

@@ -3,44 +3,48 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from ..interface.wording import did_you_mean
-from ..numerics.arrays import Numbers, to_numpy
+from ..numerics.arrays import AnyArray, Numbers, is_traced, to_numpy
 
 Weights = Numbers | Mapping[str, Numbers]
 ROUNDING = 1e-10  # of the largest eigenvalue, by which one may be negative
 
 
-def weight_matrix(name: str, given: Weights, names: Sequence[str]) -> Float[np.ndarray, "n n"]:
+def weight_matrix(name: str, given: Weights, names: Sequence[str]) -> Float[AnyArray, "n n"]:
     """The symmetric matrix of weights for these ``names``.
 
     ``given`` is one number for all, a row of numbers, a matrix, or a dictionary of numbers by name, where ``"z"``
     stands for ``"z[0]"`` and ``"z[1]"`` and what is not named has weight 0.
 
     **Raises:** ``TypeError`` for anything else, ``ValueError`` for another shape, unknown names, and a matrix that is
-    not symmetric or has a negative eigenvalue.
+    not symmetric or has a negative eigenvalue; of numbers that are traced only the shape is known.
     """
     n = len(names)
     if isinstance(given, Mapping):
         given = by_name(name, given, names)
-    values = to_numpy(given, name)
+    values: Any = given if is_traced(given) else to_numpy(given, name)
+    xp = jnp if is_traced(values) else np
     if values.ndim == 0:
-        values = np.full(n, float(values))
-    matrix = np.diag(values) if values.ndim == 1 else values
+        values = xp.broadcast_to(values, (n,))
+    matrix = xp.diag(values) if values.ndim == 1 else values
     if matrix.shape != (n, n):
         raise ValueError(
             f"Argument `{name}` must be a number, {n} numbers or a matrix of shape ({n}, {n}), for {', '.join(names)}, "
             f"but its shape is {np.shape(given)}."
         )
+    if is_traced(matrix):
+        return matrix
     if not np.all(np.isfinite(matrix)) or np.any(np.abs(matrix - matrix.T) > ROUNDING * np.max(np.abs(matrix))):
         raise ValueError(f"Argument `{name}` must be a finite, symmetric matrix, but it is {matrix.tolist()}.")
     require_positive(name, matrix)
     return matrix
 
 
-def require_positive(name: str, matrix: Float[np.ndarray, "n n"], strictly: bool = False) -> None:
+def require_positive(name: str, matrix: Float[AnyArray, "n n"], strictly: bool = False) -> None:
     """Raises a ``ValueError`` for a symmetric matrix with a negative eigenvalue, or ``strictly``, one of 0."""
     eigenvalues = np.linalg.eigvalsh(matrix)
     least, largest = float(eigenvalues[0]), float(np.max(np.abs(eigenvalues)))
@@ -49,20 +53,34 @@ def require_positive(name: str, matrix: Float[np.ndarray, "n n"], strictly: bool
         raise ValueError(f"Argument `{name}` must have eigenvalues that are {must}, but one is {least:.6g}.")
 
 
-def factor(matrix: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+def factor(matrix: Float[AnyArray, "n n"]) -> Float[AnyArray, "n n"]:
     """A W with WᵀW = matrix, for a symmetric matrix without negative eigenvalues, which may be singular."""
+    if is_traced(matrix):
+        return _by_cholesky(jnp.asarray(matrix))
     eigenvalues, vectors = np.linalg.eigh(matrix)
     return np.sqrt(np.maximum(eigenvalues, 0.0))[:, None] * vectors.T
 
 
-def by_name(name: str, given: Mapping[str, Any], names: Sequence[str], other: float = 0.0) -> Float[np.ndarray, " n"]:
+def _by_cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """The same by Cholesky's recursion, whose derivatives are finite also where pivots are 0 and eigenvalues equal."""
+    rows, rest = [], matrix
+    for k in range(len(matrix)):
+        pivot = rest[k, k]
+        is_positive = pivot > ROUNDING * matrix[k, k]
+        row = jnp.where(is_positive, rest[k] / jnp.sqrt(jnp.where(is_positive, pivot, 1.0)), 0.0)
+        rows.append(row)
+        rest = rest - row[:, None] * row[None]
+    return jnp.stack(rows)
+
+
+def by_name(name: str, given: Mapping[str, Any], names: Sequence[str], other: float = 0.0) -> Float[AnyArray, " n"]:
     """A number for each of ``names``, from a dictionary in which ``"z"`` stands for ``"z[0]"`` and ``"z[1]"``.
 
     What is not named is ``other``.
 
     **Raises:** ``ValueError`` for an unknown name.
     """
-    values = np.full(len(names), other)
+    values: list[Any] = [other] * len(names)
     groups = [own.partition("[")[0] for own in names if own.count("[") == 1 and "." not in own]
     known = list(dict.fromkeys([*groups, *names]))
     for key, value in given.items():
@@ -71,6 +89,8 @@ def by_name(name: str, given: Mapping[str, Any], names: Sequence[str], other: fl
             raise ValueError(
                 f"Argument `{name}` must have names as keys, but one is {key!r}{did_you_mean(key, known, there)}"
             )
-        named = [key in (own, own.partition("[")[0]) for own in names]
-        values[named] = float(to_numpy(value, f"{name}[{key!r}]"))
-    return values
+        number = value if is_traced(value) else float(to_numpy(value, f"{name}[{key!r}]"))
+        values = [
+            number if key in (own, own.partition("[")[0]) else old for own, old in zip(names, values, strict=True)
+        ]
+    return (jnp if any(map(is_traced, values)) else np).asarray(values)

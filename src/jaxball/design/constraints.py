@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..numerics.arrays import numbers
-from ..numerics.norms import norm, room
+from ..numerics.vectors import norm, room
 from .objectives import AvoidObstacles, depths
 from .problem.plane import corner, off_e1, places
 from .problem.requirements import AbstractConstraint, AbstractRunningConstraint, OfFunction, Requirement

@@ -7,6 +7,7 @@ distance along the tangent. The bordered matrix of that system is regular at a f
 
 import abc
 import dataclasses
+import functools
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -16,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..numerics import programs
 from ..numerics.bracketing import Sample, between, other_end
@@ -31,6 +32,8 @@ LEAST_STEP = 1e-8
 FOLD_SEARCHES, FLAT = 40, 1e-9
 
 
+# The largest entry of the last correction.
+TOLERANCE = 1e-10
 LEAST_SHARE = 1e-4
 # Corrections below this that no longer decrease are rounding.
 ROUNDING = 1e-7
@@ -49,6 +52,11 @@ class AbstractEquations(abc.ABC):
     @abc.abstractmethod
     def jacobian(self, y: Float[np.ndarray, " n"], parameter: float) -> tuple[Matrix, Float[np.ndarray, " n"]]:
         """∂F/∂y, dense or sparse, and ∂F/∂λ."""
+
+    @functools.cached_property
+    def order(self) -> Int[np.ndarray, " n"] | None:
+        """An order of equations and unknowns in which a sparse Jacobian has a narrow band; None if none is known."""
+        return None
 
     def sizes(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """The scale of corrections of y: 1 + |y|."""
@@ -83,34 +91,46 @@ class FunctionEquations(AbstractEquations):
         return np.asarray(by_y), np.asarray(by_parameter)
 
 
-def solver(matrix: Matrix) -> Callable[[np.ndarray], np.ndarray]:
-    """A solver for systems with ``matrix``.
+def solver(matrix: Matrix, order: Int[np.ndarray, " n"] | None = None) -> Callable[[np.ndarray], np.ndarray]:
+    """A solver for systems with ``matrix``, which is factorised once.
+
+    **Arguments:**
+
+    - ``order``: of rows and columns, in which a sparse matrix has a narrow band; without it, one is searched for.
 
     **Raises:** ``numpy.linalg.LinAlgError`` or ``RuntimeError`` where it is singular.
     """
     if isinstance(matrix, np.ndarray):
         return lambda right: np.linalg.solve(matrix, right)
-    return scipy.sparse.linalg.splu(matrix.tocsc()).solve
+    if order is None:
+        return scipy.sparse.linalg.splu(matrix.tocsc()).solve
+    factors = scipy.sparse.linalg.splu(matrix.tocsr()[order][:, order].tocsc(), permc_spec="NATURAL")
+    back = np.argsort(order)
+    return lambda right: factors.solve(right[order])[back]
 
 
 def bordered_solver(
-    matrix: Matrix, column: Float[np.ndarray, " n"], row: Float[np.ndarray, " n_plus_one"]
+    matrix: Matrix,
+    column: Float[np.ndarray, " n"],
+    row: Float[np.ndarray, " n_plus_one"],
+    order: Int[np.ndarray, " n"] | None = None,
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """A solver for systems with ``matrix``, ``column`` on its right and ``row`` below both.
+    """A solver for systems with ``matrix``, ``column`` on its right and ``row`` below both; ``order`` is its own.
 
     **Raises:** as :func:`solver`.
     """
     if isinstance(matrix, np.ndarray):
         return solver(np.vstack([np.column_stack([matrix, column]), row]))
     upper = scipy.sparse.hstack([matrix, scipy.sparse.csr_array(column[:, None])])
-    return solver(scipy.sparse.vstack([upper, scipy.sparse.csr_array(row[None])]))
+    last = None if order is None else np.append(order, column.size)
+    return solver(scipy.sparse.vstack([upper, scipy.sparse.csr_array(row[None])]), last)
 
 
 def newton(
     equations: AbstractEquations,
     y: Float[np.ndarray, " n"],
     parameter: float,
-    tolerance: float = 1e-10,
+    tolerance: float = TOLERANCE,
     most: int = 50,
 ) -> Float[np.ndarray, " n"]:
     """A solution near ``y``, by Newton's method with the natural monotonicity test.
@@ -123,7 +143,7 @@ def newton(
     """
     share = 1.0
     for _ in range(most):
-        solve = solver(equations.jacobian(y, parameter)[0])
+        solve = solver(equations.jacobian(y, parameter)[0], equations.order)
         change = -solve(equations.residual(y, parameter))
         sizes = equations.sizes(y)
         largest, length = np.max(np.abs(change) / sizes), equations.length(change, y)
@@ -199,7 +219,7 @@ def follow(
     within: tuple[float, float] = (-math.inf, math.inf),
     length: float = math.inf,
     points: int = 500,
-    tolerance: float = 1e-10,
+    tolerance: float = TOLERANCE,
     weights: Float[np.ndarray, " n"] | None = None,
     visit: Callable[[Float[np.ndarray, " n"], float], None] = lambda y, parameter: None,
 ) -> Branch:
@@ -355,4 +375,4 @@ class _Corrector:
     def _bordered(self, Y: np.ndarray, row: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """A solver for systems with F's Jacobian and ``row`` below it."""
         by_y, by_parameter = self.equations.jacobian(Y[:-1], float(Y[-1]))
-        return bordered_solver(by_y, by_parameter, row)
+        return bordered_solver(by_y, by_parameter, row, self.equations.order)

@@ -10,10 +10,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..interface.arguments import require_value
+from ..numerics import programs
 from ..numerics.arrays import number_or_none, numbers
-from ..numerics.norms import ROUNDING, norm
+from ..numerics.vectors import ROUNDING, norm
 from ..physics.imbalance import imbalance
-from .problem.plane import AbstractCurve, off_e1, place, places
+from .problem.plane import AbstractCurve, along, off_e1, place, places
 from .problem.requirements import AbstractObjective, AbstractRunningObjective, OfFunction, Requirement
 from .problem.run import Run
 
@@ -123,11 +124,7 @@ class FollowTrajectory(AbstractRunningObjective):
 
     def targets(self, times: Float[Array, " t"]) -> Float[Array, "t 2"]:
         """The desired positions of the geometric centre."""
-        start = times[0] if self.start is None else self.start
-        end = times[-1] if self.end is None else self.end
-        u = jnp.clip((times - start) / (end - start), 0.0, 1.0)
-        s = jnp.where(self.rest_to_rest, u**3 * (10 - 15 * u + 6 * u**2), u)
-        return eqx.filter_vmap(self.curve)(s)
+        return _targets(self, times)
 
     def integrand(self, run: Run):
         # Not the square of errors(), whose second derivative is undefined at 0.
@@ -146,6 +143,14 @@ class FollowTrajectory(AbstractRunningObjective):
 
     def unreachable_by_disk(self):
         return off_e1(self.curve.spanned_by())
+
+
+@programs.filter_jit
+def _targets(objective: FollowTrajectory, times: Float[Array, " t"]) -> Float[Array, "t 2"]:
+    start = times[0] if objective.start is None else objective.start
+    end = times[-1] if objective.end is None else objective.end
+    u = jnp.clip((times - start) / (end - start), 0.0, 1.0)
+    return along(objective.curve, jnp.where(objective.rest_to_rest, u**3 * (10 - 15 * u + 6 * u**2), u))
 
 
 class FollowCurve(AbstractObjective):

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import tomli_w
-from jaxtyping import Float
+from jaxtyping import Array, Float
 from matplotlib.axes import Axes
 
 from .. import plot
@@ -95,12 +95,13 @@ def objectives_in_units(found: Design | Controlled) -> dict[str, str]:
     """
     if isinstance(found, Controlled):
         problem = rolling(found.solution.problem)
-        system, objectives, values = problem.system, problem.objectives, means(found.solution)
+        objectives, values = problem.objectives, means(found.solution)
+        length, gravity = problem.system.radius, problem.system.gravity
     else:
-        system = found.problem.space.candidate_of(jnp.asarray(found.numbers)).system
         objectives = found.problem.objectives
+        length, gravity = found.problem.space.units(found.numbers)
         values = dict(zip(objectives, np.asarray(found.verified.finer.terms).tolist(), strict=True))
-    length, gravity = float(system.radius), abs(float(system.gravity))
+    length, gravity = float(length), abs(float(gravity))
     time = math.sqrt(length / gravity) if gravity > 0 else math.inf
     return {
         name: one.in_units(values[name], length, time) if math.isfinite(values[name]) else ""
@@ -255,11 +256,21 @@ def _run(trajectory: Trajectory[Any, Any]) -> Run:
     return Run(trajectory.system, jnp.asarray(trajectory.times), trajectory.state, trajectory.status)
 
 
+@programs.filter_jit
+def _farthest(objective: FollowTrajectory | FollowCurve, run: Run) -> Float[Array, ""]:
+    return objective.farthest(run)
+
+
+@programs.filter_jit
+def _on_rails(run: Run) -> Float[Array, "t n"]:
+    return run.on_rails.theta
+
+
 def _distances(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any, Any]) -> list[list[str]]:
     lines = []
     for name, item in design.problem.objectives.items():
         if isinstance(item, FollowTrajectory | FollowCurve) and not isinstance(item, LargestDistance):
-            old, new = (float(item.farthest(_run(trajectory))) for trajectory in (before, after))
+            old, new = (float(_farthest(item, _run(trajectory))) for trajectory in (before, after))
             lines.append([f"The largest distance of {name} is {new:.3g} radii; before, it was {old:.3g}."])
     return lines
 
@@ -276,7 +287,7 @@ def _figures(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any
     if float(after.friction_needed) > SMALLEST_FRICTION:
         axes["friction"] = plot.friction_ratio(after)
     if after.system.n_masses:
-        theta = np.asarray(programs.jit(lambda: _run(after).on_rails.theta)())
+        theta = np.asarray(_on_rails(_run(after)))
         axes["angles"] = plot.rail_angles(np.asarray(after.times), theta)
     return axes | _joint_figures(after)
 

@@ -4,8 +4,8 @@ Runs are arrays here; :mod:`jaxball.sweep` reads and writes them as files.
 """
 
 from ..interface.names import interface as _interface
-from .quantities import REDUCTIONS as REDUCTIONS
 from .reductions import (
+    REDUCTIONS as REDUCTIONS,
     AbstractReduction as AbstractReduction,
     Drift as Drift,
     Integral as Integral,

@@ -1,14 +1,23 @@
 """Results found in a run while it is computed, so that only a few numbers of it are kept."""
 
 import abc
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..interface.arguments import traceable
 from ..interface.printing import Printed
+from ..numerics.vectors import cross, root
+from ..physics.body import System
+from ..physics.contact.body_on_plane import BodyOnPlane
+from ..physics.contact.modes import ContactState, Mode
+from ..physics.contact.reaction import Reaction, reaction
+from ..physics.contact.released import released_energy
+from ..physics.observables import observe
+from ..physics.state import BallState, DiskState, State
 
 # From a system, a time and a state to a number.
 Quantity = Callable[[Any, Float[Array, ""], Any], Float[Array, ""]]
@@ -119,3 +128,89 @@ class Integral(AbstractReduction):
 
     def result(self, observed: Observed) -> dict[str, Float[Array, "*runs"]]:
         return {"": observed.integral}
+
+
+def normal_force(system: System | BodyOnPlane, t: Float[Array, ""], state: State | ContactState) -> Float[Array, ""]:
+    """N, the normal force; with a law of contact, in the mode that the body is in."""
+    return _reaction(system, t, state).normal
+
+
+def friction(system: System | BodyOnPlane, t: Float[Array, ""], state: State | ContactState) -> Float[Array, ""]:
+    """|f|, the friction."""
+    return _reaction(system, t, state).friction
+
+
+def half_tangent(system: System | BodyOnPlane, t: Float[Array, ""], state: State | ContactState) -> Float[Array, ""]:
+    """tan(α/2) for the angle α of the reaction from the vertical, which grows with |f| / N, smoothly past N = 0.
+
+    This avoids the arctangent, which takes as long as half of the equations of motion. 0 in flight.
+    """
+    R = _reaction(system, t, state)
+    whole = R.normal + jnp.sqrt(R.normal**2 + R.friction_squared)
+    if isinstance(state, ContactState):
+        return jnp.where(state.is_in(Mode.FLIGHT), 0.0, R.friction / jnp.where(state.is_in(Mode.FLIGHT), 1.0, whole))
+    return R.friction / whole
+
+
+def tangent(half: Float[Array, "*runs"]) -> Float[Array, "*runs"]:
+    """|f| / N = tan α from tan(α/2); infinite where N ≤ 0."""
+    held = ~(half >= 1)
+    return jnp.where(held, 2 * half / jnp.where(held, 1 - half**2, 1.0), jnp.inf)
+
+
+def angular_speed_squared(system: System, t: Float[Array, ""], state: State) -> Float[Array, ""]:
+    """|Ω|²."""
+    return jnp.sum(state.Omega**2)
+
+
+def speed(system: System | BodyOnPlane, t: Float[Array, ""], state: State | ContactState) -> Float[Array, ""]:
+    """|ż|, how fast the geometric centre moves over the plane: where it rolls, r times the horizontal part of ω."""
+    if isinstance(system, BodyOnPlane) or isinstance(state, ContactState):
+        return root(jnp.sum(state.V[:2] ** 2))  # pyright: ignore
+    return system.radius * root(jnp.sum(cross(state.Omega, state.Gamma) ** 2))
+
+
+def energy(
+    system: System | BodyOnPlane, t: Float[Array, ""], state: BallState | DiskState | ContactState
+) -> Float[Array, ""]:
+    """E, kinetic and potential; with a law of contact, plus the energy dissipated by friction and impacts."""
+    if isinstance(system, BodyOnPlane) or isinstance(state, ContactState):
+        return released_energy(system.body, t, state.released) + state.friction_loss + state.impact_loss  # pyright: ignore
+    return observe(system, t, state).energy
+
+
+def _reaction(system: Any, t: Float[Array, ""], state: Any) -> Reaction:
+    if isinstance(state, ContactState):
+        R = system.interaction(t, state, system.response(t, state)).R
+        return Reaction(R[2], jnp.sum(R[:2] ** 2))
+    return reaction(system, t, state)
+
+
+def values(
+    quantities: Sequence[Callable[..., Any]], system: Any, t: Float[Array, ""], state: Any
+) -> Float[Array, " k"]:
+    """Quantities at one time; with a law of contact those of the body, except for quantities that depend on the law."""
+    body = system.shown, system.shown_state(state)
+    whole = (system, state) if isinstance(system, BodyOnPlane) else body
+
+    def value(quantity: Callable[..., Any]) -> Float[Array, ""]:
+        with traceable("quantity", quantity):
+            own, at = whole if quantity in ON_PLANE else body
+            return quantity(own, t, at)
+
+    return jnp.stack([value(quantity) for quantity in quantities])
+
+
+# Quantities that, with a law of contact, take a body on its plane and its state, not just the body.
+ON_PLANE = (normal_force, friction, half_tangent, speed, energy)
+CONTACT: dict[str, AbstractReduction] = {
+    "least_normal_force": Minimum(normal_force),
+    "friction_needed": Maximum(half_tangent, tangent),
+    "largest_friction": Maximum(friction),
+}
+REDUCTIONS: dict[str, AbstractReduction] = {
+    **CONTACT,
+    "largest_angular_speed": Maximum(angular_speed_squared, jnp.sqrt),
+    "distance": Integral(speed),
+    "energy_drift": Drift(energy),
+}

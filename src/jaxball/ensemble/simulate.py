@@ -22,16 +22,13 @@ from ..simulation.arguments import (
     checked_tolerances,
     require_dae,
     require_kind_of_state,
-    require_smooth,
 )
 from ..simulation.contact import system_to_solve
 from ..simulation.events import AbstractEvent
 from ..simulation.simulate import Method
 from ..simulation.trajectory import Trajectory
 from ..simulation.watch import checked
-from .blocks import solved_in_blocks
-from .parameters import for_all_rows, shared_leaves
-from .program import Settings, solved
+from .program import Settings, solved, solved_in_blocks
 from .reductions import AbstractReduction
 from .result import Ensemble
 
@@ -114,22 +111,19 @@ def simulate_ensemble(
     2.25
     """
     require_flags(inside=inside, step_to_times=step_to_times, dae=dae, project=project)
-    if contact is None or not isinstance(state, ReleasedState):
-        require_kind_of_state(system, state)
-    if dae and not isinstance(state, ReleasedState):
-        require_smooth(system)
-        require_dae(state, solver)
-    events, solver = checked(system, events), checked_solver(solver)
-    simulated = system_to_solve(system, state, contact, dae, events)
+    simulated = system_to_solve(system, contact)
+    require_kind_of_state(simulated, state)
+    if dae:
+        require_dae(simulated, state, solver)
+    events, solver = checked(simulated, events), checked_solver(solver)
     rtol, atol = checked_tolerances(rtol, atol, of_many=True)
     given = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
     reductions = _checked_reductions(reductions)
     adjoint = checked_adjoint(FORWARD if adjoint is None else adjoint)
     shared = own_shared = shared_leaves(in_axes, (system, state))
-    if contact is not None:
-        of_contact = tuple(np.ndim(leaf) == 0 for leaf in jax.tree.leaves(contact))
-        of_system = len(jax.tree.leaves(system))
-        shared = (*shared[:of_system], *of_contact, *shared[of_system:])
+    of_contact = tuple(np.ndim(leaf) == 0 for leaf in jax.tree.leaves(contact))
+    of_system = len(jax.tree.leaves(system))
+    shared = (*shared[:of_system], *of_contact, *shared[of_system:])
     parameters = simulated, state
     runs = _count(parameters, shared, given, rtol, atol)
     whole = given if given.ndim == 2 else jnp.broadcast_to(given, (runs, given.shape[-1]))
@@ -179,3 +173,33 @@ def _count(parameters: Any, shared: Sequence[bool], times: Any, *tolerances: Any
             "use `in_axes` for what all runs share."
         )
     return runs
+
+
+def shared_leaves(in_axes: Any, tree: Any) -> tuple[bool, ...]:
+    """Which leaves of a PyTree all rows share: those whose axis is None in ``in_axes``, which is a prefix of it.
+
+    **Raises:** ``ValueError`` where it is none, or an axis is neither 0 nor None.
+    """
+    of_leaves: list[Any] = []
+
+    def note(axis: Any, part: Any) -> None:
+        of_leaves.extend([axis] * len(jax.tree.leaves(part)))
+
+    try:
+        jax.tree.map(note, in_axes, tree, is_leaf=lambda axis: axis is None)
+    except ValueError:
+        of_leaves = [in_axes]
+    if not all(axis is None or (type(axis) is int and axis == 0) for axis in of_leaves):
+        raise ValueError(
+            "Argument `in_axes` must be 0 where arrays have the runs as leading axis and None where all runs share "
+            "them, for all arrays, for (system, state), or in PyTrees of these structures as jax.vmap takes them, but "
+            f"it is {in_axes!r}."
+        )
+    return tuple(axis is None for axis in of_leaves)
+
+
+def for_all_rows(tree: Any, shared: Sequence[bool], rows: int, namespace: Any) -> Any:
+    """A PyTree in which every leaf has the rows as leading axis; with NumPy for ``namespace``, without copies."""
+    leaves, structure = jax.tree.flatten(tree)
+    whole = [namespace.broadcast_to(x, (rows, *x.shape)) if one else x for x, one in zip(leaves, shared, strict=True)]
+    return structure.unflatten(whole)

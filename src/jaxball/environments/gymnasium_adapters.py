@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from ..control.loop import whole_number
 from ..interface.arguments import require
-from ..interface.installation import pip_install
+from ..interface.wording import pip_install
 from .environment import Environment
 
 if TYPE_CHECKING:

@@ -6,8 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..control.sampled import PlacedState
-from ..numerics.norms import root
-from ..numerics.vectors import dot
+from ..numerics.vectors import dot, root
 from ..physics.body import System
 from ..physics.state import DiskState, centre_velocity
 

@@ -118,11 +118,16 @@ class AbstractEstimate(Printed):
         return jax.vmap(_weighted)(self.covariance[:, :n, :n], self.errors(truth))
 
     @property
+    def uncertain(self) -> Int[Array, " K"]:
+        """How many directions of each estimated state are uncertain: the degrees of freedom of ``nees``."""
+        n = len(self.directions)
+        return jax.vmap(lambda P: jnp.sum(is_uncertain(P[:n, :n])))(self.covariance)
+
+    @property
     def degrees(self) -> int:
         """How many directions of the last estimated state are uncertain."""
-        n, known = len(self.directions), jnp.isfinite(self.covariance[:, 0, 0])
-        last = self.covariance[jnp.sum(known) - 1]
-        return int(jnp.sum(is_uncertain(last[:n, :n])))
+        known = jnp.isfinite(self.covariance[:, 0, 0])
+        return int(self.uncertain[jnp.sum(known) - 1])
 
 
 class Followed(NamedTuple):

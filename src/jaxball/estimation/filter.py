@@ -27,7 +27,7 @@ from ..physics.body import Ball, Disk, System
 from ..physics.system import require_one_state
 from ..sensors import AbstractSensor
 from ..sensors.errors import CLOSE
-from ..simulation.defaults import DEFAULT_TOLERANCE
+from ..simulation import DEFAULT_TOLERANCE
 from .belief import Belief, symmetric
 from .estimate import Estimate, Filtered
 from .measurement import Measurement, PlacedState, measurement_of
@@ -124,7 +124,7 @@ class ErrorStateFilter(Printed):
         directions = sampled.directions
         rates = to_array(by_name("process", process or {}, directions), "process")
         require_not_negative("process", rates)
-        spread = {name: 0.0 for name, sensor in sensors.items() if _wanders(sensor)} | dict(biases or {})
+        spread = {name: 0.0 for name, sensor in sensors.items() if wanders(sensor)} | dict(biases or {})
         for name in spread:
             if name not in sensors:
                 there = f"the sensors are {', '.join(sensors)}"
@@ -278,26 +278,12 @@ class ErrorStateFilter(Printed):
             given = to_array(readings[name], f"readings[{name!r}]")
             if given.ndim == 0:
                 raise refusal(f"readings[{name!r}]", "readings at each sample", readings[name])
-            columns[name] = self._taken(name, sensor, given.reshape(given.shape[0], -1))
+            columns[name] = taken(given.reshape(given.shape[0], -1), samples_late(name, sensor, self.sampled))
         lengths = {name: len(column) for name, column in columns.items()}
         if len(set(lengths.values())) > 1:
             raise ValueError(f"Argument `readings` must have as many samples of each sensor, but there are {lengths}.")
         y = jnp.concatenate(list(columns.values()), axis=1)
         return Reading(jnp.where(jnp.isfinite(y), y, 0.0), jnp.isfinite(y))
-
-    def _taken(self, name: str, sensor: AbstractSensor, given: Float[Array, "K m"]) -> Float[Array, "K m"]:
-        """Readings at the samples at which they were taken; NaN at the last ones, which have not arrived."""
-        assert sensor.errors is not None
-        if not sensor.errors.delay:
-            return given
-        late = sensor.errors.delay / float(np.asarray(self.sampled.sample))
-        if abs(late - round(late)) > CLOSE * len(given):
-            raise ValueError(
-                f"Argument `sensors[{name!r}].errors.delay` must be a whole number of samples, but it is {late:.6g} of "
-                "them."
-            )
-        shift = round(late)
-        return jnp.concatenate([given[shift:], jnp.full_like(given[:shift], jnp.nan)])
 
     def sizes(self, state: PlacedState) -> dict[str, int]:
         """How many components each sensor reads, in the order of the measurement."""
@@ -389,7 +375,30 @@ def _held(u: Float[Array, "samples inputs"]) -> Float[Array, "samples_and_end in
     return jnp.concatenate([u, u[-1:] if len(u) else jnp.zeros((1, u.shape[1]), u.dtype)])
 
 
-def _wanders(sensor: AbstractSensor) -> bool:
+def taken(arrived: Float[Array, "K m"], late: int) -> Float[Array, "K m"]:
+    """Readings at the samples at which they were taken; NaN at the last ones, which are still to arrive."""
+    return jnp.concatenate([arrived[late:], jnp.full_like(arrived[:late], jnp.nan)])
+
+
+def samples_late(name: str, sensor: AbstractSensor, sampled: SampledSystem) -> int:
+    """How many samples later the readings of a sensor of this name arrive.
+
+    **Raises:** ``ValueError`` for a delay that is no whole number of samples.
+    """
+    delay = 0.0 if sensor.errors is None else sensor.errors.delay
+    if not delay:
+        return 0
+    late = delay / float(np.asarray(sampled.sample))
+    if abs(late - round(late)) > CLOSE * max(late, 1.0):
+        raise ValueError(
+            f"Argument `sensors[{name!r}].errors.delay` must be a whole number of samples, but it is {late:.6g} of "
+            "them."
+        )
+    return round(late)
+
+
+def wanders(sensor: AbstractSensor) -> bool:
+    """Whether the bias of a sensor has a random walk, by which it is estimated."""
     walk = None if sensor.errors is None else sensor.errors.random_walk
     return walk is not None and (is_traced(walk) or bool(np.asarray(walk) > 0))
 

@@ -28,7 +28,7 @@ from ..physics.body import Ball, Disk, System
 from ..physics.state import PlacedState
 from ..physics.system import require_one_state
 from ..sensors import AbstractSensor
-from ..simulation.defaults import DEFAULT_TOLERANCE
+from ..simulation import DEFAULT_TOLERANCE
 from ..simulation.simulate import simulate
 from .filter import require_not_negative
 from .measurement import measurement_of

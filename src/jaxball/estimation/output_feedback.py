@@ -3,9 +3,11 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 
 from ..control.feedback import AbstractFeedback
 from ..control.history import until_end
@@ -19,22 +21,30 @@ from ..sensors import AbstractSensor
 from ..sensors.errors import with_errors
 from .belief import Belief
 from .estimate import Followed, LoopEstimate
-from .filter import ErrorStateFilter, Reading
+from .filter import ErrorStateFilter, Reading, samples_late, taken
 
 
 class Remembered(NamedTuple):
     """What feedback from sensors remembers from sample to sample.
 
-    - ``belief``: what is known of the state before the next reading.
-    - ``u``: the inputs that act.
+    A reading that is late is taken for what it was: the filter goes again from the oldest sample whose readings may
+    still arrive. With the longest delay of D samples these are
+
+    - ``belief``: what is known of the state D samples ago, with all readings up to then.
+    - ``y``: what was read at the last D samples, arrived or not; NaN where nothing was.
+    - ``u``: the inputs that acted in the last D + 1 samples.
+
+    The others are
+
     - ``inner``: what the regulator remembers.
     - ``xi``, ``bias``: the estimated deviations from the motion at each sample so far, and biases of sensors.
     - ``P``: the covariances of the errors of both.
-    - ``nis``, ``read``: the normalised innovation squared, and how many numbers were read.
+    - ``nis``, ``read``: the normalised innovation squared, and how many numbers were read, once all have arrived.
     """
 
     belief: Belief
-    u: Float[Array, " m"]
+    y: Float[Array, "late components"]
+    u: Float[Array, "late_and_one m"]
     inner: Any
     xi: Float[Array, "samples n"]
     bias: Float[Array, "samples biases"]
@@ -51,13 +61,15 @@ class Remembered(NamedTuple):
 class OutputFeedback(AbstractFeedback):
     """A regulator that is given the estimates of a filter instead of the state: it acts on what sensors read.
 
-    Between samples the filter predicts with the inputs that the regulator has asked for, within limits; a ``delay`` of
-    :func:`~jaxball.control.closed_loop` is unknown to it.
+    Between samples the filter predicts with the inputs that act, which a robot knows: within limits, and after a
+    ``delay`` of :func:`~jaxball.control.closed_loop`. Readings of a sensor with a ``delay`` arrive so much later, and
+    are taken for what they were: the filter then goes again from the sample at which they were taken.
 
     **Arguments** of :meth:`of`, which makes one:
 
     - ``feedback``: the regulator, such as :func:`~jaxball.control.tvlqr` makes.
-    - ``sensors``, ``process``, ``biases``: as for an :class:`ErrorStateFilter`; sensors must have no ``delay``.
+    - ``sensors``, ``process``, ``biases``: as for an :class:`ErrorStateFilter`; a ``delay`` is a whole number of
+      samples.
     - ``spread``: the standard deviations at the start, around the start of the motion, as for a filter.
     - ``system``: the robot that is measured, where it is not the one that the regulator and the filter know; give
       the same one to :func:`~jaxball.control.closed_loop`.
@@ -67,7 +79,9 @@ class OutputFeedback(AbstractFeedback):
 
     - ``known``: the filter.
     - ``plant``: the robot that is measured.
-    - ``wrong``: what readings differ by from exact ones, shape (N + 1, components); NaN where nothing is read.
+    - ``wrong``: what the readings taken at each sample differ by from exact ones, shape (N + 1, components); NaN where
+      none is.
+    - ``late``: how many samples later each component arrives.
 
     **Raises:** ``TypeError`` and ``ValueError`` for sensors that a filter cannot use, and for unknown names.
 
@@ -96,6 +110,7 @@ class OutputFeedback(AbstractFeedback):
     plant: SampledSystem
     spread: Float[Array, " n"]
     wrong: Float[Array, "samples_and_end components"]
+    late: tuple[int, ...] = eqx.field(static=True)
 
     @classmethod
     def of(
@@ -111,40 +126,83 @@ class OutputFeedback(AbstractFeedback):
     ) -> "OutputFeedback":
         """The feedback of a regulator from sensors; its arguments stand above."""
         require("feedback", feedback, AbstractFeedback, "a feedback, such as tvlqr(...) makes")
-        sampled, nominal = feedback.sampled, feedback.nominal
-        known = ErrorStateFilter.for_sampled(sampled, sensors, process, biases)
-        for name, sensor in sensors.items():
-            if sensor.errors is not None and sensor.errors.delay:
-                raise ValueError(
-                    f"Argument `sensors[{name!r}].errors.delay` must be 0 for feedback, which waits for no reading, "
-                    f"but it is {sensor.errors.delay:g}."
-                )
-        plant, wrong = plant_of(feedback, system, None, None), _errors(known, nominal, key)
-        return cls(sampled, nominal, feedback, known, plant, known.deviations(spread), wrong)
+        known = ErrorStateFilter.for_sampled(feedback.sampled, sensors, process, biases)
+        late = {name: samples_late(name, sensor, known.sampled) for name, sensor in sensors.items()}
+        plant = plant_of(feedback, system, None, None)
+        return cls.made(feedback, known, plant, known.deviations(spread), late, key)
+
+    @classmethod
+    def made(
+        cls,
+        feedback: AbstractFeedback,
+        known: ErrorStateFilter,
+        plant: SampledSystem,
+        spread: Float[Array, " n"],
+        late: Mapping[str, int],
+        key: Any = None,
+    ) -> "OutputFeedback":
+        """The feedback of parts that fit each other, with how many samples late each sensor is; traceable."""
+        nominal = feedback.nominal
+        each = tuple(late[name] for name, size in known.sizes(nominal.state(0)).items() for _ in range(size))
+        wrong = _errors(known, nominal, late, key)
+        return cls(feedback.sampled, nominal, feedback, known, plant, spread, wrong, each)
 
     def begin(self) -> Remembered:
-        belief = self.known.start(self.nominal.state(0), self.spread)
+        belief, late = self.known.start(self.nominal.state(0), self.spread), max(self.late)
         none = (jnp.zeros((self.nominal.samples, *shape), belief.P.dtype) for shape in _shapes(belief))
         xi, bias, P, nis = none
+        y = jnp.full((late, len(self.late)), jnp.nan, belief.P.dtype)
+        u = jnp.repeat(self.nominal.input(0)[None], late + 1, axis=0)
         read = jnp.zeros(self.nominal.samples, int)
-        return Remembered(belief, self.nominal.input(0), self.feedback.begin(), xi, bias, P, nis, read)
+        return Remembered(belief, y, u, self.feedback.begin(), xi, bias, P, nis, read)
 
     def __call__(self, k, state, memory):
-        nominal, known = self.nominal, self.known
-        t = nominal.times[0] + self.sampled.sample * k.astype(self.spread.dtype)
+        t = self._time(k)
         wrong = self.wrong[jnp.minimum(k, len(self.wrong) - 1)]
-        y = known.measurement(self.plant.held(memory.u), t, state) + wrong
-        there = jnp.isfinite(wrong)
-        reading = Reading(jnp.where(there, y, 0.0), there)
-        belief, innovation, S = known.updated(t, memory.belief, memory.u, reading)
+        now = self.known.measurement(self.plant.held(memory.u[-1]), t, state) + wrong
+        y = jnp.concatenate([memory.y, now[None]])
+        (belief, oldest), seen = self._followed(k, memory, y)
         added, inner = self.feedback(k, belief.state, memory.inner)
-        limits = self.plant.limits
-        u = jnp.clip(nominal.input(k) + added, -limits, limits)
-        nis = innovation @ jnp.linalg.solve(S, innovation)
-        found = self.deviation(k, belief.state), belief.bias, belief.P, nis, jnp.sum(there)
+        found = self.deviation(k, belief.state), belief.bias, belief.P, *seen
         before = memory.xi, memory.bias, memory.P, memory.nis, memory.read
-        rows = (kept.at[k].set(one, mode="drop") for kept, one in zip(before, found, strict=True))
-        return added, Remembered(known.predicted(t, belief, u)[0], u, inner, *rows)
+        late = max(self.late)
+        places = k, k, k, k - late, k - late
+        rows = (_put(kept, at, one) for kept, at, one in zip(before, places, found, strict=True))
+        return added, Remembered(oldest, y[1:], memory.u, inner, *rows)
+
+    def applied(self, k, u, memory):
+        inner = self.feedback.applied(k, u, memory.inner)
+        return memory._replace(u=jnp.concatenate([memory.u[1:], u[None]]), inner=inner)
+
+    def _followed(self, k: Any, memory: Remembered, y: Array) -> tuple[tuple[Belief, Belief], tuple[Array, Array]]:
+        """What is known at sample ``k``, and at the oldest sample of ``y``; of the latter, the innovation squared
+        and how many numbers were read.
+        """
+        known, late = self.known, max(self.late)
+        # At the sample of each row, what has arrived by now.
+        arrived = np.arange(late, -1, -1)[:, None] >= np.array(self.late)[None]
+
+        def step(belief: Belief, at: Any) -> tuple[Belief, Any]:
+            i, u, y, arrived = at
+            ahead = known.predicted(self._time(i - 1), belief, u)[0]
+            ahead = _where(i > 0, ahead, belief)
+            there = arrived & jnp.isfinite(y)
+            with_reading, innovation, S = known.updated(
+                self._time(i), ahead, u, Reading(jnp.where(there, y, 0.0), there)
+            )
+            after = _where(i >= 0, with_reading, ahead)
+            return after, (after, innovation @ jnp.linalg.solve(S, innovation), jnp.sum(there))
+
+        rows = k - late + jnp.arange(late + 1), memory.u, y, jnp.asarray(arrived)
+        if not late:
+            belief, (oldest, *seen) = step(memory.belief, jax.tree.map(lambda leaf: leaf[0], rows))
+            return (belief, oldest), tuple(seen)
+        belief, found = jax.lax.scan(step, memory.belief, rows)
+        oldest, *seen = jax.tree.map(lambda leaf: leaf[0], found)
+        return (belief, oldest), tuple(seen)
+
+    def _time(self, k: Int[Array, ""]) -> Float[Array, ""]:
+        return self.nominal.times[0] + self.sampled.sample * k.astype(self.spread.dtype)
 
     def estimated(self, times: Float[Array, " T"], memory: Remembered) -> LoopEstimate:
         count, samples = len(times), min(len(times) - 1, self.nominal.samples)
@@ -165,10 +223,21 @@ def _shapes(belief: Belief) -> tuple[tuple[int, ...], ...]:
     return (whole[0] - biases,), (biases,), whole, ()
 
 
-def _errors(known: ErrorStateFilter, nominal: NominalMotion, key: Any) -> Float[Array, "samples_and_end components"]:
-    """What readings differ by from exact ones at each sample; NaN where there is none."""
+def _put(rows: Array, place: Int[Array, ""], row: Array) -> Array:
+    """The rows with another one at a place, unless there is none."""
+    return rows.at[jnp.where(place < 0, len(rows), place)].set(row, mode="drop")
+
+
+def _where(holds: Bool[Array, ""], one: Belief, other: Belief) -> Belief:
+    return jax.tree.map(lambda a, b: jnp.where(holds, a, b), one, other)
+
+
+def _errors(
+    known: ErrorStateFilter, nominal: NominalMotion, late: Mapping[str, int], key: Any
+) -> Float[Array, "samples_and_end components"]:
+    """What readings taken at each sample differ by from exact ones; NaN where there is none."""
     times, sizes = nominal.times, known.sizes(nominal.state(0))
     sensors = known.measurement.sensors
     zero = {name: jnp.zeros((times.size, size), default_dtype()) for name, size in sizes.items()}
     found = with_errors({name: sensor.errors for name, sensor in sensors.items()}, times, zero, key)
-    return jnp.concatenate([found[name] for name in sensors], axis=1)
+    return jnp.concatenate([taken(found[name], late[name]) for name in sensors], axis=1)

@@ -33,12 +33,12 @@ def require(
     raise refusal(name, must, value, remedy)
 
 
-def require_each(name: str, values: Any, kind: type[Kind], must: str, remedy: str = "") -> None:
+def require_each(name: str, values: Any, kind: type[Kind], must: str) -> None:
     """Raises a ``TypeError`` unless the argument ``name`` is a list or a tuple whose items are all a ``kind``."""
     if not isinstance(values, list | tuple):
-        raise refusal(name, f"a list, each item {must}", values, remedy)
+        raise refusal(name, f"a list, each item {must}", values)
     for index, value in enumerate(values):
-        require(f"{name}[{index}]", value, kind, must, remedy)
+        require(f"{name}[{index}]", value, kind, must)
 
 
 def require_flags(**values: Any) -> None:

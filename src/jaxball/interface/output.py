@@ -1,4 +1,4 @@
-"""Atomic writes, and checks of the paths that files are to be written to."""
+"""Atomic writes, and checks of the paths that files are to be written to; a view never overwrites any other file."""
 
 import contextlib
 import os
@@ -6,8 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from . import interruption
-from .errors import UserError
-from .wording import one_of
+from .wording import UserError, one_of
 
 
 class OutputError(UserError):
@@ -139,3 +138,24 @@ def _followed(path: Path) -> Path:
     with contextlib.suppress(FileNotFoundError, NotADirectoryError):
         path.stat()
     return Path(os.path.realpath(path))
+
+
+SUFFIXES = (".html",)
+MOST_BODIES = 24  # in a view
+MARK = "<!doctype html>\n<!-- jaxball view -->\n"  # what every view begins with
+
+
+def check_view(path: Path, argument: str = "path") -> None:
+    """Raises an :class:`~jaxball.results.OutputError` unless a view can be written at ``path``.
+
+    A file that is already there must be a view. The message calls the path ``argument``.
+    """
+    check_destination(path, SUFFIXES, argument)
+    if not path.exists():
+        return
+    with path.open("rb") as file:
+        if file.read(len(MARK.encode())) != MARK.encode():
+            raise OutputError(
+                f'Argument `{argument}` must be a new file or a view to replace, but "{path}" is another file; remove '
+                "it first, or write elsewhere."
+            )

@@ -1,6 +1,10 @@
-"""Parts of messages: enumerations, counts with plurals, and "did you mean"."""
+"""Messages: the error that is one, and their parts: enumerations, plurals, "did you mean", how to install more."""
 
 from collections.abc import Iterable, Sequence
+
+
+class UserError(ValueError):
+    """What was typed, or written in a file, cannot be done; the message is one sentence that says what and why."""
 
 
 def one_of(names: Sequence[str]) -> str:
@@ -32,3 +36,15 @@ def did_you_mean(name: str, known: Iterable[str], otherwise: str = "", quote: st
     for near in nearest(name, known):
         return f"; did you mean {quote}{near}{quote}?"
     return f"; {otherwise}." if otherwise else "."
+
+
+def pip_install(extra: str) -> str:
+    """The command that installs what an extra of jaxball needs: from the folder that jaxball came from, if it did."""
+    import importlib.metadata  # here, because it is for mistakes alone
+    import json
+
+    text = importlib.metadata.distribution("jaxball").read_text("direct_url.json")
+    folder = json.loads(text or "{}").get("dir_info")
+    if folder is None:
+        return f"pip install 'jaxball[{extra}]'"
+    return f"pip install {'-e ' if folder.get('editable') else ''}'.[{extra}]' in jaxball's folder"

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..interface.errors import UserError
+from ..interface.wording import UserError
 
 LEAST = 1e-15  # MuJoCo's mjMINVAL: the mass and the moments that it requires of a link that moves
 

@@ -9,7 +9,6 @@ from jaxtyping import Float
 from ..interface.arguments import require
 from ..numerics.arrays import to_array
 from ..physics.body import Ball, Disk, System
-from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState, released
 from ..physics.mechanisms import AbstractJointForce, AbstractMechanism, EndStops, JointForces, JointFriction
 from ..physics.resistance import Resistance
@@ -94,8 +93,9 @@ def to_mjcf(scenario: Scenario, *, timestep: float = TIMESTEP) -> Exported:
     add(root, "option", timestep=timestep, gravity=gravity, **style)
     world, actuators, sensors = (ET.Element(tag) for tag in ("worldbody", "actuator", "sensor"))
     links = Links(actuators, timestep, SHOWN * float(system.radius))
-    _add_plane(world, system, scenario.contact)
-    shell = _add_shell(world, system, scenario.contact)
+    surface = _surface(system, scenario.friction_or(STICKING))
+    _add_plane(world, system, surface)
+    shell = _add_shell(world, system, surface)
     write_links(system, shell, links)
     write_sensors(scenario.sensors, shell, sensors, links.shifts)
     root.append(world)
@@ -104,7 +104,7 @@ def to_mjcf(scenario: Scenario, *, timestep: float = TIMESTEP) -> Exported:
     _add_keyframe(root, system, t, scenario.state, links)
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode") + "\n"
-    return Exported(text, _notes(system, scenario.contact, links), tuple(links.controls))
+    return Exported(text, _notes(scenario, links), tuple(links.controls))
 
 
 def _check(system: System) -> None:
@@ -137,9 +137,10 @@ def _check(system: System) -> None:
             )
 
 
-def _notes(system: System, contact: Contact | None, links: Links) -> tuple[str, ...]:
+def _notes(scenario: Scenario, links: Links) -> tuple[str, ...]:
+    system: Any = scenario.system
     notes = []
-    if contact is None:
+    if not scenario.may_slip:
         notes.append(
             "The body always rolls here; in MuJoCo it rolls as far as friction with the coefficient "
             f"{STICKING:g} holds it, and creeps."
@@ -163,17 +164,16 @@ def _has(mechanism: AbstractMechanism, kind: type[AbstractJointForce]) -> bool:
     return any(isinstance(force, kind) for terms in forces for force in terms)
 
 
-def _surface(system: System, contact: Contact | None) -> dict[str, Any]:
+def _surface(system: System, sliding: float) -> dict[str, Any]:
     """The friction of both surfaces: sliding, and rolling where there is dry resistance to it."""
-    sliding = STICKING if contact is None else float(contact.sliding)
     resistance = system.resistance
     if not isinstance(resistance, Resistance) or resistance.dry is None:
         return {"condim": "3", "friction": (sliding, 0.0, 0.0)}
     return {"condim": "6", "friction": (sliding, 0.0, float(resistance.dry) * float(system.radius))}
 
 
-def _add_plane(world: ET.Element, system: System, contact: Contact | None) -> None:
-    surface, r = _surface(system, contact), float(system.radius)
+def _add_plane(world: ET.Element, system: System, surface: dict[str, Any]) -> None:
+    r = float(system.radius)
     ground = system.ground
     if ground is None or ground.turntable is None:
         add(world, "geom", name="plane", type="plane", size=(0.0, 0.0, 0.1 * r), **surface)
@@ -186,7 +186,7 @@ def _add_plane(world: ET.Element, system: System, contact: Contact | None) -> No
     add(table, "geom", name="turntable", type="cylinder", size=(TABLE * r, r), **surface)
 
 
-def _add_shell(world: ET.Element, system: System, contact: Contact | None) -> ET.Element:
+def _add_shell(world: ET.Element, system: System, surface: dict[str, Any]) -> ET.Element:
     r = float(system.radius)
     shell = add(world, "body", name="shell", pos=(0.0, 0.0, r))
     if isinstance(system, Disk):
@@ -197,7 +197,7 @@ def _add_shell(world: ET.Element, system: System, contact: Contact | None) -> ET
         add(shell, "freejoint", name="shell")
         inertia = system.inertia
     add(shell, "inertial", pos=system.offset, mass=system.mass, diaginertia=inertia)
-    add(shell, "geom", name="shell", type="sphere", size=r, rgba="0.4 0.6 0.8 0.3", **_surface(system, contact))
+    add(shell, "geom", name="shell", type="sphere", size=r, rgba="0.4 0.6 0.8 0.3", **surface)
     return shell
 
 

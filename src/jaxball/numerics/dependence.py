@@ -28,7 +28,7 @@ def varying(program: Program, constants: Sequence[bool], operands: Sequence[bool
     return list(map(does, jaxpr.outvars))
 
 
-def lasting(
+def varying_in_loop(
     body: Program, constants: Sequence[bool], carried: Sequence[bool], others: Sequence[bool] = ()
 ) -> list[bool]:
     """Which of the arrays that a loop carries vary at its start or after any number of turns.

@@ -1,6 +1,6 @@
 """Linear systems of a few unknowns, several at once, within a loop."""
 
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -102,3 +102,62 @@ def _reciprocal(x: _Parts) -> _Parts:
         return (1 / x[0],)
     size = x[0] * x[0] + x[1] * x[1]
     return x[0] / size, -x[1] / size
+
+
+class Factors(NamedTuple):
+    """A = L D Lᵀ, with ones on the diagonal of L."""
+
+    lower: Float[Array, "k k"]  # L; what is above its diagonal is 0
+    pivots: Float[Array, " k"]  # the diagonal of D, all positive where A is positive definite
+
+    def reduced(self, b: Float[Array, "k *columns"]) -> Float[Array, "k *columns"]:
+        """L⁻¹ b."""
+        rows: list[Array] = []
+        for i in range(len(self.pivots)):
+            rows.append(b[i] - sum((self.lower[i, j] * row for j, row in enumerate(rows)), jnp.zeros_like(b[i])))
+        return jnp.stack(rows)
+
+    def divided(self, y: Float[Array, "k *columns"]) -> Float[Array, "k *columns"]:
+        """D⁻¹ y."""
+        return jnp.stack([row / pivot for row, pivot in zip(y, self.pivots, strict=True)])
+
+    def completed(self, y: Float[Array, "k *columns"]) -> Float[Array, "k *columns"]:
+        """L⁻ᵀ y."""
+        rows: list[Array] = []
+        for i in reversed(range(len(self.pivots))):
+            later = (self.lower[j, i] * row for j, row in zip(range(i + 1, len(self.pivots)), rows, strict=True))
+            rows.insert(0, y[i] - sum(later, jnp.zeros_like(y[i])))
+        return jnp.stack(rows)
+
+
+def factored(A: Float[Array, "k k"]) -> Factors:
+    """The factors of a symmetric matrix, of which only the lower half is read; not finite where it is singular."""
+    k = A.shape[0]
+    zero, one = jnp.zeros_like(A[0, 0]), jnp.ones_like(A[0, 0])
+    L: list[list[Array]] = [[zero] * i + [one] + [zero] * (k - i - 1) for i in range(k)]
+    d: list[Array] = []
+    for i in range(k):
+        for j in range(i):
+            L[i][j] = (A[i, j] - sum((L[i][m] * L[j][m] * d[m] for m in range(j)), zero)) / d[j]
+        d.append(A[i, i] - sum((L[i][m] ** 2 * d[m] for m in range(i)), zero))
+    return Factors(jnp.stack([jnp.stack(row) for row in L]), jnp.stack(d))
+
+
+def least_squares(matrix: Float[Array, "rows n"], wanted: Float[Array, " rows"]) -> Float[Array, " n"]:
+    """The x with the least |matrix x − wanted|, for a matrix of full column rank.
+
+    Modified Gram–Schmidt on the columns of the matrix, which is as stable as Householder's method if the right-hand
+    side is treated as an additional column (Björck 1967).
+    """
+    rest, n, rows, right = jnp.concatenate([matrix, wanted[:, None]], axis=1), matrix.shape[1], [], []
+    for _ in range(n):
+        length = jnp.sqrt(jnp.sum(rest[:, 0] ** 2))
+        unit = rest[:, :1] / length
+        along = jnp.sum(unit * rest[:, 1:], axis=0)
+        rest = rest[:, 1:] - unit * along[None]
+        rows.append(jnp.concatenate([length[None], along[:-1]]))
+        right.append(along[-1])
+    x = jnp.zeros((0,), matrix.dtype)
+    for row, value in zip(reversed(rows), reversed(right), strict=True):
+        x = jnp.concatenate([((value - jnp.sum(row[1:] * x)) / row[0])[None], x])
+    return x

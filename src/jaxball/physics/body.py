@@ -15,7 +15,7 @@ from ..numerics import programs
 from ..numerics.arrays import Numbers, concatenated, default_dtype, namespace_of, to_array
 from .breaches import breaches, in_plane
 from .conditions import Condition, Problem, all_hold, positive, positive_inertia, real_inertia
-from .confinement import beside, confined, time_of_leaving
+from .confinement import confined, is_off_plane, time_of_leaving
 from .coupling import moved_masses
 from .dynamics import accelerations, solvable_friction
 from .feedback import AbstractLaw, FollowSchedules
@@ -59,7 +59,7 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
             "a point inside the shell, closer to the centre than the radius",
         )
         if self.planar:
-            flat = ~beside(self, self.offset)
+            flat = ~is_off_plane(self, self.offset)
             yield Condition(flat, "offset", self.offset, "in the plane of a disk, E1 and E3, with second entry 0")
         for group, indices in zip(self.groups, self.order, strict=True):
             names = tuple(f"masses[{index}].mass" for index in indices)

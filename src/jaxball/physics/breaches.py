@@ -15,19 +15,19 @@ from jaxtyping import Array, ArrayLike, Float
 from ..numerics import programs
 from ..numerics.arrays import to_array
 from ..numerics.calculus import Furthest
-from ..numerics.norms import length
+from ..numerics.vectors import length
 from .conditions import Condition, Problem
 from .confinement import (
     TIME_SAMPLES,
-    beside,
-    beyond,
-    course,
     is_bounded,
+    is_moved_off,
+    is_off_plane,
+    is_outside,
     mechanism_positions,
-    pushed_aside,
     rail_of,
     rail_points,
     rounding,
+    sampled_path,
     time_of_crossing,
     time_samples,
 )
@@ -79,9 +79,9 @@ def _breaches(
 
 
 def _of_position(system: BodyParameters, index: int, motion: Fixed, inside: str) -> Iterator[Problem]:
-    if beyond(system, length(np.asarray(motion.position))):
+    if is_outside(system, length(np.asarray(motion.position))):
         yield Problem(f"masses[{index}].motion.position", f"be a point {inside}", f"it is {motion.position.tolist()}")
-    if beside(system, motion.position):
+    if is_off_plane(system, motion.position):
         yield Problem(f"masses[{index}].motion.position", IN_PLANE, f"it passes {motion.position.tolist()}")
 
 
@@ -91,7 +91,7 @@ def _of_rail(system: BodyParameters, index: int, rail: AbstractRail, inside: str
     if rail.period is None:
         return
     theta, distance = map(np.asarray, known_furthest(rail))
-    if beyond(system, distance):
+    if is_outside(system, distance):
         (exactly,) = length(np.asarray(_points(rail, theta[None])))
         where = f"{exactly:.6g} from the centre at theta = {theta % rail.period:.6g}"
         yield Problem(f"masses[{index}].motion.rail", f"be a curve {inside}", f"it is {where}")
@@ -102,7 +102,7 @@ def _of_motion(
 ) -> Iterator[Problem]:
     name = f"masses[{index}].motion" + (".schedule" if isinstance(motion, OnRail) else "")
     t = _fine_times(motion, times)
-    (chi, top, *_), leaving = jax.tree.map(np.asarray, _course(system, motion, t))
+    (chi, top, *_), leaving = jax.tree.map(np.asarray, _sampled_path(system, motion, t))
     yield from _out_of_plane(system, name, chi)
     if leaving == t[0]:
         at, distance = t[0], length(chi[0])
@@ -124,7 +124,7 @@ def _of_driven(
     theta: Float[np.ndarray, "t driven"],
 ) -> Iterator[Problem]:
     distances = length(np.asarray(_points(rail, theta[:, system.driven.index(index)])))
-    outside = np.flatnonzero(beyond(system, distances))
+    outside = np.flatnonzero(is_outside(system, distances))
     if not outside.size:
         return
     k = int(outside[0])
@@ -146,9 +146,9 @@ def _of_mechanisms(
     theta: Float[np.ndarray, "T coordinates"],
 ) -> Iterator[Problem]:
     chi = np.asarray(_places_of_mechanisms(system, group, order, times, theta))
-    outside = beyond(system, length(chi))
+    outside = is_outside(system, length(chi))
     aside = (
-        np.asarray(_pushed_aside(system, group, order, times[0], theta[0])) if system.planar else len(order) * [False]
+        np.asarray(_is_moved_off(system, group, order, times[0], theta[0])) if system.planar else len(order) * [False]
     )
     for k, index in enumerate(order):
         if aside[k]:
@@ -165,7 +165,7 @@ def _of_mechanisms(
 
 
 def _out_of_plane(system: BodyParameters, name: str, chi: Float[np.ndarray, "n 3"]) -> Iterator[Problem]:
-    if np.any(beside(system, chi)):
+    if np.any(is_off_plane(system, chi)):
         worst = chi[int(np.nanargmax(np.abs(chi[:, 1])))]
         yield Problem(name, IN_PLANE, f"it passes {[round(x, 6) for x in worst.tolist()]}")
 
@@ -198,9 +198,9 @@ def _points(rail: AbstractRail, theta):
 
 
 @programs.filter_jit
-def _pushed_aside(system: BodyParameters, group: AbstractMechanism, order, t, theta):
+def _is_moved_off(system: BodyParameters, group: AbstractMechanism, order, t, theta):
     prepared = eqx.filter_vmap(lambda mechanism: mechanism.prepare())(group)
-    return pushed_aside(system, prepared, order, to_array(t), to_array(theta))
+    return is_moved_off(system, prepared, order, to_array(t), to_array(theta))
 
 
 @programs.filter_jit
@@ -210,10 +210,10 @@ def _places_of_mechanisms(system: BodyParameters, group: AbstractMechanism, orde
 
 
 @programs.filter_jit
-def _course(system: BodyParameters, motion: Any, t):
-    """The course of a mass, and when it leaves the shell."""
+def _sampled_path(system: BodyParameters, motion: Any, t):
+    """The path of a mass, and when it leaves the shell."""
     prepared = motion.prepare()
-    seen = course(system, prepared, t)
+    seen = sampled_path(system, prepared, t)
     return seen, time_of_crossing(system, prepared, seen)
 
 

@@ -34,12 +34,12 @@ def rounding(x: Array | np.ndarray) -> float:
     return float(np.sqrt(np.finfo(x.dtype).eps))
 
 
-def beyond(system: BodyParameters, distance: Float[AnyArray, "*batch"]) -> Any:
+def is_outside(system: BodyParameters, distance: Float[AnyArray, "*batch"]) -> Any:
     """Whether something at this distance from the centre is outside the shell."""
     return distance > system.radius * (1 + rounding(system.radius))
 
 
-def beside(system: BodyParameters, chi: Float[AnyArray, "*batch 3"]) -> Any:
+def is_off_plane(system: BodyParameters, chi: Float[AnyArray, "*batch 3"]) -> Any:
     """Whether a point is outside the plane of a disk, E1 and E3; never for a ball."""
     aside = abs(chi[..., 1]) > system.radius * rounding(system.radius)
     return aside if system.planar else namespace_of(aside).zeros_like(aside)
@@ -62,9 +62,9 @@ def rail_points(rail: AbstractRail, radius: Float[Array, ""]) -> Float[Array, "n
     return jax.vmap(rail)(jnp.linspace(0.0, end, rail.samples))
 
 
-def time_samples(times: Float[Array, " T"], count: int = TIME_SAMPLES) -> Float[Array, " n"]:
+def time_samples(times: Float[Array, " T"]) -> Float[Array, " n"]:
     """The times at which a motion is checked between the first and the last of ``times``."""
-    return jnp.linspace(times[0], times[-1], count + 1)
+    return jnp.linspace(times[0], times[-1], TIME_SAMPLES + 1)
 
 
 def confined(system: BodyParameters, times: Float[Array, " T"], state: State) -> Bool[Array, ""]:
@@ -78,21 +78,21 @@ def confined(system: BodyParameters, times: Float[Array, " T"], state: State) ->
         rail = rail_of(group.motion)
         if rail is not None and rail.period is not None:
             distances = eqx.filter_vmap(lambda rail: rail.furthest())(rail).distance
-            astray |= jnp.any(beyond(system, distances))
+            astray |= jnp.any(is_outside(system, distances))
         if rail is not None and system.planar:
             points = eqx.filter_vmap(rail_points, in_axes=(eqx.if_array(0), None))(rail, system.radius)
-            astray |= jnp.any(beside(system, points))
+            astray |= jnp.any(is_off_plane(system, points))
         if rail is None or rail.period is None:
             chi = _positions(group.motion, times[:1], state.theta[None, places])
-            astray |= jnp.any(beyond(system, norm(chi)) | beside(system, chi))
+            astray |= jnp.any(is_outside(system, norm(chi)) | is_off_plane(system, chi))
         if system.planar and not (isinstance(group.motion, Driven) or is_bounded(group.motion)):
             chi = _positions(group.motion, time_samples(times), state.theta[None, places])
-            astray |= jnp.any(beside(system, chi))
+            astray |= jnp.any(is_off_plane(system, chi))
     for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
         chi = mechanism_positions(system, group, order, times[:1], state.theta[None])
-        astray |= jnp.any(beyond(system, norm(chi)) | beside(system, chi))
+        astray |= jnp.any(is_outside(system, norm(chi)) | is_off_plane(system, chi))
         if system.planar:
-            astray |= jnp.any(pushed_aside(system, group, order, times[0], state.theta))
+            astray |= jnp.any(is_moved_off(system, group, order, times[0], state.theta))
     return ~astray
 
 
@@ -114,7 +114,7 @@ def time_of_leaving(
         if isinstance(motion, AbstractPrescribedMotion):
             leaving = _leaving(system, motion, time_samples(times))
         else:
-            outside = jnp.any(beyond(system, norm(_positions(motion, times, theta[:, places]))), axis=1)
+            outside = jnp.any(is_outside(system, norm(_positions(motion, times, theta[:, places]))), axis=1)
             leaving = jnp.where(outside, times, jnp.inf)
         first = jnp.minimum(first, jnp.min(leaving))
     for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
@@ -122,7 +122,7 @@ def time_of_leaving(
         if not group.in_state:  # known between them too
             t = time_samples(times)
             own = jnp.zeros((t.shape[0], theta.shape[1]), theta.dtype)
-        outside = jnp.any(beyond(system, norm(mechanism_positions(system, group, order, t, own))), axis=(1, 2))
+        outside = jnp.any(is_outside(system, norm(mechanism_positions(system, group, order, t, own))), axis=(1, 2))
         first = jnp.minimum(first, jnp.min(jnp.where(outside, t, jnp.inf)))
     return first
 
@@ -140,7 +140,7 @@ def until_left(
     return jnp.minimum(reached, left), jnp.where(left <= reached, int(Status.LEFT_SHELL), status)
 
 
-class Course(NamedTuple):
+class SampledPath(NamedTuple):
     """A mass in prescribed motion: χ at some times, where it is furthest from the centre, and when it leaves the shell.
 
     ``last``, ``first``: two times between which it leaves; ``first`` is infinite where it does not.
@@ -152,8 +152,8 @@ class Course(NamedTuple):
     first: Float[Array, ""]
 
 
-def course(system: BodyParameters, motion: AbstractPrescribedMotion, t: Float[Array, " n"]) -> Course:
-    """The course of a mass, from evenly spaced times ``t`` and times near them; ``motion`` is prepared."""
+def sampled_path(system: BodyParameters, motion: AbstractPrescribedMotion, t: Float[Array, " n"]) -> SampledPath:
+    """The path of a mass, from evenly spaced times ``t`` and times near them; ``motion`` is prepared."""
 
     def within(x: Float[Array, ""]) -> Float[Array, ""]:
         return jnp.clip(x, t[0], t[-1])
@@ -161,12 +161,12 @@ def course(system: BodyParameters, motion: AbstractPrescribedMotion, t: Float[Ar
     chi = jax.vmap(motion)(t)
     top = furthest(lambda x: motion(within(x)), t, chi)
     top = top._replace(x=within(top.x))
-    first = jnp.min(jnp.where(beyond(system, norm(chi)), t, jnp.inf))
-    first = jnp.minimum(first, jnp.where(beyond(system, top.distance), top.x, jnp.inf))
-    return Course(chi, top, jnp.max(jnp.where(t < first, t, t[0])), first)
+    first = jnp.min(jnp.where(is_outside(system, norm(chi)), t, jnp.inf))
+    first = jnp.minimum(first, jnp.where(is_outside(system, top.distance), top.x, jnp.inf))
+    return SampledPath(chi, top, jnp.max(jnp.where(t < first, t, t[0])), first)
 
 
-def time_of_crossing(system: BodyParameters, motion: AbstractPrescribedMotion, seen: Course) -> Float[Array, ""]:
+def time_of_crossing(system: BodyParameters, motion: AbstractPrescribedMotion, seen: SampledPath) -> Float[Array, ""]:
     """When a mass that leaves the shell crosses it, by bisection; infinite where it does not."""
 
     def halve(_, bracket):
@@ -191,7 +191,7 @@ def _groups(system: BodyParameters) -> list[tuple[Any, np.ndarray]]:
 
 def _leaving(system: BodyParameters, motion: Any, t: Float[Array, " n"]) -> Float[Array, " masses"]:
     """When each mass of a group leaves the shell; infinite where it does not."""
-    seen = eqx.filter_vmap(lambda motion: course(system, motion, t))(motion)
+    seen = eqx.filter_vmap(lambda motion: sampled_path(system, motion, t))(motion)
 
     def crossings(_):
         return eqx.filter_vmap(lambda motion, seen: time_of_crossing(system, motion, seen))(motion, seen)
@@ -222,7 +222,7 @@ def mechanism_positions(
     return jax.vmap(lambda t, theta: eqx.filter_vmap(one, in_axes=(0, None, 0))(group, t, theta[slots]))(t, theta)
 
 
-def pushed_aside(
+def is_moved_off(
     system: BodyParameters,
     group: AbstractMechanism,
     order: tuple[int, ...],

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..numerics.factorisation import Factors, factored
+from ..numerics.linear import Factors, factored
 from ..numerics.vectors import apply, cross, inverse
 from .conditions import Condition
 from .linkage import Linkage, linkages

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..interface.arguments import require_value
-from ..numerics.masks import without_derivatives
+from ..numerics.differentiation import without_derivatives
 from ..numerics.vectors import apply, cross, dot, outer
 from .conditions import Condition
 from .coupling import FactoredInertia, Inertia, Joints, inertia, joined, joint_forces, with_free_joints
@@ -135,7 +135,7 @@ def accelerations(
     Omegadot, thetaddot = found.solved(r, t, state, acting)
     dry = None if system.resistance is None else system.resistance.dry_torque(r, Omega, Gamma)
     if dry is not None:
-        change, joint_changes, slope = _rubbed(at, Gamma, free, found.matrix, dry)
+        change, joint_changes, slope = _dry_friction(at, Gamma, free, found.matrix, dry)
         # N = N(without dry friction) + N times what a unit of N changes; nothing where N would be negative.
         without = dot(Gamma, found.reaction_without_motion(acting)) + _normal(at, Gamma, free, Omegadot, thetaddot)
         N = jnp.maximum(without, 0.0) / jnp.where(slope < 1, 1 - slope, jnp.nan)
@@ -178,12 +178,12 @@ def solvable_friction(system: BodyParameters, t: Float[Array, ""], state: State)
     matrix = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links).factored()
     dry = system.resistance.dry_torque(r, Omega, Gamma)
     assert dry is not None
-    *_, slope = _rubbed(at, Gamma, with_free_joints(links), matrix, dry)
+    *_, slope = _dry_friction(at, Gamma, with_free_joints(links), matrix, dry)
     # NaN is reported by other conditions.
     yield Condition(~(slope >= 1), "resistance.dry", getattr(system.resistance, "dry", dry), SOLVABLE)
 
 
-def _rubbed(
+def _dry_friction(
     at: AbstractMoments, Gamma: Float[Array, "3"], free: list[Linkage], matrix: FactoredInertia, dry: Float[Array, "3"]
 ) -> tuple[Float[Array, "3"], Joints, Float[Array, ""]]:
     """Ω̇ and free θ̈ that the torque ``dry`` of a unit of normal force has, and the normal force that these add."""

@@ -8,7 +8,7 @@ and of all parameters, and has their derivatives, so that derivatives of what fo
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -17,8 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.printing import Printed, is_single, shown
-from ..numerics.masks import without_derivatives
-from ..numerics.modes import once
+from ..numerics.differentiation import once, without_derivatives
 
 NONE = -1  # no event
 START = -2  # the start of a run
@@ -151,9 +150,26 @@ class Record(NamedTuple):
 
 
 class AbstractHistory(Printed):
-    """What a run records besides its states at the saved times: the switches from mode to mode."""
+    """What a run records besides its states at the saved times: the switches from mode to mode.
 
-    switches: eqx.AbstractVar[Any]  # with at least `count`, `times`, `before`, `after` and `grazing`
+    An implementer supplies ``switches``, with at least ``count``, ``times``, ``before``, ``after`` and ``grazing``. All
+    else has a default, that of a system without quantities of its own. Files, figures, views and studies ask for these
+    and do not depend on the kind of a history. ``described`` says what the modes are, after "with".
+    """
+
+    described: ClassVar[str] = "modes"
+
+    switches: eqx.AbstractVar[Any]
+
+    @property
+    def over_time(self) -> dict[str, Array]:
+        """Quantities at the saved times, by name, with the times as leading axis."""
+        return {}
+
+    @property
+    def coefficients(self) -> dict[str, Array]:
+        """The coefficients of friction between a body and its plane, ``static`` and ``sliding``, if a law has them."""
+        return {}
 
     @property
     def lines(self) -> list[str]:
@@ -212,6 +228,20 @@ class Switches(Printed):
         ]
         return [*lines, *([f"{count - kept} more, {self.remedy}"] if count > kept else [])] or ["none"]
 
+    @property
+    def first_lines(self) -> list[str]:
+        """The first of ``lines``, indented, and how many more there are; none without a switch."""
+        count, lines = int(self.count), self.lines
+        shown = lines[:MOST_SHOWN] if count else []
+        more = [f"and {count - len(shown):,} more"] if count > len(shown) else []
+        return [f"  {line}" for line in (*shown, *more)]
+
+    @property
+    def how_often(self) -> str:
+        """``once``, ``12 times``."""
+        count = int(self.count)
+        return "once" if count == 1 else f"{count:,} times"
+
     def words(self, k: int) -> str:
         """What happened at switch ``k``."""
         return f"event {int(np.asarray(self.event)[k])}"
@@ -229,11 +259,8 @@ class History(AbstractHistory):
 
     @property
     def lines(self) -> list[str]:
-        count, lines = int(self.switches.count), self.switches.lines
-        changed = "never switched" if count == 0 else "switched once" if count == 1 else f"switched {count:,} times"
-        few = lines[:MOST_SHOWN] if count else []
-        rest = [f"  and {count - len(few):,} more"] if count > len(few) else []
-        return [f"its mode {changed}", *(f"  {line}" for line in few), *rest]
+        changed = f"switched {self.switches.how_often}" if int(self.switches.count) else "never switched"
+        return [f"its mode {changed}", *self.switches.first_lines]
 
 
 class NoHistory(AbstractHistory):

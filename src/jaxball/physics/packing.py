@@ -10,7 +10,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics.arrays import default_dtype
-from ..numerics.masks import differentiated_where, known_or_nothing
+from ..numerics.differentiation import differentiated_where, known_or_nothing
 from .dae import algebraic_component, constrained, mass_diagonal
 from .system import AbstractState, AbstractSystem, AnyState, AnySystem
 

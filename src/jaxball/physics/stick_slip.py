@@ -14,11 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..numerics.masks import without_derivatives
+from ..numerics.differentiation import without_derivatives
 from .body import AbstractBody
 from .conditions import Condition, Problem
 from .dynamics import holding_friction
-from .hybrid import MOST_SHOWN, AbstractHistory, Record, Switches
+from .hybrid import AbstractHistory, Record, Switches
 from .state import State
 from .sticking import largest_frictions, released, sticking_slots, with_directions
 from .system import AbstractState, AbstractSystem
@@ -71,6 +71,8 @@ class StickSlipHistory(AbstractHistory):
     - ``directions``: in which each joint with dry friction slips, 1 or −1, and 0 where it sticks, shape (T, joints).
     """
 
+    described: ClassVar[str] = "joints that stick, at which forces jump"
+
     switches: StickSlipSwitches
     directions: Float[Array, "*batch T joints"]
 
@@ -81,13 +83,9 @@ class StickSlipHistory(AbstractHistory):
 
     @property
     def lines(self) -> list[str]:
-        count, lines = int(self.switches.count), self.switches.lines
-        if count == 0:
+        if int(self.switches.count) == 0:
             return ["no joint began to stick or broke loose"]
-        few = lines[:MOST_SHOWN]
-        rest = [f"  and {count - len(few):,} more"] if count > len(few) else []
-        often = "once" if count == 1 else f"{count:,} times"
-        return [f"joints stuck, broke loose or turned back {often}", *(f"  {line}" for line in few), *rest]
+        return [f"joints stuck, broke loose or turned back {self.switches.how_often}", *self.switches.first_lines]
 
     def at_rows(self, rows: slice) -> "StickSlipHistory":
         return dataclasses.replace(self, directions=self.directions[rows])
@@ -101,7 +99,10 @@ class StickSlip(AbstractSystem[StickSlipState]):
     title: ClassVar[str] = "body with joints that stick and slip"
     state_type: ClassVar[Any] = StickSlipState
 
-    # Conditions, kinks and confinement are those of the body.
+    # States, conditions, kinks and confinement are those of the body.
+
+    def require_state(self, state: Any) -> None:
+        type(self.body).require_state(self.body, state)
 
     def conditions(self) -> Iterator[Condition]:
         yield from self.body.conditions()

@@ -22,7 +22,7 @@ from ..interface.arguments import a, described, refusal
 from ..interface.printing import Printed, is_array
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, default_dtype, to_array
-from ..numerics.masks import differentiated_where
+from ..numerics.differentiation import differentiated_where
 from .conditions import Condition, Problem, unit
 from .hybrid import (
     NO_HISTORY,

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import chi2
@@ -22,10 +22,11 @@ LOOKS = [(colour, dashes) for dashes in (SOLID, DASHED, DASH_DOTTED) for colour 
 
 
 def estimate(estimate: AbstractEstimate, truth: PlacedState | None = None, confidence: float = 0.95) -> Figure:
-    """Errors of an estimate over time, the biases of sensors, and in the last panel the normalised innovations.
+    """Errors of an estimate over time, the biases of sensors, and in the last panels normalised squares.
 
     Bands show where errors, and around their estimates biases, lie with this probability if the filter is right; where
-    the truth is known, lines show the errors. Innovations lie between the dashed lines with the same probability.
+    the truth is known, lines show the errors. The normalised squares of innovations, and of errors where the truth is
+    known, lie between the dashed lines with the same probability.
 
     **Arguments:**
 
@@ -41,13 +42,20 @@ def estimate(estimate: AbstractEstimate, truth: PlacedState | None = None, confi
     names = (*estimate.directions, *estimate.biases)
     errors = None if truth is None else np.asarray(estimate.errors(truth))
     groups = _groups(names)
-    figure = Figure(figsize=(WIDE[0], PANEL * (len(groups) + 1)), layout="constrained")
-    *panels, last = figure.subplots(len(groups) + 1, 1, sharex=True, squeeze=False)[:, 0]
+    squares = [(r"$\nu^\top S^{-1}\nu$", np.asarray(estimate.nis), np.asarray(estimate.read))]
+    if truth is not None:
+        nees = np.asarray(estimate.nees(truth)), np.asarray(estimate.uncertain)
+        squares.insert(0, (r"$\xi^\top P^{-1}\xi$", *nees))
+    count = len(groups) + len(squares)
+    figure = Figure(figsize=(WIDE[0], PANEL * count), layout="constrained")
+    panels = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
     width = float(np.sqrt(chi2.ppf(confidence, 1)))
-    for ax, (group, places) in zip(panels, groups.items(), strict=True):
+    for ax, (group, places) in zip(panels, groups.items(), strict=False):
         _draw_errors(ax, estimate, group, places, errors, width)
+    for ax, square in zip(panels[len(groups) :], squares, strict=True):
+        _draw_squares(ax, np.asarray(estimate.times), *square, confidence)
+    for ax in panels[:-1]:
         ax.label_outer()
-    _draw_innovations(last, estimate, confidence)
     return figure
 
 
@@ -85,14 +93,19 @@ def _draw_errors(
     over_time(None, times, series, f"${symbol}$", ax)
 
 
-def _draw_innovations(ax: Axes, estimate: AbstractEstimate, confidence: float) -> None:
-    times, found = np.asarray(estimate.times), np.asarray(estimate.nis)
-    degrees = np.asarray(estimate.read)
+def _draw_squares(
+    ax: Axes,
+    times: Float[np.ndarray, " K"],
+    name: str,
+    found: Float[np.ndarray, " K"],
+    degrees: Int[np.ndarray, " K"],
+    confidence: float,
+) -> None:
+    """Numbers that are distributed as χ² with so many degrees, and their bounds."""
     bounds = [np.where(degrees > 0, chi2.ppf(p, np.maximum(degrees, 1)), np.nan) for p in _tails(confidence)]
-    over_time(None, times, [Series(found, "", COMPONENTS[0])], r"$\nu^\top S^{-1}\nu$", ax)
-    for bound in bounds:
-        ax.plot(times, bound, color=INK, linewidth=0.8, linestyle=(0, DASHED))
-    label_axes(ax, "$t$", r"$\nu^\top S^{-1}\nu$")
+    lines = [Series(found, "", COMPONENTS[0]), *(Series(bound, "", INK, DASHED) for bound in bounds)]
+    over_time(None, times, lines, name, ax)
+    label_axes(ax, "$t$", name)
 
 
 def _tails(confidence: float) -> tuple[float, float]:

@@ -28,6 +28,7 @@ PATHS: dict[Mode, dict[str, Any]] = {
 NAMES = [mode.name.lower() for mode in BANDS]
 SWITCH: dict[str, Any] = {"color": "0.6", "linewidth": 0.5}
 BREAK = np.full((1, 3), np.nan)
+IN_A_ROW = 3  # entries of the legends above Axes with bands
 
 
 class Spell(NamedTuple):
@@ -98,8 +99,8 @@ def draw_modes(ax: Axes, modes: Modes) -> None:
         ax.axvline(t, **SWITCH, zorder=-1)
 
 
-def share_bands(figure: Figure, most: int = 3) -> None:
-    """Names the bands of a figure once, below all its Axes; the legends above these have up to ``most`` in a row."""
+def share_bands(figure: Figure) -> None:
+    """Names the bands of a figure once, below all its Axes."""
     bands: dict[str, Any] = dict.fromkeys(NAMES)
     for ax in figure.axes:
         of_ax = {str(patch.get_label()): patch for patch in ax.patches if patch.get_label() in NAMES}
@@ -108,7 +109,7 @@ def share_bands(figure: Figure, most: int = 3) -> None:
         old = ax.get_legend()
         if of_ax and old is not None:
             old.remove()
-            legend_above(ax, most)
+            legend_above(ax, IN_A_ROW)
         bands |= of_ax
     if drawn := {name: patch for name, patch in bands.items() if patch is not None}:
         look: dict[str, Any] = {"loc": "outside lower center", "ncols": len(drawn), "frameon": False, "prop": SMALL}

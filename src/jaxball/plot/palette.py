@@ -61,7 +61,7 @@ def mass_look(i: int) -> Line:
     return Line(mass_colour(i), dashes[(i - 1) % len(dashes)])
 
 
-def on_white(colour: str, share: float = BAND) -> str:
-    """A fraction of a colour on white."""
+def on_white(colour: str) -> str:
+    """A colour for bands, pale on white."""
     parts = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
-    return "#" + "".join(f"{round(255 - share * (255 - part)):02X}" for part in parts)
+    return "#" + "".join(f"{round(255 - BAND * (255 - part)):02X}" for part in parts)

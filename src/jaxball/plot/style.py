@@ -137,10 +137,10 @@ def _new(size: tuple[float, float], system: "AbstractSystem | None") -> Figure:
     return figure
 
 
-def up_to_ticks(ax: Axes, low: float = math.inf, high: float = -math.inf) -> None:
-    """Ends the vertical axis at ticks that enclose everything drawn, and ``low`` and ``high``."""
+def up_to_ticks(ax: Axes, low: float = math.inf) -> None:
+    """Ends the vertical axis at ticks that enclose everything drawn, and ``low``."""
     drawn = ax.dataLim.intervaly
-    low, high = min(low, float(drawn[0])), max(high, float(drawn[1]))
+    low, high = min(low, float(drawn[0])), float(drawn[1])
     if not np.isfinite([low, high]).all():
         return
     if high - low <= 1e-9 * max(abs(low), abs(high)):  # a constant is shown relative to 0, and 0 relative to ±1

@@ -14,10 +14,9 @@ from matplotlib.figure import Figure
 from ..numerics import programs
 from ..numerics.arrays import to_array
 from ..physics.body import Disk
-from ..physics.contact.body_on_plane import ContactHistory
 from ..physics.contact.modes import Mode
 from ..sensors import AbstractSensor
-from ..simulation.trajectory import Trajectory
+from ..simulation.trajectory import Trajectory, always_rolls
 from .modes import share_bands
 from .over_time import Series, components, over_run, over_time, sizes_of, without_rounding
 from .palette import COMPONENTS, DASHED, DOTTED, INK, TAKEN
@@ -70,10 +69,9 @@ def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         Series(seen.potential_energy, "$V$", COMPONENTS[1]),
         Series(seen.kinetic_energy + seen.potential_energy, "$E = T + V$", INK, DASHED),
     ]
-    if run.contact is not None:
-        amounts = np.stack([run.contact.rubbed, run.contact.struck])[:, finite_rows(run)]
-        taken = (Series(values, name, *look) for (name, look), values in zip(TAKEN.items(), amounts, strict=True))
-        series += [one for one in taken if np.any(without_rounding(one.values, size))]
+    amounts = np.asarray(dissipated(run))[:, finite_rows(run)]
+    taken = (Series(values, name, *look) for (name, look), values in zip(TAKEN.items(), amounts, strict=True))
+    series += [one for one in taken if np.any(without_rounding(one.values, size))]
     return over_run(run, series, "energy", ax, size=size, most=SHORT)
 
 
@@ -99,11 +97,11 @@ def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     times, seen = record(run)
     N, f = seen.normal_force, np.linalg.norm(seen.friction, axis=1)
     series = [Series(N, "$N$", COMPONENTS[0]), Series(f, r"$|\,\mathbf{f}\,|$", COMPONENTS[1])]
-    if trajectory.contact is not None:
-        series.append(Series(float(trajectory.contact.law.static) * N, r"$\mu_s N$", INK, DASHED))
+    if coefficients := run.history.coefficients:
+        series.append(Series(float(coefficients["static"]) * N, r"$\mu_s N$", INK, DASHED))
     ax = over_run(run, series, "contact force", ax, size=sizes_of(run.system).force, jumps=True)
     up_to_ticks(ax, low=0.0)
-    if trajectory.interpolant is not None and trajectory.contact is None:
+    if trajectory.interpolant is not None and always_rolls(trajectory):
         extremes = _extremes(trajectory)
         time, least = float(extremes.least_normal_force_time), float(extremes.least_normal_force)
         constant = bool(len(times)) and bool(np.max(N) - least <= CONSTANT * abs(least))
@@ -124,8 +122,8 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     run = drawn_run(trajectory)
     times, observables = record(run)
     ratio = without_rounding(observables.friction_ratio, 1.0)
-    if run.contact is not None:
-        return _within_the_cone(run, run.contact, times, ratio, ax)
+    if run.history.coefficients:
+        return _within_the_cone(run, times, ratio, ax)
     on_plane = np.isfinite(ratio)
     drawn = np.where(on_plane, ratio, np.nan)
     ax = over_time(trajectory.system, times, [Series(drawn, "", COMPONENTS[0])], r"$|\,\mathbf{f}\,|/N$", ax)
@@ -144,14 +142,14 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 def _within_the_cone(
     trajectory: Trajectory,
-    history: ContactHistory,
     times: Float[np.ndarray, " T"],
     ratio: Float[np.ndarray, " T"],
     ax: Axes | None,
 ) -> Axes:
     """|f| / N with the coefficients of the law; friction never exceeds the larger."""
-    flies = np.asarray(history.mode)[finite_rows(trajectory)] == Mode.FLIGHT
-    static, sliding = float(history.law.static), float(history.law.sliding)
+    history = trajectory.history
+    flies = np.asarray(history.over_time["mode"])[finite_rows(trajectory)] == Mode.FLIGHT
+    static, sliding = (float(history.coefficients[name]) for name in ("static", "sliding"))
     coefficients = {rf"$\mu_s = {static:.4g}$": (static, DASHED), rf"$\mu = {sliding:.4g}$": (sliding, DOTTED)}
     if static == sliding:
         coefficients = {rf"$\mu_s = \mu = {static:.4g}$": (static, DASHED)}
@@ -180,7 +178,7 @@ def _extremes(trajectory: Trajectory) -> "ContactExtremes":
 
 def _largest_ratio(trajectory: Trajectory, times: np.ndarray, ratio: np.ndarray) -> tuple[float, float]:
     """The time and the value of the largest |f| / N, of the whole run where it has dense output."""
-    if trajectory.interpolant is not None:
+    if trajectory.interpolant is not None and always_rolls(trajectory):
         extremes = _extremes(trajectory)
         return float(extremes.friction_needed_time), float(extremes.friction_needed)
     k = int(np.argmax(ratio))
@@ -211,8 +209,8 @@ def centre_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """
     run = drawn_run(trajectory)
     rows, speed, system = finite_rows(run), sizes_of(run.system).speed, run.system
-    if run.contact is not None:
-        V = np.asarray(run.contact.V)[rows]
+    if "V" in run.history.over_time:
+        V = np.asarray(run.history.over_time["V"])[rows]
     else:  # rω × e3, plus the velocity of a turntable under the centre
         omega = record(run).observables.angular_velocity_space
         V = float(system.radius) * np.stack([omega[:, 1], -omega[:, 0], 0.0 * omega[:, 0]], axis=1)
@@ -262,8 +260,8 @@ def height(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     >>> plot.height(run).get_ylabel()
     '$h$'
     """
-    run, history = _of_contact(trajectory)
-    return _from_zero(run, np.asarray(history.height), "$h$", sizes_of(run.system).length, ax)
+    run = _of_contact(trajectory)
+    return _from_zero(run, np.asarray(run.history.over_time["height"]), "$h$", sizes_of(run.system).length, ax)
 
 
 def slip_speed(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -283,22 +281,24 @@ def slip_speed(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     >>> [band.get_label() for band in plot.slip_speed(run).patches]
     ['flight', 'sliding']
     """
-    run, history = _of_contact(trajectory)
-    speed = np.linalg.norm(np.asarray(history.slip)[:, :2], axis=1)
+    run = _of_contact(trajectory)
+    speed = np.linalg.norm(np.asarray(run.history.over_time["slip"])[:, :2], axis=1)
     return _from_zero(run, speed, r"$|\,\mathbf{v}_s|$", sizes_of(run.system).speed, ax)
 
 
 def of_contact(trajectory: Trajectory[Any, Any]) -> list[Callable[..., Axes]]:
     """The figures of height and slip speed that are not empty, none without a law of contact."""
-    history, rows = trajectory.contact, finite_rows(trajectory)
-    if history is None:
-        return []
-    sizes = sizes_of(trajectory.system)
-    moves = {
-        height: without_rounding(np.asarray(history.height), sizes.length),
-        slip_speed: without_rounding(np.asarray(history.slip)[:, :2], sizes.speed),
-    }
-    return [draw for draw, values in moves.items() if np.any(values[rows])]
+    known, sizes, rows = trajectory.history.over_time, sizes_of(trajectory.system), finite_rows(trajectory)
+    moves = {"height": (height, 1, sizes.length), "slip": (slip_speed, 2, sizes.speed)}
+    of_run = {name: np.asarray(known[name])[rows].reshape(len(rows), -1) for name in moves if name in known}
+    drawn = (moves[name] + (values,) for name, values in of_run.items())
+    return [draw for draw, along, size, values in drawn if np.any(without_rounding(values[:, :along], size))]
+
+
+def dissipated(trajectory: Trajectory[Any, Any]) -> list[Float[np.ndarray, " T"]]:
+    """The energies dissipated so far by sliding friction and by impacts, 0 without a law of contact."""
+    known, nothing = trajectory.history.over_time, np.zeros(len(trajectory.times))
+    return [np.asarray(known.get(name, nothing)) for name in ("friction_loss", "impact_loss")]
 
 
 def _from_zero(run: Trajectory, values: Float[np.ndarray, " T"], name: str, size: float, ax: Axes | None) -> Axes:
@@ -307,15 +307,15 @@ def _from_zero(run: Trajectory, values: Float[np.ndarray, " T"], name: str, size
     return ax
 
 
-def _of_contact(trajectory: Trajectory) -> tuple[Trajectory, ContactHistory]:
-    """The run, with the states on both sides of its switches, and its contact."""
+def _of_contact(trajectory: Trajectory) -> Trajectory:
+    """The run of a body that may slip and fly, with the states on both sides of its switches."""
     run = drawn_run(trajectory)
-    if run.contact is None:
+    if "height" not in run.history.over_time:
         raise ValueError(
             "Argument `trajectory` must be of a run with a law of contact, but it has none; a body that rolls neither "
             "slips nor leaves the plane. Give one: simulate(..., contact=Contact(sliding=0.3))."
         )
-    return run, run.contact
+    return run
 
 
 def measurements(trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSensor]) -> Figure:

@@ -1,6 +1,7 @@
 """The files of saved runs; nothing here needs JAX."""
 
 import contextlib
+import warnings
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -11,6 +12,8 @@ from ..scenario.errors import ScenarioError
 FORMAT = 1
 SUFFIXES = (".nc", ".npz", ".csv")
 READ_BACK = SUFFIXES[:2]  # a .csv holds only numbers
+# Names in files of earlier versions, and those of today.
+OLDER = {"rejected_steps": "rejected", "rubbed": "friction_loss", "struck": "impact_loss"}
 UNKNOWN_SOLVER = "# Made from a trajectory, which does not contain its solver settings: there is no table [solve].\n"
 
 
@@ -35,7 +38,7 @@ def saved_attributes(path: Path) -> Mapping[str, Any]:
     """
     check_saved(path)
     with refused(path):
-        about = CONTENTS[path.suffix](path, arrays=False)
+        about = contents(path, arrays=False)
     number = attribute_of(path, about, "format", int)
     if number != FORMAT:
         raise RunError(
@@ -101,5 +104,16 @@ def _of_npz(path: Path, arrays: bool) -> Mapping[str, Any]:
     return saved if arrays else {name: array.item() for name, array in saved.items() if array.ndim == 0}
 
 
-# The arrays of a file, or its attributes.
 CONTENTS: dict[str, Callable[..., Mapping[str, Any]]] = dict(zip(READ_BACK, (_of_netcdf, _of_npz), strict=True))
+
+
+def contents(path: Path, arrays: bool) -> Mapping[str, Any]:
+    """The arrays of a file, or its attributes, under today's names; a warning says where a file has older ones."""
+    saved = CONTENTS[path.suffix](path, arrays=arrays)
+    if not OLDER.keys() & saved.keys():
+        return saved
+    message = (
+        f'The run "{path}" has names of an earlier version of jaxball; load it and save it again for those of today.'
+    )
+    warnings.warn(message, FutureWarning, stacklevel=3)
+    return {OLDER.get(name, name): value for name, value in saved.items()}

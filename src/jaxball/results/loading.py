@@ -15,7 +15,7 @@ from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario, ScenarioError, read_scenario
 from ..simulation.trajectory import Trajectory
 from .feedback import INPUTS, read_feedback
-from .files import CONTENTS, UNKNOWN_SOLVER, RunError, attribute_of, no_run, refused, saved_attributes, saved_text
+from .files import UNKNOWN_SOLVER, RunError, attribute_of, contents, no_run, refused, saved_attributes, saved_text
 from .variables import read_history
 
 DRIVEN_FIELDS = ("theta", "thetadot")  # left out of a file where no mass is driven
@@ -58,7 +58,7 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
         scenario = _scenario(path)
         system = scenario.system
     with refused(path):
-        arrays = CONTENTS[path.suffix](path, arrays=True)
+        arrays = contents(path, arrays=True)
     state = _state(arrays, system, path)
     under_feedback = INPUTS in about
     if scenario is not None and scenario.feedback is not None and under_feedback:
@@ -66,7 +66,7 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
 
         system = system_of_run(scenario, arrays["inputs"])
     attribute = functools.partial(attribute_of, path, about)
-    friction = None if scenario is None or scenario.contact is None else scenario.contact.friction
+    law = None if scenario is None else scenario.contact
     try:
         run = Trajectory(
             system=system,
@@ -75,11 +75,11 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
             reached=to_array(attribute("reached", float)),
             status=jnp.asarray(int(attribute("status", lambda name: Status[str(name)]))),
             steps=jnp.asarray(attribute("steps", int)),
-            rejected=jnp.asarray(attribute("rejected_steps", int)),
+            rejected=jnp.asarray(attribute("rejected", int)),
             start=None if scenario is None or under_feedback else scenario.state,
             history=read_feedback(about, arrays, state)
             if under_feedback
-            else read_history(about, arrays, attribute, state, friction),
+            else read_history(about, arrays, attribute, state, law),
         )
     except KeyError as error:
         raise no_run(path, f"it has no {error}") from None

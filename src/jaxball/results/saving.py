@@ -17,8 +17,8 @@ from ..physics.state import ReducedState, RotationState
 from ..scenario import Scenario, ScenarioError, read_scenario, write_scenario
 from ..scenario.paths import entries
 from ..sensors import AbstractSensor
-from ..simulation.extremes import always_rolls, contact_extremes
-from ..simulation.trajectory import Trajectory
+from ..simulation.extremes import contact_extremes
+from ..simulation.trajectory import Trajectory, always_rolls
 from .feedback import feedback_labels
 from .files import FORMAT, SUFFIXES, UNKNOWN_SOLVER
 from .variables import (
@@ -64,7 +64,7 @@ def attributes(
         "message": trajectory.message,
         "reached": float(trajectory.reached),
         "steps": int(trajectory.steps),
-        "rejected_steps": int(trajectory.rejected),
+        "rejected": int(trajectory.rejected),
         "scenario": text,
     }
     run |= history_attributes(trajectory.history)

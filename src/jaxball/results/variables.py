@@ -11,12 +11,12 @@ from jaxtyping import Array
 from ..numerics.arrays import to_array
 from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import NOWHERE, ContactHistory
-from ..physics.contact.law import AbstractFriction, Contact
-from ..physics.contact.modes import ContactSwitches
+from ..physics.contact.law import COEFFICIENTS, AbstractFriction, Contact
+from ..physics.contact.modes import Cause, ContactSwitches, Mode
 from ..physics.contact.released import ReleasedState
 from ..physics.hybrid import NO_HISTORY, AbstractHistory, History, Switches
 from ..physics.state import AbstractBodyState, DiskState, ReducedState
-from ..scenario.body import COEFFICIENTS
+from ..scenario.body import CONTACT
 from ..sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory
 from ..simulation.variables import CLASSICAL_STATE, EVENTS, HISTORY, LAWS, OBSERVABLES, STATE, SWITCHES, Variable
@@ -123,12 +123,8 @@ RELEASED = {name: HISTORY[name] for name in ("V", "height")}
 @functools.singledispatch
 def history_values(history: AbstractHistory, states: Any) -> Variables:
     """The variables over time of a history, besides the ``states``."""
-    return {}
-
-
-@history_values.register
-def _of_contact(history: ContactHistory, states: Any) -> Variables:
-    return {name: (variable, np.asarray(getattr(history, name))) for name, variable in HISTORY.items()}
+    over_time = history.over_time.items()
+    return {name: (HISTORY.get(name) or undescribed(name, leaf.ndim - 1), np.asarray(leaf)) for name, leaf in over_time}
 
 
 @functools.singledispatch
@@ -175,6 +171,38 @@ def _kept(switches: Switches, variables: Mapping[str, tuple[Variable, Array]]) -
 
 
 @functools.singledispatch
+def history_summary(history: AbstractHistory) -> dict[str, Any]:
+    """What a history adds to the summary of a run, as JSON: the law of contact, the modes, the switches, the end."""
+    return {}
+
+
+@history_summary.register
+def _of_run_with_law(history: ContactHistory) -> dict[str, Any]:
+    names = ("V", "height", "slip", "friction_loss", "impact_loss")
+    end = {name: np.asarray(getattr(history, name))[-1] for name in names}
+    switches = history.switches
+    listed = [
+        {
+            "time": float(switches.times[k]),
+            "from": _mode_name(switches.source[k]),
+            "to": _mode_name(switches.target[k]),
+            "cause": Cause(int(switches.cause[k])).sentence,
+            "lost": float(switches.lost[k]),
+            "grazing": bool(switches.grazing[k]),
+        }
+        for k in range(min(int(switches.count), switches.times.shape[-1]))
+    ]
+    modes = [_mode_name(mode) for mode in np.asarray(history.mode)]
+    law, count = CONTACT.write(history.law, "contact"), int(switches.count)
+    return {"contact": {"law": law, "modes": modes, "end": end, "count": count, "switches": listed}}
+
+
+def _mode_name(mode: Any) -> str | None:
+    """The name of a mode; None at times that the solve did not reach."""
+    return Mode(int(mode)).name.lower() if int(mode) >= 0 else None
+
+
+@functools.singledispatch
 def history_attributes(history: AbstractHistory) -> dict[str, Any]:
     """The numbers of a history: how many switches there were and how many are kept, the coefficients of a law."""
     return {}
@@ -196,14 +224,14 @@ def read_history(
     arrays: Mapping[str, np.ndarray],
     attribute: Callable[[str, Callable[[Any], Any]], Any],
     states: Any,
-    friction: AbstractFriction | None = None,
+    law: Contact | None = None,
 ) -> AbstractHistory:
     """The history in a file, whose attributes ``about`` has and ``attribute`` reads by name, with its ``states``.
 
-    ``friction`` is that of the law of contact, if it is not one coefficient.
+    ``law`` is that of the scenario in the file, whose friction may be a function instead of one coefficient.
     """
     if "contact_sliding" in about:
-        return _read_contact(arrays, attribute, states, friction)
+        return _read_contact(arrays, attribute, states, getattr(law, "friction", None))
     if "switches" not in about:
         return NO_HISTORY
     filled = _filled(arrays, attribute("switches", int), attribute("max_switches", int))

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import equinox as eqx
 import jax.numpy as jnp
 
+from ..interface.wording import all_of
 from ..numerics.arrays import to_array
 from ..physics.body import AbstractBody, Ball, Disk, System
-from ..physics.contact.law import SLOWEST, AbstractFriction, Contact
+from ..physics.contact.law import COEFFICIENTS, SLOWEST, AbstractFriction, Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.force import AbstractWrench, FunctionWrench, HarmonicForce, require_wrench
 from ..physics.ground import Ground, Turntable
@@ -52,6 +53,7 @@ from .values import (
     Rule,
     ScenarioError,
     Text,
+    WholeNumber,
     key_error,
     namespace,
     require,
@@ -91,7 +93,6 @@ def read_resistance(values: Any, path: str) -> AbstractResistance:
 
 
 ROOM = 64
-COEFFICIENTS = ("sliding", "static", "restitution", "slowest")
 
 
 FRICTIONS = Open(AbstractFriction, {})
@@ -139,12 +140,22 @@ def read_contact(values: Any, path: str) -> Contact:
     return contact
 
 
+def check_no_sticking(system: AbstractBody) -> None:
+    """Raises a :class:`ScenarioError` for joints that stick beside a law of contact."""
+    if system.sticking:
+        have = "has" if len(system.sticking) == 1 else "have"
+        raise ScenarioError(
+            "Key `contact` must be left out where joints stick, because both have modes, which are not combined, but "
+            f"{all_of(system.sticking)} {have} a force of the kind joint-friction; give that `smoothing`."
+        )
+
+
 def rolling_state(scenario: "Scenario", what: str, error: type[ScenarioError] = ScenarioError) -> AbstractState:
     """The state of a scenario, for ``what`` (with its verb), which is for bodies that always roll, without feedback.
 
     **Raises:** ``error`` where the scenario has a law of contact, or feedback.
     """
-    if scenario.contact is not None:
+    if scenario.may_slip:
         raise error(
             f"Key `contact` must be left out here, because {what} for bodies that always roll; `jaxball simulate` and "
             "studies accept it."
@@ -294,7 +305,7 @@ _ERRORS = Module(
         "rate": Key(Numbers(rule=POSITIVE), None),
         "delay": Key(Numbers(rule=NOT_NEGATIVE, dimension=TIME), 0.0),
         "missing": Key(Numbers(rule=_PROBABILITY), 0.0),
-        "seed": Key(Integer(0, 2**31 - 1), 0),
+        "seed": Key(WholeNumber(0, 2**31 - 1), 0),
     },
 )
 _EVERY_SENSOR = {"errors": Key(_ERRORS.nested, None)}

@@ -2,6 +2,7 @@
 
 import dataclasses
 import tomllib
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
@@ -10,8 +11,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ..control.inputs import recorded
-from ..control.loop import ClosedLoop, closed_loop
-from ..control.push import Wrenches
+from ..control.loop import ClosedLoop, closed_loop, limits_of
+from ..control.push import Push, Wrenches
 from ..control.sampled import SampledSystem
 from ..estimation import OutputFeedback
 from ..physics.body import System
@@ -77,7 +78,16 @@ def with_estimator(scenario: "Scenario", feedback: "AbstractFeedback") -> "Abstr
 
 def robot_of(scenario: "Scenario") -> System:
     """The body of a scenario with the pushes on it."""
-    system, pushes = scenario.system, settings_of(scenario).pushes
+    return with_pushes(scenario.system, settings_of(scenario).pushes)
+
+
+def sampled_of(scenario: "Scenario") -> SampledSystem:
+    """The robot that is simulated, with its inputs."""
+    return SampledSystem.of(robot_of(scenario), sample_of(scenario.times), settings_of(scenario).inputs)
+
+
+def with_pushes(system: Any, pushes: Sequence[Push]) -> System:
+    """A body with pushes on it, besides its own external force."""
     assert isinstance(system, System)  # which alone has feedback
     if not pushes:
         return system
@@ -102,8 +112,9 @@ def loop_along(scenario: "Scenario", feedback: "AbstractFeedback", start: Any = 
 def system_of_run(scenario: "Scenario", u: Float[np.ndarray, "T m"]) -> System:
     """The robot of a saved run with the inputs that acted, which are those from each save time on."""
     settings, times = settings_of(scenario), jnp.asarray(scenario.times)
-    sampled = SampledSystem.of(robot_of(scenario), sample_of(scenario.times), settings.inputs)
-    return recorded(sampled.system, sampled.places, times, jnp.asarray(u[:-1]))
+    sampled = sampled_of(scenario)
+    limits = sampled.limits if settings.limits is None else limits_of(sampled, settings.limits)
+    return recorded(sampled.system, sampled.places, limits, times, jnp.asarray(u[:-1]))
 
 
 def settings_of(scenario: "Scenario") -> AbstractFeedbackSettings:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextvars import ContextVar
 from typing import Any
 
-from ..interface.errors import UserError
+from ..interface.wording import UserError
 
 LONGEST_SHOWN = 60
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Array
 
 from ..control.push import Push
 from ..physics.body import System
-from ..physics.contact.law import Contact
 from ..sensors import AbstractSensor
 from .errors import ScenarioError, each_of, key_error, shown
 from .paths import check_number, with_numbers
@@ -26,7 +26,8 @@ from .values import (
     Nested,
     Numbers,
     Rule,
-    any_traced,
+    WholeNumber,
+    is_traced_document,
     unread,
 )
 
@@ -35,7 +36,8 @@ if TYPE_CHECKING:
     from ..control.sampled import SampledSystem
     from ..simulation.trajectory import Trajectory
 
-Named = Mapping[str, float]
+Number = float | Array  # an array where it is traced
+Named = Mapping[str, Number]
 SOLVER = "dopri8"  # of the samples of a closed loop
 PENALTY = 1e3
 OF_MODEL = ("body", "force", "ground", "resistance", "masses", "mechanisms", "actuation")
@@ -57,8 +59,8 @@ class AbstractFeedbackSettings(abc.ABC):
     """
 
     inputs: tuple[str, ...] | None = None
-    limits: float | Named | None = None
-    delay: int = 0
+    limits: Number | Named | None = None
+    delay: Any = 0
     start: Named = field(default_factory=dict)
     pushes: tuple[Push, ...] = ()
     model: Named = field(default_factory=dict)
@@ -132,8 +134,8 @@ class PredictiveSettings(RegulatorSettings):
     """
 
     horizon: int
-    friction: float | None = None
-    penalty: float = PENALTY
+    friction: Number | None = None
+    penalty: Number = PENALTY
 
     def along(self, run, sample, rtol, atol):
         from ..control.prediction import mpc
@@ -231,7 +233,7 @@ _WEIGHTS = _ByName(shapes=((), (None,), (None, None)))
 _FEEDFORWARD = {
     "inputs": Key(_Names(), None),
     "limits": Key(_ByName(NOT_NEGATIVE, shapes=((),)), None),
-    "delay": Key(Integer(0, 10**6), 0),
+    "delay": Key(WholeNumber(0, 10**6), 0),
     "start": _NAMED,
     "pushes": Key(Nested(_read_pushes, _write_pushes, "a list of tables", {"": _PUSH.keys}), ()),
     "model": _NAMED,
@@ -262,7 +264,6 @@ class Fixed(NamedTuple):
     """The parts of a scenario that feedback must fit."""
 
     system: System
-    contact: Contact | None
     times: SaveTimes
     solve: Mapping[str, Any]
 
@@ -295,18 +296,18 @@ def check_feedback(
                 'kind = "feedforward" }` for a motion without feedback.'
             )
         return
-    if any_traced(tuple(fixed)):
+    if is_traced_document():
         return
     each_of(
-        lambda: _check_solve(fixed.contact, fixed.solve),
+        lambda: _check_solve("contact" in document, fixed.solve),
         lambda: sample_of(fixed.times.array(fixed.times.count)),
         lambda: check_model(feedback.model, document),
-        lambda: _check_fit(feedback, estimator, fixed.system, sensors),
+        lambda: _check_fit(feedback, estimator, fixed, sensors),
     )
 
 
-def _check_solve(contact: Contact | None, solve: Mapping[str, Any]) -> None:
-    if contact is not None:
+def _check_solve(may_slip: bool, solve: Mapping[str, Any]) -> None:
+    if may_slip:
         raise ScenarioError(
             "Key `contact` must be left out with `feedback`, which is for bodies that always roll; the friction that "
             "is needed is among the observables of the run."
@@ -349,22 +350,29 @@ def check_model(model: Named, document: Mapping[str, Any]) -> None:
         except ScenarioError as error:
             raise ScenarioError(f"Key `feedback.model` has a wrong path: {error}") from None
     if model:
-        others = {name: table for name, table in document.items() if name not in KEYS}
         try:
-            read_contents(with_numbers(others, model))
+            read_contents(document_of_model(model, document))
         except ScenarioError as error:
             raise ScenarioError(f"Key `feedback.model` makes an impossible robot: {error}") from None
+
+
+def document_of_model(model: Named, document: Mapping[str, Any]) -> dict[str, Any]:
+    """The document of the robot that feedback knows, with the numbers of the model and without feedback."""
+    others = {name: table for name, table in document.items() if name not in KEYS}
+    return with_numbers(others, model)
 
 
 def _check_fit(
     feedback: AbstractFeedbackSettings,
     estimator: EstimatorSettings | None,
-    system: System,
+    fixed: Fixed,
     sensors: Mapping[str, AbstractSensor],
 ) -> None:
     from ..control.sampled import SampledSystem
 
-    sampled = _in_keys(SampledSystem.of, system, 1.0, feedback.inputs)
+    times = fixed.times
+    sample = (times.end - times.start) / (times.count - 1)
+    sampled = _in_keys(SampledSystem.of, fixed.system, sample, feedback.inputs)
     each_of(
         lambda: _in_keys(feedback.check, sampled),
         lambda: estimator is None or _check_estimator(estimator, sampled, sensors),
@@ -375,6 +383,7 @@ def _check_estimator(
     estimator: EstimatorSettings, sampled: "SampledSystem", sensors: Mapping[str, AbstractSensor]
 ) -> None:
     from ..estimation import ErrorStateFilter
+    from ..estimation.filter import samples_late
 
     for name in estimator.sensors or ():
         if name not in sensors:
@@ -382,12 +391,10 @@ def _check_estimator(
             raise key_error("estimator.sensors", f"names of sensors of the scenario; {known}", shown(name))
     chosen = estimator.chosen(sensors)
     with in_keys("estimator"):
-        ErrorStateFilter.for_sampled(sampled, chosen, estimator.process, estimator.biases).deviations(estimator.spread)
-    for name, sensor in chosen.items():
-        if sensor.errors is not None and sensor.errors.delay:
-            raise key_error(
-                f"sensors.{name}.errors.delay", "0 for an estimator of feedback", f"{sensor.errors.delay:g}"
-            )
+        known = ErrorStateFilter.for_sampled(sampled, chosen, estimator.process, estimator.biases)
+        known.deviations(estimator.spread)
+        for name, sensor in chosen.items():
+            samples_late(name, sensor, sampled)
 
 
 @contextlib.contextmanager

@@ -1,9 +1,11 @@
 """Scenario files: text to scenario and back, and documents as functions of their numbers."""
 
+import functools
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import numpy as np
@@ -22,6 +24,7 @@ from .body import (
     CONTACT,
     KEYS as BODY_KEYS,
     check_force,
+    check_no_sticking,
     check_sensors,
     kind_of,
     read_contact,
@@ -61,6 +64,9 @@ from .solve import SOLVE, TIMES, SaveTimes, check_dae, read_times, write_times
 from .sources import document_of, naming, scenario_text
 from .table import Key, keys_of, read_table, write_table
 from .values import Choice, Conditions, Integer, ScenarioError, Text, namespace, traced_conditions, unread
+
+if TYPE_CHECKING:
+    from .loop_numbers import LoopNumbers
 
 FORMAT = 1
 
@@ -243,14 +249,14 @@ def _contents(
     )
     state = initial_state(initial, "initial", kind, system.coordinates, actuated.targets, start)
     span = namespace(times.start, times.end).stack([times.start, times.end])
-    fixed = Fixed(system, contact, times, solve or {})
+    fixed = Fixed(system, times, solve or {})
     *_, first_state, _ = each_of(
+        lambda: contact and check_no_sticking(system),
         lambda: solve and check_dae(system, contact, solve["solver"], solve["dae"]),
         lambda: check_confined(system, span, state),
         lambda: check_start(system, start, state),
         lambda: sensors is None or check_sensors(sensors, "sensors", system),
-        # Unless there is a law of contact that cannot be read.
-        lambda: released_from(initial, "initial", state, contact) if contact or "contact" not in document else state,
+        lambda: released_from(initial, "initial", state, "contact" in document),
         lambda: solve and sensors is not None and check_feedback(feedback, estimator, sensors, fixed, document),
     )
     return Contents(table["title"], system, first_state, contact, times, solve, sensors, feedback, estimator)
@@ -290,7 +296,7 @@ def write_scenario(scenario: Scenario) -> str:
         "format": FORMAT,
         "title": scenario.title,
         **_tables(system, state),
-        "contact": {} if contact is None else CONTACT.write(contact, "contact"),
+        "contact": CONTACT.write(contact, "contact") if scenario.may_slip else {},
         "time": write_times(scenario.times),
         "solve": write_table({name: getattr(scenario, name) for name in SOLVE}, "solve", SOLVE),
         "sensors": write_sensors({name: sensors[name] for name in scenario.sensors}, "sensors"),
@@ -315,7 +321,10 @@ def _tables(system: AbstractSystem, state: Any) -> dict[str, Any]:
 
 
 class Parts(NamedTuple):
-    """The parts of a scenario that depend on the numbers of its document."""
+    """The parts of a scenario that depend on the numbers of its document.
+
+    ``sensors`` are all that there are, ``loop`` is what determines its closed loop, or None without feedback.
+    """
 
     system: AbstractSystem
     state: AbstractState | ReleasedState
@@ -323,12 +332,20 @@ class Parts(NamedTuple):
     times: SaveTimes
     rtol: Any
     atol: Any
+    sensors: dict[str, AbstractSensor]
+    loop: "LoopNumbers | None"
 
     @classmethod
-    def of(cls, contents: Contents) -> "Parts":
-        """Those of a file."""
-        solve = contents.solve
-        return cls(contents.system, contents.state, contents.contact, contents.times, solve["rtol"], solve["atol"])
+    def of(cls, contents: Contents, document: Mapping[str, Any]) -> "Parts":
+        """Those of a file, of which ``document`` is the whole."""
+        solve, loop = contents.solve, None
+        if contents.feedback is not None:
+            from .loop_numbers import loop_numbers  # which reads the model as another file
+
+            times = contents.times
+            loop = loop_numbers(contents, document, (times.end - times.start) / (times.count - 1))
+        main = contents.system, contents.state, contents.contact, contents.times, solve["rtol"], solve["atol"]
+        return cls(*main, contents.sensors, loop)
 
 
 class Structure:
@@ -345,7 +362,7 @@ class Structure:
     def __init__(self, document: Mapping[str, Any], paths: tuple[str, ...]):
         self.document, self.paths = dict(document), paths
         contents = read_contents(self.document)
-        self.scenario, self.parts = contents.scenario(), Parts.of(contents)
+        self.scenario, self.parts = contents.scenario(), Parts.of(contents, self.document)
         self._build = jax.jit(lambda values: self.traced(values)[0])
 
     def build(self, values: Float[Array, " paths"]) -> Parts:
@@ -361,7 +378,45 @@ class Structure:
 
     def traced(self, values: Float[Array, " paths"]) -> tuple[Parts, Conditions]:
         """What ``values``, which must be traced, make, and the conditions on them. What they do not change is known."""
-        numbers = dict(zip(self.paths, values, strict=True))
-        with traced_conditions() as conditions:
-            contents = read_contents(with_numbers(self.document, numbers))
-        return Parts.of(contents), conditions
+        return _traced(self.document, self.paths, values)
+
+
+def _traced(
+    document: Mapping[str, Any], paths: tuple[str, ...], values: Float[Array, " paths"]
+) -> tuple[Parts, Conditions]:
+    with traced_conditions() as conditions:
+        traced = with_numbers(document, dict(zip(paths, values, strict=True)))
+        return Parts.of(read_contents(traced), traced), conditions
+
+
+@dataclass(frozen=True)
+class Outline:
+    """A document without the numbers at some paths, as a traceable function of these.
+
+    Equal ones, of any documents, are the same function.
+
+    - ``text``: the document without its title and with 0 at the paths, as JSON.
+    - ``paths``: of numbers that do not determine how much is computed: see :func:`~.paths.check_number`.
+    """
+
+    text: str
+    paths: tuple[str, ...]
+
+    @classmethod
+    def of(cls, document: Mapping[str, Any], paths: tuple[str, ...]) -> "Outline":
+        """That of a document with numbers at these paths."""
+        rest = with_numbers(document, dict.fromkeys(paths, 0.0))
+        rest.pop("title", None)
+        return cls(json.dumps(rest, default=lambda array: array.tolist()), paths)
+
+    def build(self, values: Float[Array, " paths"]) -> Parts:
+        """The contents of the document with ``values`` at the paths, possible or not.
+
+        **Raises:** :class:`~.errors.UntraceableError` where something depends on them that cannot be traced.
+        """
+        return _built(self, values)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _built(outline: Outline, values: Float[Array, " paths"]) -> Parts:
+    return _traced(json.loads(outline.text), outline.paths, values)[0]

@@ -10,9 +10,8 @@ from jaxtyping import Array, ArrayLike, Float
 from ..interface.wording import all_of, counted
 from ..numerics import programs
 from ..numerics.arrays import is_traced, to_array
-from ..numerics.norms import length
+from ..numerics.vectors import length
 from ..physics.body import Ball, Disk, PointMass, System
-from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.motion import Driven, OnRail
 from ..physics.schedules import AbstractSchedule
@@ -142,13 +141,16 @@ def initial_state(
 
 
 def released_from(
-    fields: dict[str, Any], path: str, state: BallState | DiskState, contact: Contact | None
+    fields: dict[str, Any], path: str, state: BallState | DiskState, may_slip: bool
 ) -> BallState | DiskState | ReleasedState:
-    """The state itself where it rolls; else released with the velocity and the height that are given, or 0."""
+    """The state itself where it rolls; else released with the velocity and the height that are given, or 0.
+
+    Only a body that ``may_slip`` can be, by a law of contact.
+    """
     released = {name: fields[name] for name in _RELEASED if fields[name] is not None}
     if not released:
         return state
-    if contact is None:
+    if not may_slip:
         does = "slides without a law of friction" if "height" not in released else "lands without a law of impact"
         raise ScenarioError(
             f"Key `{join(path, next(iter(released)))}` needs a table [contact], because otherwise the body {does}; "

@@ -1,4 +1,7 @@
-"""Paths that name the entries of a document, with indices counted from 0: ``masses[0].radius``."""
+"""Paths that name the entries of a document, with indices counted from 0: ``masses[0].radius``.
+
+A key with other letters is quoted, as in ``feedback.start.'Omega[0]'``.
+"""
 
 import copy
 import itertools
@@ -10,13 +13,17 @@ from ..interface.wording import counted, did_you_mean
 from .errors import ScenarioError
 
 _NAME = r"[A-Za-z_][\w-]*"
-_STEP = re.compile(rf"\.?({_NAME})|\[(\d+)\]")
-_PATH = re.compile(rf"{_NAME}(\.{_NAME}|\[\d+\])*")
+_STEP = re.compile(rf"\.?({_NAME})|\.'([^']*)'|\[(\d+)\]")
+_PATH = re.compile(rf"{_NAME}(\.{_NAME}|\.'[^']*'|\[\d+\])*")
 _WORD = re.compile(r"[A-Za-z][\w+-]*")
 # These change what is compiled or how much is saved, and not the motion.
-_FIXED = re.compile(
-    r"format|time\.saves|solve\.max_steps|.*\.balance\.masses\[\d+\]|actuation\.masses\[\d+\]|mechanisms.*\.(on|joint)|sensors\..*"
+_OF_ALL = (
+    r"format|time\.saves|solve\.max_steps|.*\.balance\.masses\[\d+\]|actuation\.masses\[\d+\]|mechanisms.*\.(on|joint)"
+    r"|feedback\.horizon"
 )
+_FIXED = re.compile(rf"{_OF_ALL}|sensors\..*")
+# Where sensors are read, and the motion is one under feedback.
+_FIXED_BESIDES = re.compile(rf"{_OF_ALL}|sensors\.\w+\.errors\.(rate|delay)")
 
 
 def entries(name: str, shape: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
@@ -29,27 +36,31 @@ def entries(name: str, shape: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
 
 def steps(path: str) -> list[str | int]:
     """The names and indices in a path."""
-    return [name or int(index) for name, index in _STEP.findall(path)]
+    return [int(index) if index else name or quoted for name, quoted, index in _STEP.findall(path)]
 
 
-def numbers_of(document: Any, path: str = "") -> Iterator[str]:
-    """The paths of all numbers that a study can change, in the order of the document."""
+def numbers_of(document: Any, path: str = "", measured: bool = False) -> Iterator[str]:
+    """The paths of all numbers that a study can change, in the order of the document; those of sensors if it is
+    ``measured``.
+    """
+    fixed = _FIXED_BESIDES if measured else _FIXED
     if isinstance(document, Mapping):
         for name, value in document.items():
-            yield from numbers_of(value, f"{path}.{name}" if path else name)
+            step = name if re.fullmatch(_NAME, name) or not path else f"'{name}'"
+            yield from numbers_of(value, f"{path}.{step}" if path else step, measured)
     elif isinstance(document, list):
         for index, value in enumerate(document):
-            yield from numbers_of(value, f"{path}[{index}]")
-    elif isinstance(document, int | float) and not isinstance(document, bool) and not _FIXED.fullmatch(path):
+            yield from numbers_of(value, f"{path}[{index}]", measured)
+    elif isinstance(document, int | float) and not isinstance(document, bool) and not fixed.fullmatch(path):
         yield path
 
 
-def check_number(document: Mapping[str, Any], path: str) -> None:
+def check_number(document: Mapping[str, Any], path: str, measured: bool = False) -> None:
     """Raises a :class:`ScenarioError` unless ``path`` is that of a number that a study can change."""
-    known = list(numbers_of(document))
+    known = list(numbers_of(document, measured=measured))
     if path in known:
         return
-    if _FIXED.fullmatch(path):
+    if (_FIXED_BESIDES if measured else _FIXED).fullmatch(path):
         raise ScenarioError(
             f"Key `{path}` must be the same in all rows, because it determines what is computed and saved."
         )
@@ -61,11 +72,16 @@ def check_number(document: Mapping[str, Any], path: str) -> None:
 
 
 def with_numbers(document: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """A copy of the document with other numbers at the paths in ``values``, all of which it has."""
+    """A copy of the document with other numbers at the paths in ``values``, all of which it has.
+
+    What is a whole number in the document stays one, if it can.
+    """
     changed = copy.deepcopy(dict(document))
     for path, value in values.items():
         *above, last = steps(path)
-        _at(changed, above)[last] = value
+        place = _at(changed, above)
+        is_whole = isinstance(place[last], int) and isinstance(value, float) and value.is_integer()
+        place[last] = int(value) if is_whole else value
     return changed
 
 
@@ -158,7 +174,8 @@ def _entry(place: Any, way: Sequence[str | int], path: str, missing: Any) -> Any
 
 
 def _path(way: Sequence[str | int]) -> str:
-    return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in way).removeprefix(".")
+    quoted = [step if isinstance(step, int) or re.fullmatch(_NAME, step) else f"'{step}'" for step in way]
+    return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in quoted).removeprefix(".")
 
 
 def _value(text: str, path: str) -> Any:

@@ -13,7 +13,7 @@ from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem
 from ..sensors import AbstractSensor
-from ..simulation.defaults import DEFAULT_TOLERANCE
+from ..simulation import DEFAULT_TOLERANCE
 from .errors import ScenarioError
 from .solve import check_dae
 from .solvers import SOLVERS
@@ -73,10 +73,29 @@ class Scenario:
     def __repr__(self) -> str:
         span = f"{len(self.times)} times from {self.times[0]:g} to {self.times[-1]:g}"
         head = f"Scenario {self.title!r}: {span}, {self.solver} at rtol {self.rtol:g}"
-        parts = [str(self.system), shown(self.state), *([] if self.contact is None else [str(self.contact)])]
-        parts += [f"{name}: {sensor}" for name, sensor in self.sensors.items()]
-        parts += [str(part) for part in (self.feedback, self.estimator) if part is not None]
+        sensors = [f"{name}: {sensor}" for name, sensor in self.sensors.items()]
+        parts = [self.system, shown(self.state), self.contact, *sensors, self.feedback, self.estimator]
+        parts = [str(part) for part in parts if part is not None]
         return "\n  ".join([head, *"\n".join(parts).splitlines()])
+
+    @property
+    def may_slip(self) -> bool:
+        """Whether there is a law of contact, by which the body may slip, fly and bounce."""
+        return self.contact is not None
+
+    def friction_or(self, otherwise: float) -> float:
+        """The kinetic friction coefficient of the law of contact, or ``otherwise`` where the body always rolls."""
+        return otherwise if self.contact is None else float(self.contact.sliding)
+
+    @property
+    def system_to_solve(self) -> AbstractSystem:
+        """What is solved: the system itself, or one with its modes, such as those of a law of contact.
+
+        **Raises:** ``TypeError`` for a law that the system has no equations for.
+        """
+        from ..simulation.contact import system_to_solve  # here, as below
+
+        return system_to_solve(self.system, self.contact)
 
     def simulate(
         self,

@@ -9,7 +9,7 @@ from ..classical import NonholonomicParticle, VakonomicParticle
 from ..physics.body import Disk
 from ..physics.contact.law import Contact
 from ..physics.system import AbstractSystem
-from ..simulation.defaults import DEFAULT_TOLERANCE
+from ..simulation import DEFAULT_TOLERANCE
 from .imports import is_python_name
 from .solvers import KNOW_MASS_MATRICES, SOLVERS, own_solver
 from .table import Key, read_one_of
@@ -134,17 +134,22 @@ def check_dae(
 
     The message calls the solver as ``named``.
     """
-    if dae and isinstance(system, Disk):
+    if not dae:
+        return
+    from ..simulation.contact import system_to_solve  # here, because most files ask for no such form
+
+    if isinstance(system, Disk):
         raise ScenarioError(
             "Key `solve.dae` must be false for a disk, whose state has no versor, but it is true; use a ball."
         )
-    if dae and isinstance(system, NonholonomicParticle | VakonomicParticle):
+    if isinstance(system, NonholonomicParticle | VakonomicParticle):
         raise ScenarioError("Key `solve.dae` must be false for a particle, whose state has no versor, but it is true.")
-    if dae and contact is not None:
+    if (solved := system_to_solve(system, contact)).is_hybrid:
         raise ScenarioError(
-            "Key `solve.dae` must be false with `contact`, whose modes are differential equations, but it is true."
+            f"Key `solve.dae` must be false for a {solved.title}, whose modes are differential equations, but it is "
+            "true."
         )
-    if dae and solver not in KNOW_MASS_MATRICES:
+    if solver not in KNOW_MASS_MATRICES:
         names = ", ".join(f'"{name}"' for name in KNOW_MASS_MATRICES)
         raise ScenarioError(
             f"{named} must be one of {names} where `solve.dae` is true, because other solvers do not support a mass "

@@ -67,6 +67,11 @@ def traced_conditions() -> Iterator[Conditions]:
         _CONDITIONS.reset(token)
 
 
+def is_traced_document() -> bool:
+    """Whether numbers of a document that is read are traced."""
+    return _CONDITIONS.get() is not None
+
+
 def require(holds: Any, path: str, must: str, got: Callable[[], str]) -> None:
     """Raises unless a rule holds, that the key at ``path`` must be ``must``; on traced numbers it is a condition."""
     if is_traced(holds):
@@ -277,6 +282,18 @@ class Integer:
 
     def write(self, value: Any, path: str) -> int:
         return int(value)
+
+
+@dataclass(frozen=True)
+class WholeNumber(Integer):
+    """A whole number that may be traced, as what it is used for can be."""
+
+    def read(self, value: Any, path: str) -> Any:
+        if not is_traced(value):
+            return super().read(value, path)
+        holds = (value == jnp.round(value)) & (value >= self.least) & (value <= self.most)
+        require(holds, path, self.words, lambda: shown(value))
+        return jnp.round(value).astype(int)
 
 
 @dataclass(frozen=True)

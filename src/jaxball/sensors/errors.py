@@ -54,12 +54,11 @@ class SensorErrors(Printed):
     rate: float | None = eqx.field(static=True, default=None)
     delay: float = eqx.field(static=True, default=0.0)
     missing: Float[Array, ""] = eqx.field(converter=numbers("missing"), default=0.0)
-    seed: int = eqx.field(static=True, default=0)
+    seed: Int[Array, ""] = eqx.field(converter=lambda x: _whole("seed", x), default=0)
 
     def __check_init__(self):
         require("rate", self.rate, (int, float, type(None)), "a positive number, or None for a reading at each time")
         require("delay", self.delay, (int, float), "a number")
-        require("seed", self.seed, int, "a whole number")
         for name, must, holds in [
             ("noise", "0 or positive", lambda x: x >= 0),
             ("random_walk", "0 or positive", lambda x: x >= 0),
@@ -160,6 +159,14 @@ def random_key(key: Any) -> Any:
     if isinstance(key, jax.Array) and key.dtype == jnp.uint32 and key.ndim == 1:
         return jax.random.wrap_key_data(key)
     raise refusal("key", "a random key, such as jax.random.key(0), or None", key)
+
+
+def _whole(name: str, x: Any) -> Int[Array, ""]:
+    """A whole number as an array, which may be traced."""
+    if isinstance(x, jax.Array | np.ndarray) and jnp.issubdtype(x.dtype, jnp.integer) and x.ndim == 0:
+        return jnp.asarray(x)
+    require(name, x, int, "a whole number")
+    return jnp.asarray(x)
 
 
 def _in_list(x: Any) -> Float[Array, " components"]:

@@ -2,3 +2,5 @@
 
 Single runs; many at once are in :mod:`jaxball.ensemble`.
 """
+
+DEFAULT_TOLERANCE = 1e-10

@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Int
 
 from ..compat import Program, argument, evaluate, unvmap_any
 from ..native.uninitialised import uninitialised
-from ..numerics.dependence import evaluated, lasting
+from ..numerics.dependence import evaluated, varying_in_loop
 from ..numerics.reverse_rules import added, chosen, or_zeros, replaced, with_rule
 
 Carry = TypeVar("Carry")
@@ -248,7 +248,7 @@ class _WayBack:
         of_constants, self.of_arrays, self.of_conditions, of_leaves = varies
         if loop.place is not None:
             of_constants[loop.place] = any(self.of_arrays)
-        self.of_constants, self.which = of_constants, lasting(loop.step, of_constants, of_leaves)
+        self.of_constants, self.which = of_constants, varying_in_loop(loop.step, of_constants, of_leaves)
         self.constants = loop.whole(kept.constants, kept.arrays)
 
     def nothing(self) -> list[list[Array]]:

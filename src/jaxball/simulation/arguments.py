@@ -9,14 +9,15 @@ import numpy as np
 from jaxtyping import Array
 
 from ..interface.arguments import refusal, require
-from ..interface.errors import UserError
+from ..interface.wording import UserError
 from ..numerics.arrays import Numbers, default_dtype, is_traced, require_numbers, to_array
-from ..physics.contact.law import Contact
+from ..physics.contact.body_on_plane import BodyOnPlane
+from ..physics.contact.law import COEFFICIENTS
 from ..physics.contact.released import ReleasedState
 from ..physics.dae import WITH_UNIT
 from ..physics.system import AbstractState, AbstractSystem, require_one, require_state, shapes_of_state
+from ..simulation import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
 from ..solvers import NDF, TRBDF2, RadauIIA, Trapezoidal
-from .defaults import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
 
 DEFAULT_SOLVER = diffrax.Dopri8()
 DEFAULT_ADJOINT = diffrax.RecursiveCheckpointAdjoint()
@@ -127,8 +128,8 @@ def checked_progress(progress: diffrax.AbstractProgressMeter | None) -> diffrax.
 
 
 def require_kind_of_state(system: AbstractSystem, state: AbstractState | ReleasedState) -> None:
-    """Raises ``TypeError`` where there is no law of contact, and the state needs one or is not the system's."""
-    if isinstance(state, ReleasedState):
+    """Raises ``TypeError`` for a state that needs a law of contact without one, or is not of the system to solve."""
+    if isinstance(state, ReleasedState) and not isinstance(system, BodyOnPlane):
         raise TypeError(
             "Argument `contact` must be given where `state` is a ReleasedState, because a body that may slip or fly "
             "needs a law of friction and impact, such as Contact(sliding=0.3), but it is None."
@@ -136,33 +137,30 @@ def require_kind_of_state(system: AbstractSystem, state: AbstractState | Release
     require_state(system, state)
 
 
-def require_one_law(contact: Contact) -> None:
-    """Raises ``TypeError`` or ``ValueError`` for anything but one law of contact."""
-    require("contact", contact, Contact, "a Contact, such as Contact(sliding=0.3)")
-    require_one("contact", "law", contact, dict.fromkeys(("sliding", "static", "restitution", "slowest"), ()))
-
-
-def require_one_state(system: AbstractSystem, state: AbstractState | ReleasedState, contact: Contact | None) -> None:
-    """Raises ``TypeError`` or ``ValueError`` for anything but one state of the system."""
-    body = state
-    if contact is not None and isinstance(state, ReleasedState):
+def require_single(system: AbstractSystem, state: AbstractState | ReleasedState) -> None:
+    """Raises ``TypeError`` or ``ValueError`` for anything but one system to solve, and one state of it."""
+    require_kind_of_state(system, state)
+    if isinstance(system, BodyOnPlane):
+        require_one("contact", "law", system.contact, dict.fromkeys(COEFFICIENTS, ()))
+    if isinstance(state, ReleasedState):
         require_one("state", "state", state, {"V": (3,), "height": ()})
-        body = state.body
-    require_kind_of_state(system, body)
-    require_one("state", "state", body, shapes_of_state(type(body), default_dtype()))
+        state = state.body
+    require_one("state", "state", state, shapes_of_state(type(state), default_dtype()))
 
 
-def require_smooth(system: AbstractSystem) -> None:
-    """Raises ``TypeError`` for a hybrid system, which has no differential-algebraic form."""
+def require_dae(
+    system: AbstractSystem, state: AbstractState | ReleasedState, solver: diffrax.AbstractSolver | None
+) -> None:
+    """Raises ``TypeError`` where a differential-algebraic form is asked for but does not exist.
+
+    That is of a hybrid system, of a state without a unit vector, and for a solver that does not support a mass matrix.
+    """
     if system.is_hybrid:
+        name = type(system).__name__ if system.shown is system else system.title
         raise TypeError(
-            f"Argument `dae` must be False for a {type(system).__name__}, whose modes are differential equations, but "
-            "it is True."
+            f"Argument `dae` must be False for a {name}, whose modes are differential equations, but it is True."
         )
-
-
-def require_dae(state: AbstractState, solver: diffrax.AbstractSolver | None) -> None:
-    """Raises ``TypeError`` for a state without a unit vector, and for a solver that does not support a mass matrix."""
+    assert not isinstance(state, ReleasedState)  # which exists only with a law of contact
     if state.unit_vector is None:
         raise TypeError(
             f"Argument `state` must be {WITH_UNIT} where `dae` is True, because it is a component of their unit "

@@ -13,15 +13,13 @@ from ..interface.printing import Printed, is_single, shown
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.calculus import with_derivatives
-from ..numerics.masks import differentiated_where
-from ..numerics.modes import once
+from ..numerics.differentiation import differentiated_where, once
 from ..physics.body import AbstractBody
 from ..physics.contact.reaction import Reaction, reaction
-from ..physics.hybrid import NoHistory
 from ..physics.packing import Packing
 from ..solvers.dense.maxima import maxima, moved
 from ..solvers.dense.steps import Steps
-from .trajectory import Interpolant, Trajectory
+from .trajectory import Interpolant, Trajectory, always_rolls
 
 ROUNDING = 1e-12  # of the weight, or of 1: anything smaller counts as zero, and leaves a constant value constant
 SAME = 1e-8  # the relative change that a constant value may have
@@ -92,11 +90,6 @@ class ContactExtremes(Printed):
         return "\n".join(lines)
 
 
-def always_rolls(trajectory: Trajectory[Any, Any]) -> bool:
-    """Whether a run is of a body that always rolls, without modes, and so has extremes of the contact force."""
-    return isinstance(trajectory.system, AbstractBody) and isinstance(trajectory.history, NoHistory)
-
-
 def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
     """The extreme values of N, |f| / N and |f| within the steps of a run, not just at its saved times.
 
@@ -124,10 +117,9 @@ def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
             f"{type(trajectory.system).__name__}."
         )
     if not always_rolls(trajectory):
-        modes = "joints that stick, at which forces jump" if trajectory.contact is None else "a law of contact"
         raise ValueError(
-            f"Argument `trajectory` must be of a body without modes, but it is of one with {modes}; its forces at the "
-            "saved times are in `observables`."
+            "Argument `trajectory` must be of a body without modes, but it is of one with "
+            f"{trajectory.history.described}; its forces at the saved times are in `observables`."
         )
     if trajectory.interpolant is None:
         raise ValueError(

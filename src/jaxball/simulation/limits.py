@@ -1,6 +1,7 @@
 """A run with a law of contact, with the states just before and just after each switch of its mode."""
 
 import dataclasses
+import functools
 from typing import Any, NamedTuple
 
 import jax
@@ -14,6 +15,7 @@ from ..physics.contact.body_on_plane import BodyOnPlane, ContactHistory
 from ..physics.contact.modes import ContactState, Mode
 from ..physics.contact.released import ReleasedState
 from ..physics.contact.slip import Beginning
+from ..physics.hybrid import AbstractHistory
 from ..physics.state import DiskState
 from .trajectory import Trajectory
 
@@ -32,9 +34,16 @@ def with_limits(trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
 
     - ``trajectory``: one run, not a batch, of a state that has a place.
     """
-    history = trajectory.contact
-    if history is None:
-        return trajectory
+    return _with_limits(trajectory.history, trajectory)
+
+
+@functools.singledispatch
+def _with_limits(history: AbstractHistory, trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
+    return trajectory
+
+
+@_with_limits.register
+def _of_contact(history: ContactHistory, trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
     times, state = np.asarray(trajectory.times), trajectory.state
     sides = _sides(trajectory, history)
     size = len(times) + 2 * history.law.room
@@ -61,8 +70,8 @@ def with_limits(trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
             height=joined(history.height, sides.height, np.nan),
             slip=joined(history.slip, sides.slip, np.nan),
             sigma=joined(history.sigma, sides.sigma, 0.0),
-            rubbed=jnp.asarray(filled[0]),
-            struck=jnp.asarray(filled[1]),
+            friction_loss=jnp.asarray(filled[0]),
+            impact_loss=jnp.asarray(filled[1]),
         ),
     )
 
@@ -164,13 +173,13 @@ def _taken(
     slides = (modes[:-1] == Mode.SLIDING) & (modes[1:] == Mode.SLIDING) & (np.diff(when) > 0)
     shares = np.concatenate([[0.0], np.cumsum(np.where(slides, np.diff(when) * (speeds[1:] + speeds[:-1]), 0.0))])
     is_saved = order < count
-    rubbed = np.asarray(history.rubbed)[order[is_saved]]
-    filled = _shared_out(shares, is_saved, rubbed)
+    friction_loss = np.asarray(history.friction_loss)[order[is_saved]]
+    filled = _shared_out(shares, is_saved, friction_loss)
     lost = np.zeros(len(order))
     after = ~is_saved & ((order - count) % 2 == 1)
     lost[after] = np.asarray(history.switches.lost)[(order[after] - count) // 2]
-    struck, total = np.asarray(history.struck)[order[is_saved]], np.cumsum(lost)
-    return np.stack([filled, struck[0] - total[is_saved][0] + total if is_saved.any() else total])
+    impact_loss, total = np.asarray(history.impact_loss)[order[is_saved]], np.cumsum(lost)
+    return np.stack([filled, impact_loss[0] - total[is_saved][0] + total if is_saved.any() else total])
 
 
 def _shared_out(

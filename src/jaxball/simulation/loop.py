@@ -24,7 +24,7 @@ from ..solvers.multistep import AbstractMultistepController
 from .adjoint import Parts, Recorded, while_loop
 from .observers import Observers, Step
 from .rows import put, put_while
-from .switching import AbstractSwitching, NextStep, NoSwitching, Taken
+from .switching import AbstractSwitching, NextStep, Taken
 
 # A step that would end this close to the end of the run, relative to it, ends there.
 CLOSE = 100
@@ -63,14 +63,13 @@ class SolveLoop(diffrax.AbstractAdjoint):
         cls,
         adjoint: diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode,
         times: Float[Array, " T"],
-        switching: AbstractSwitching | None = None,
+        switching: AbstractSwitching,
         observers: Callable[[Any], Observers] | None = None,
         *,
         parameters: list[Array],
         join: Callable[[list[Array]], Array],
     ) -> "SolveLoop":
-        """The loop for the differentiation that ``adjoint`` stands for; by default of a system without modes."""
-        switching = NoSwitching() if switching is None else switching
+        """The loop for the differentiation that ``adjoint`` stands for."""
         if isinstance(adjoint, diffrax.ForwardMode):
             return cls(times, switching, observers, "lax", parameters, join)
         return cls(times, switching, observers, "checkpointed", parameters, join, adjoint.checkpoints)

@@ -15,8 +15,13 @@ from ..interface.arguments import require_flags
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.arrays import Numbers, is_traced
-from ..numerics.masks import differentiated_where, known_or_nothing, with_unknown_derivatives
-from ..numerics.modes import forward_only, reverse_only
+from ..numerics.differentiation import (
+    differentiated_where,
+    forward_only,
+    known_or_nothing,
+    reverse_only,
+    with_unknown_derivatives,
+)
 from ..physics.body import System
 from ..physics.confinement import until_left
 from ..physics.contact.law import Contact
@@ -37,9 +42,7 @@ from .arguments import (
     checked_times,
     checked_tolerances,
     require_dae,
-    require_one_law,
-    require_one_state,
-    require_smooth,
+    require_single,
 )
 from .contact import system_to_solve
 from .events import AbstractEvent
@@ -139,17 +142,13 @@ def simulate(
     """
     require_flags(dense=dense, step_to_times=step_to_times, dae=dae, project=project, inside=inside, throw=throw)
     times = checked_times(times)
-    if contact is not None:
-        require_one_law(contact)
-    if state is None:
-        state = at_rest(system)
-    else:
-        require_one_state(system, state, contact)
+    moving = system_to_solve(system, contact)
+    state = at_rest(system) if state is None else state
+    require_single(moving, state)
     rtol, atol = checked_tolerances(rtol, atol)
-    if dae and not isinstance(state, ReleasedState):
-        require_smooth(system)
-        require_dae(state, solver)
-    events = checked(system, events)
+    if dae:
+        require_dae(moving, state, solver)
+    events = checked(moving, events)
     method = Method(
         solver=checked_solver(solver),
         adjoint=checked_adjoint(adjoint),
@@ -161,7 +160,6 @@ def simulate(
         project=project,
         inside=inside,
     )
-    moving = system_to_solve(system, state, contact, dae, events)
     trajectory = _run(method, moving, times, state, rtol, atol, events)
     if events:
         trajectory = locate(trajectory, events)

@@ -19,18 +19,18 @@ from ..interface.wording import counted
 from ..numerics import programs
 from ..numerics.arrays import Numbers, is_traced, to_array
 from ..numerics.batches import map_rows
+from ..numerics.differentiation import differentiated_where, with_unknown_derivatives
 from ..numerics.kinks import seen_from_before
-from ..numerics.masks import differentiated_where, with_unknown_derivatives
 from ..physics.body import AbstractBody, System
 from ..physics.conditions import Problem
 from ..physics.contact.body_on_plane import ContactHistory
-from ..physics.hybrid import NO_HISTORY, AbstractHistory, Switches
+from ..physics.hybrid import NO_HISTORY, AbstractHistory, NoHistory, Switches
 from ..physics.observables import Observables, movement, observed
 from ..physics.packing import Packing
 from ..physics.state import BallState, DiskState, ReducedState, State
 from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import find_problems, not_numbers
-from .occurrences import Occurrences
+from .events import Occurrences
 
 if TYPE_CHECKING:
     import pathlib
@@ -365,6 +365,11 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
             f"  {np.min(steps)} to {np.max(steps)} steps\n"
             f"  how they ended: {ends}"
         )
+
+
+def always_rolls(trajectory: Trajectory[Any, Any]) -> bool:
+    """Whether a run is of a body that always rolls, without modes, and so has extremes of the contact force."""
+    return isinstance(trajectory.system, AbstractBody) and isinstance(trajectory.history, NoHistory)
 
 
 @functools.cache

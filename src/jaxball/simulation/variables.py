@@ -108,8 +108,8 @@ HISTORY = {
     "height": Variable((), "length", "height of the body above the plane"),
     "slip": Variable(("axis",), "length/time", "velocity of the lowest point relative to the plane, space axes"),
     "sigma": Variable(("direction",), "1", "direction of slip"),
-    "rubbed": Variable((), "energy", "energy dissipated by sliding friction"),
-    "struck": Variable((), "energy", "energy dissipated by impacts"),
+    "friction_loss": Variable((), "energy", "energy dissipated by sliding friction"),
+    "impact_loss": Variable((), "energy", "energy dissipated by impacts"),
 }
 
 # By the names of the fields of ContactSwitches. Those of the states before and after come with the kind of the state.

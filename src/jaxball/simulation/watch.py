@@ -16,22 +16,22 @@ from ..interface.arguments import require
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.arrays import is_traced
-from ..numerics.masks import known_or_nothing, with_unknown_derivatives
-from ..numerics.modes import once
+from ..numerics.differentiation import known_or_nothing, once, with_unknown_derivatives
 from ..physics.body import AbstractBody
+from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.packing import Packing
+from ..physics.system import AbstractSystem
 from ..solvers.dense.crossings import Crossings, Kind, crossings
 from ..solvers.dense.steps import Steps
-from .events import DOWN, UP, AbstractEvent, Detachment, Slip
-from .occurrences import Occurrences
+from .events import DOWN, UP, AbstractEvent, Detachment, Occurrences, Slip
 from .trajectory import Trajectory
 
 # Programs are compiled for multiples of this number of steps, so that there are few of them.
 STEPS_AT_A_TIME = 64
 
 
-def checked(system: Any, events: Mapping[str, AbstractEvent] | None) -> dict[str, AbstractEvent]:
-    """The events to look for.
+def checked(system: AbstractSystem, events: Mapping[str, AbstractEvent] | None) -> dict[str, AbstractEvent]:
+    """The events to look for, of the ``system`` that is solved.
 
     **Raises:** ``TypeError`` for anything but an event, and for one that cannot happen to such a system.
     """
@@ -41,10 +41,15 @@ def checked(system: Any, events: Mapping[str, AbstractEvent] | None) -> dict[str
         remedy = "Event(function) is one" if inspect.isfunction(event) else ""
         require(f"events[{name!r}]", event, AbstractEvent, "an event, such as Detachment()", remedy)
     touching = [name for name, event in events.items() if isinstance(event, Detachment | Slip)]
-    if touching and not isinstance(system, AbstractBody):
+    if touching and not isinstance(system.shown, AbstractBody):
         raise TypeError(
-            f"Argument `events` must not hold a Detachment or a Slip for a {type(system).__name__}, which is neither a "
-            f'Ball nor a Disk, but "{touching[0]}" is one.'
+            f"Argument `events` must not hold a Detachment or a Slip for a {type(system.shown).__name__}, which is "
+            f'neither a Ball nor a Disk, but "{touching[0]}" is one.'
+        )
+    if touching and isinstance(system, BodyOnPlane):
+        raise TypeError(
+            f"Argument `events` must hold no {type(events[touching[0]]).__name__} with `contact`, which says what "
+            f'happens then, but "{touching[0]}" is one; `trajectory.contact.switches` has the times.'
         )
     return dict(events)
 

@@ -9,10 +9,10 @@ from ..interface.printing import Printed, shown
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array, to_numpy
-from ..numerics.tangent import generic_vectors
 from ..physics.phase_space import dimension, normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem
 from ..simulation.arguments import checked_steps, checked_tolerances
+from ..simulation.deviations import generic_vectors
 from .shooting import TURN, Search, Shot, countable, rates_at, returning, shoot
 from .steady import kind_of
 

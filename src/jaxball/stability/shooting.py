@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
 from ..numerics import programs
-from ..numerics.least_squares import least_squares
+from ..numerics.linear import least_squares
 from ..physics.packing import Packing
 from ..physics.phase_space import normal_of
 from ..physics.state import AbstractBodyState, BallState, DiskState

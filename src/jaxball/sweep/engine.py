@@ -1,15 +1,20 @@
 """How the rows of a chunk are solved: as an ensemble."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Array
 
 from ..ensemble import AbstractReduction, simulate_ensemble
-from ..ensemble.quantities import CONTACT as CONTACT_REDUCTIONS
+from ..ensemble.reductions import CONTACT as CONTACT_REDUCTIONS
+from ..numerics import programs
+from ..numerics.batches import of_rows
 from ..physics.body import AbstractBody
 from ..scenario.solvers import SOLVERS
 from ..simulation.events import AbstractEvent, Detachment
+from ..simulation.trajectory import Trajectory
 from .outputs import history_results
 from .rows import Batch, Request
 
@@ -28,6 +33,8 @@ def solve_in_lanes(batch: Batch, request: Request) -> dict[str, np.ndarray]:
     - ``request``: what to compute for them.
     """
     reductions = {**_contact(batch, request), **{find.name: find.reduction() for find in request.finds}}
+    if batch.template.feedback is not None:
+        return _closed_loops(batch, request, reductions)
     if not request.detachment:
         return _solved(batch, request, reductions)
     ended = _solved(batch, request, {}, {"detachment": Detachment()})
@@ -67,7 +74,37 @@ def _solved(
     trajectory = ensemble.trajectory
     rows = {name: np.asarray(getattr(trajectory, name)) for name in ("status", "steps", "rejected", "reached")}
     results = vars(trajectory.state) | history_results(trajectory.history) | ensemble.reductions
+    if request.readings:
+        results = results | _measured(batch.sensors, trajectory)
     return rows | jax.tree.map(np.asarray, results)
+
+
+def _measured(sensors: Any, trajectory: Trajectory[Any, Any]) -> dict[str, Array]:
+    """What the sensors of each row read."""
+    return {f"measured_{name}": read for name, read in _measure(sensors, trajectory).items()}
+
+
+@programs.filter_jit
+def _measure(sensors: Any, trajectory: Trajectory[Any, Any]) -> dict[str, Array]:
+    return of_rows(lambda sensors, run: run.measured(sensors), sensors, trajectory)
+
+
+def _closed_loops(batch: Batch, request: Request, reductions: Mapping[str, AbstractReduction]) -> dict[str, np.ndarray]:
+    """The rows of a scenario with feedback."""
+    from .closed_loops import solve_loops  # which other studies do without
+
+    found = solve_loops(
+        batch.template,
+        batch.loop,
+        batch.loop_changes,
+        batch.sensors,
+        request.within,
+        reductions,
+        request.readings,
+        request.most,
+        request.threads,
+    )
+    return jax.tree.map(np.asarray, found)
 
 
 def _contact(batch: Batch, request: Request) -> Mapping[str, AbstractReduction]:

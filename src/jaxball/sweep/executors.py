@@ -22,7 +22,7 @@ from ..interface import interruption
 from ..interface.status import Status
 from ..scenario import Scenario
 from .errors import WorkerError
-from .outputs import Output, outputs_of, state_variables
+from .outputs import Output, outputs_of, state_variables, with_extremes
 from .rows import Engine, Request, read_rows
 from .store import Store
 from .study import Study
@@ -84,7 +84,8 @@ def compute(
         return arrays
     if "time" in arrays:
         arrays["time"][possible] = batch.times
-    solved = engine(batch, Request(study.contact, study.detachment, study.finds, study.chunk, threads))
+    request = Request(study.contact, study.detachment, study.finds, study.chunk, threads, study.readings, study.within)
+    solved = with_extremes(engine(batch, request), template if study.readings else None)
     for name in outputs.keys() & solved.keys():
         array = solved[name]
         at_each_time = name in state_variables(template) and study.save == "end"

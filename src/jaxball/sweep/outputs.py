@@ -1,19 +1,23 @@
 """The results that a study keeps for each row, and how its rows lie along its axes."""
 
+import dataclasses
 import functools
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..physics.contact.body_on_plane import ContactHistory
+from ..estimation.measurement import Measurement
+from ..physics.contact.body_on_plane import BodyOnPlane, ContactHistory
 from ..physics.contact.modes import Mode
 from ..physics.contact.released import ReleasedState
 from ..physics.hybrid import AbstractHistory
 from ..physics.state import BallState, DiskState
+from ..physics.system import AbstractSystem
 from ..results.variables import labels, of_classical_state
 from ..scenario import Scenario
 from ..simulation.variables import EXTREMES, HISTORY, RUN, RUN_SWITCHES, STATE, Variable
@@ -94,8 +98,14 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
         outputs["time"] = Output(dimensions, saves, np.dtype(np.float64), "time", "save time", True)
     for name, (known, shape) in state_variables(template).items():
         outputs[name] = _output(known._replace(dimensions=(*dimensions, *known.dimensions)), (*saves, *shape))
-    if template.contact is not None:
-        outputs |= {name: _output(known) for name, known in RUN_SWITCHES.items()}
+    _, of_run = history_variables(template.system_to_solve)
+    outputs |= {name: _output(known) for name, known in of_run.items()}
+    if study.readings:
+        outputs |= _of_readings(study, template)
+    if template.feedback is not None:
+        from .closed_loops import loop_variables  # which other studies do without
+
+        outputs |= {name: _output(known) for name, known in loop_variables(template).items()}
     if study.contact:
         outputs |= {name: _output(known) for name, known in EXTREMES.items()}
     for find in study.finds:
@@ -107,15 +117,28 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
 
 
 def state_variables(template: Scenario) -> dict[str, tuple[Variable, tuple[int, ...]]]:
-    """The variables of the state at a time, with shapes: those of the body and, with a law of contact, its mode."""
+    """The variables of the state at a time, with shapes: those of the body and, where it has modes, of its history."""
     state = template.state
     body = state.body if isinstance(state, ReleasedState) else state
+    if template.feedback is not None:
+        none = np.zeros(len(_shown_system(template).coordinates))
+        body = dataclasses.replace(body, theta=none, thetadot=none)
     shapes = {name: np.shape(leaf) for name, leaf in vars(body).items() if np.size(leaf)}
     known = {name: (_variable(body, name, shape), shape) for name, shape in shapes.items()}
-    if template.contact is None:
-        return known
+    over_time, _ = history_variables(template.system_to_solve)
     sizes = {"axis": 3, "direction": 2}
-    return known | {name: (one, tuple(sizes[axis] for axis in one.dimensions)) for name, one in HISTORY.items()}
+    return known | {name: (one, tuple(sizes[axis] for axis in one.dimensions)) for name, one in over_time.items()}
+
+
+@functools.singledispatch
+def history_variables(system: AbstractSystem) -> tuple[dict[str, Variable], dict[str, Variable]]:
+    """The variables of the history of the system that is solved, by name: at a time, and of a run as a whole."""
+    return {}, {}
+
+
+@history_variables.register
+def _of_plane(system: BodyOnPlane) -> tuple[dict[str, Variable], dict[str, Variable]]:
+    return HISTORY, RUN_SWITCHES
 
 
 @functools.singledispatch
@@ -131,13 +154,57 @@ def _of_contact(contact: ContactHistory) -> dict[str, Array]:
     seen = jnp.concatenate([contact.mode, switches.source, switches.target], axis=-1)
     modes = sum(jnp.any(seen == int(mode), axis=-1).astype(int) << int(mode) for mode in Mode)
     of_switches = {"switches": switches.count, "first_switch": switches.times[..., 0], "modes": modes}
-    return {name: getattr(contact, name) for name in HISTORY} | of_switches
+    return contact.over_time | of_switches
 
 
 def labels_of(outputs: dict[str, Output], template: Scenario) -> dict[str, np.ndarray]:
     """The labels along each dimension except ``row``."""
     sizes = {name: n for item in outputs.values() for name, n in zip(item.dimensions, item.shape, strict=True)}
-    return labels(template.system, sizes)
+    return labels(_shown_system(template), sizes)
+
+
+def _shown_system(template: Scenario) -> Any:
+    """The system of the states of rows: with feedback every input is in the state."""
+    if template.feedback is None:
+        return template.system
+    from ..scenario.closed_loop import sampled_of  # as above
+
+    return sampled_of(template).system
+
+
+EXTREME = {"least": np.nanmin, "largest": np.nanmax}
+
+
+def with_extremes(results: dict[str, np.ndarray], template: Scenario | None) -> dict[str, np.ndarray]:
+    """The results with the extremes over time of what the sensors of a scenario read, if it is given; NaN of none."""
+    extremes = {}
+    for name in () if template is None else template.sensors:
+        read = results[f"measured_{name}"]
+        missing = np.all(np.isnan(read), axis=1)
+        for word, extreme in EXTREME.items():
+            known = np.where(missing[:, None], 0.0, read)
+            extremes[f"measured_{name}_{word}"] = np.where(missing, np.nan, extreme(known, axis=1))
+    return results | extremes
+
+
+def _of_readings(study: Study, template: Scenario) -> dict[str, Output]:
+    """The variables of what sensors read: its extremes over the save times and, where these are kept, all of it."""
+    system: Any = template.system
+    state: Any = template.state.body if isinstance(template.state, ReleasedState) else template.state
+    measurement = Measurement(dict(template.sensors))
+    shapes = jax.eval_shape(lambda t: measurement.parts(system, t, state), jnp.zeros(()))
+    outputs = {}
+    for name, sensor in template.sensors.items():
+        shape = shapes[name].shape
+        own = ("axis",) if shape == (3,) else tuple(f"measured_{name}_{k}" for k in range(len(shape)))
+        known = Variable(own, sensor.units, sensor.meaning)
+        if study.save == "times":
+            outputs[f"measured_{name}"] = _output(
+                known._replace(dimensions=("save", *own)), (template.times.size, *shape)
+            )
+        for word in EXTREME:
+            outputs[f"measured_{name}_{word}"] = _output(known._replace(meaning=f"{word} {known.meaning}"), shape)
+    return outputs
 
 
 def _output(known: Variable, shape: tuple[int, ...] = ()) -> Output:

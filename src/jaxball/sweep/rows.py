@@ -10,6 +10,7 @@ import numpy as np
 import tomli_w
 from jaxtyping import Array, Bool, Float, Int
 
+from ..numerics import programs
 from ..numerics.arrays import is_traced
 from ..numerics.batches import in_batches
 from ..physics.body import AbstractBody
@@ -32,6 +33,9 @@ class Batch(NamedTuple):
     - ``contact``: the law of contact, every leaf stacked, or None.
     - ``in_axes``: 0 for the arrays of ``(system, state)`` that change from row to row, None for the others, as
       :func:`jaxball.ensemble.simulate_ensemble` takes it.
+    - ``sensors``: those of the scenario by name, every leaf stacked.
+    - ``loop``: the numbers of its closed loop, every leaf stacked, or None without feedback.
+    - ``loop_changes``: which leaves of ``loop`` change from row to row, in a PyTree of its structure.
     """
 
     template: Scenario
@@ -42,6 +46,9 @@ class Batch(NamedTuple):
     atol: Float[np.ndarray, " rows"]
     contact: Any = None
     in_axes: Any = 0
+    sensors: Any = None
+    loop: Any = None
+    loop_changes: Any = None
 
     @property
     def rows(self) -> int:
@@ -50,7 +57,8 @@ class Batch(NamedTuple):
 
     def take(self, rows: Any) -> "Batch":
         """Some of the scenarios, by a slice or by indices."""
-        stacked = {name: getattr(self, name) for name in ("system", "times", "state", "rtol", "atol", "contact")}
+        names = ("system", "times", "state", "rtol", "atol", "contact", "sensors", "loop")
+        stacked = {name: getattr(self, name) for name in names}
         return self._replace(**jax.tree.map(lambda leaf: leaf[rows], stacked))
 
     def shared_once(self) -> tuple[Any, Any]:
@@ -68,6 +76,8 @@ class Request(NamedTuple):
 
     - ``contact``: whether to find the extremes of the contact force.
     - ``detachment``: whether a run ends where the ball would leave the plane.
+    - ``readings``: whether to keep what sensors read, at all times or its extremes.
+    - ``within``: how close to its motion a run under feedback must end.
     - ``finds``: other results.
     - ``most``: the largest number of scenarios in any call of this study.
     - ``threads``: how many cores it may use.
@@ -78,6 +88,8 @@ class Request(NamedTuple):
     finds: tuple[Find, ...]
     most: int
     threads: int = 1
+    readings: bool = False
+    within: float = 0.0
 
 
 # From scenarios to arrays with the scenarios as leading axis: `status`, `steps`, `rejected`, `reached`, the entries of
@@ -108,7 +120,8 @@ def read_rows(
     if not possible.size:
         return possible, None
     driven = isinstance(template.system, AbstractBody) and template.system.coordinates
-    ends_only = study.save == "end" and not template.step_to_times and not driven
+    looked_at = study.readings or template.feedback is not None
+    ends_only = study.save == "end" and not template.step_to_times and not driven and not looked_at
     parts = stacked.parts
     for k in () if ends_only else possible[parts.times.count[possible] != template.times.size]:
         raise StudyError(
@@ -117,7 +130,8 @@ def read_rows(
         )
     # The times between do not affect the steps, and with `ends_only` they are not used.
     times = _times(stacked, template, ends_only)
-    batch = Batch(template, parts.system, times, parts.state, parts.rtol, parts.atol, parts.contact, stacked.in_axes)
+    main = parts.system, times, parts.state, parts.rtol, parts.atol, parts.contact
+    batch = Batch(template, *main, stacked.in_axes, parts.sensors, parts.loop, stacked.loop_changes)
     return possible, batch if possible.size == len(rows) else batch.take(possible)
 
 
@@ -126,12 +140,14 @@ class _Stacked(NamedTuple):
 
     - ``parts``: the parts that depend on their numbers, stacked.
     - ``in_axes``: which arrays of system and state differ, as of a :class:`Batch`.
+    - ``loop_changes``: as of a :class:`Batch`.
     - ``times_differ``: whether their times differ.
     - ``possible``: which of the rows are possible.
     """
 
     parts: Parts
     in_axes: Any
+    loop_changes: Any
     times_differ: bool
     possible: Bool[np.ndarray, " rows"]
 
@@ -143,12 +159,18 @@ def _read_stacked(study: Study, values: Float[np.ndarray, "rows numbers"]) -> _S
         possible[k] = _read(study, values[k]) is not None
     leaves, tree = jax.tree.flatten(structure.parts)
     stacked = [
-        changing[k] if k in changing else np.broadcast_to(np.asarray(leaf, dtype=float), (len(values), *np.shape(leaf)))
+        changing[k] if k in changing else np.broadcast_to(_as_array(leaf), (len(values), *np.shape(leaf)))
         for k, leaf in enumerate(leaves)
     ]
     differs = tree.unflatten([k in changing for k in range(len(leaves))])
     in_axes = jax.tree.map(lambda changes: 0 if changes else None, (differs.system, differs.state))
-    return _Stacked(tree.unflatten(stacked), in_axes, any(jax.tree.leaves(differs.times)), possible)
+    return _Stacked(tree.unflatten(stacked), in_axes, differs.loop, any(jax.tree.leaves(differs.times)), possible)
+
+
+def _as_array(leaf: Any) -> np.ndarray:
+    """A leaf in float64, but for arrays of whole numbers."""
+    is_whole = isinstance(leaf, jax.Array | np.ndarray) and leaf.dtype.kind in "iu"
+    return np.asarray(leaf) if is_whole else np.asarray(leaf, dtype=float)
 
 
 @functools.lru_cache(maxsize=8)
@@ -165,7 +187,7 @@ def _compiled(text: str, paths: tuple[str, ...]) -> tuple[Structure, Callable[[n
         changing = {k: leaf for k, leaf in enumerate(jax.tree.leaves(parts)) if is_traced(leaf)}
         return changing, conditions.all_hold(), conditions.all_certain()
 
-    return structure, jax.jit(jax.vmap(read))
+    return structure, programs.jit(jax.vmap(read))
 
 
 def _times(stacked: _Stacked, template: Scenario, ends_only: bool) -> Float[np.ndarray, "rows times"]:
@@ -183,16 +205,17 @@ def _times(stacked: _Stacked, template: Scenario, ends_only: bool) -> Float[np.n
 def _read_one_by_one(study: Study, values: Float[np.ndarray, "rows numbers"]) -> _Stacked:
     each = [_read(study, row) for row in values]
     possible = np.array([parts is not None for parts in each])
-    instead = Parts.of(read_contents(study.document))
+    instead = Parts.of(read_contents(study.document), study.document)
     stacked = jax.tree.map(
-        lambda *leaves: np.stack([np.asarray(leaf, dtype=float) for leaf in leaves]),
+        lambda *leaves: np.stack([_as_array(leaf) for leaf in leaves]),
         *(instead if parts is None else parts for parts in each),
     )
-    return _Stacked(stacked, 0, True, possible)
+    return _Stacked(stacked, 0, jax.tree.map(lambda leaf: True, stacked.loop), True, possible)
 
 
 def _read(study: Study, values: Float[np.ndarray, " numbers"]) -> Parts | None:
     try:
-        return Parts.of(read_contents(study.document_with(values)))
+        document = study.document_with(values)
+        return Parts.of(read_contents(document), document)
     except ScenarioError:
         return None

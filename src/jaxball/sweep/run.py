@@ -88,7 +88,7 @@ def sweep(
     before, known = set(store.done()), status_counts(store.folder)
     mine = [k for k in range(shard[0] - 1, study.chunks, shard[1]) if k not in before]
     progress = Progress(stream, study.rows, known, sum(len(study.rows_of(k)) for k in mine), parallel)
-    threads = max(1, cores() // workers) if executor is None else 1
+    threads = _threads(workers) if executor is None else 1
     tasks = (Task(study, store.folder, k, engine, threads) for k in mine)
     with stop_requested(words) as stop, _running(executor, min(workers, max(len(mine), 1))) as pool:
         try:
@@ -141,9 +141,18 @@ def _running(executor: Any, workers: int) -> Iterator[Any]:
         own.shutdown(wait=True, cancel_futures=True)
 
 
-def _check(workers: int, shard: tuple[int, int]) -> None:
+def _threads(workers: int) -> int:
+    """How many cores each of so many processes uses."""
+    return max(1, cores() // workers)
+
+
+def _require_workers(workers: int) -> None:
     if workers < 1:
         raise ValueError(f"Argument `workers` must be 1 or more, but it is {workers}.")
+
+
+def _check(workers: int, shard: tuple[int, int]) -> None:
+    _require_workers(workers)
     part, parts = shard
     if not 1 <= part <= parts:
         raise ValueError(f"Argument `shard` must be (k, n) with k from 1 to n, but it is {shard}.")
@@ -154,7 +163,8 @@ def _check(workers: int, shard: tuple[int, int]) -> None:
         )
 
 
-TRIED = 512
+# How many rows are tried at first, and how many seconds a whole chunk may take to be tried as well.
+TRIED, LONGEST = 512, 10.0
 
 
 class Estimate(NamedTuple):
@@ -183,18 +193,21 @@ class Estimate(NamedTuple):
         )
 
 
-def estimate(study: Study, engine: Engine = solve_in_lanes, *, measure: bool = False) -> Estimate:
+def estimate(study: Study, engine: Engine = solve_in_lanes, *, measure: bool = False, workers: int = 1) -> Estimate:
     """The size of a study's store, at once.
 
     **Arguments:**
 
     - ``study``: the study to be run.
     - ``engine``: what solves its rows.
-    - ``measure``: whether to solve a few rows, to estimate how long all of them take.
+    - ``measure``: whether to solve a few rows, to estimate how long all of them take. Of a chunk that takes seconds all
+      rows are solved, so that threads work as in the sweep. The programs are those of the sweep.
+    - ``workers``: the number of processes that share the cores.
 
-    **Raises:** :class:`StudyError` as :func:`sweep`.
+    **Raises:** :class:`StudyError` as :func:`sweep`, and ``ValueError`` for fewer workers than one.
     """
     require_flags(measure=measure)
+    _require_workers(workers)
     template = study.template()
     outputs = outputs_of(study, template)
     numbers = sum(item.empty(study.chunk).nbytes for item in outputs.values()) * study.chunks
@@ -203,9 +216,16 @@ def estimate(study: Study, engine: Engine = solve_in_lanes, *, measure: bool = F
     unmeasured = Estimate(study.rows, study.chunks, numbers + points + BYTES_OF_A_CHECKSUM * files)
     if not measure:
         return unmeasured
-    tried = np.unique(np.linspace(0, study.rows - 1, min(TRIED, study.chunk)).astype(int))
-    first, second = (_seconds(lambda: compute(study, template, outputs, tried, engine)) for _ in range(2))
-    return unmeasured._replace(compiling=max(0.0, first - second), solving=second * study.rows / len(tried))
+
+    def seconds(rows: np.ndarray) -> float:
+        return _seconds(lambda: compute(study, template, outputs, rows, engine, _threads(workers)))
+
+    tried, chunk = np.unique(np.linspace(0, study.rows - 1, min(TRIED, study.chunk)).astype(int)), study.rows_of(0)
+    first, again = seconds(tried), seconds(tried)
+    each = again / len(tried)
+    if len(tried) < len(chunk) and each * len(chunk) <= LONGEST:
+        each = seconds(chunk) / len(chunk)
+    return unmeasured._replace(compiling=max(0.0, first - again), solving=each * study.rows)
 
 
 def _seconds(call: Callable[[], Any]) -> float:

@@ -20,10 +20,10 @@ from ..scenario import Scenario, ScenarioError, read_document
 from ..scenario.errors import each_of, raise_first, tried
 from ..scenario.imports import imported
 from ..scenario.own import own_class, trying_class
-from ..scenario.paths import check_number, with_numbers
+from ..scenario.paths import check_number, value_at, with_numbers
 from ..scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
 from ..scenario.table import Key, read_list, read_one_of, read_table
-from ..scenario.values import Choice, Flag, Integer, Text, key_error, shown, unread
+from ..scenario.values import POSITIVE, Choice, Flag, Integer, Numbers, Text, key_error, shown, unread
 from .axes import AXES, Axis, read_axis
 from .errors import StudyError
 
@@ -86,6 +86,7 @@ def _read_find(value: Any, path: str, template: Scenario) -> Find:
 
 
 FORMAT = 1
+WITHIN = 0.05
 LARGEST_CHUNK = 8192
 MOST_NUMBERS = 2**24  # in the states of a chunk
 NUMBERS_OF_A_STATE = 16  # about as many as for a ball with a few driven masses
@@ -99,6 +100,8 @@ KEYS = {
     "save": Key(Choice(("end", "times")), "end"),
     "contact": Key(Flag(), False),
     "detachment": Key(Flag(), False),
+    "readings": Key(Flag(), False),
+    "within": Key(Numbers(rule=POSITIVE), WITHIN),
     "find": Key(unread("a list of names and tables", FINDS), []),
     "chunk": Key(Integer(1, 2**20), None),
 }
@@ -116,6 +119,8 @@ class Study:
     - ``save``: "end" for the state at the end of each run, "times" for the states at all of the scenario's save times.
     - ``contact``: whether to find the extremes of the contact force over each run, including μ_min.
     - ``detachment``: whether a run ends where the ball would leave the plane.
+    - ``readings``: whether to keep what the sensors of the scenario read.
+    - ``within``: how close to its motion a run under feedback must end to have returned.
     - ``finds``: other results to find in each run while it is computed.
     - ``chunk``: how many rows are solved and written together.
     """
@@ -128,6 +133,8 @@ class Study:
     detachment: bool = False
     finds: tuple[Find, ...] = ()
     chunk: int = 1
+    readings: bool = False
+    within: float = WITHIN
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -187,7 +194,7 @@ class Study:
     def identity(self) -> dict[str, str]:
         """Everything that the results depend on, except versions, as text; files are identified by their SHA-256."""
         axes = repr(self.axes)
-        names = ("save", "contact", "detachment", "finds", "chunk")
+        names = ("save", "contact", "detachment", "finds", "chunk", "readings", "within")
         kept = ", ".join(f"{name} = {getattr(self, name)}" for name in names)
         return {"scenario": tomli_w.dumps(self.document), "axes": axes, "settings": kept}
 
@@ -241,14 +248,16 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
     # Errors in one of these parts must not hide errors in the others.
     (*_, finds), later = tried(
         lambda: table and template and _check_contact(table, template),
-        lambda: axes and template and _check_paths(axes, scenario),
+        lambda: table and template and _check_sensors(table, template),
+        lambda: table and axes and template and _check_paths(axes, scenario, template, table["readings"]),
         lambda: template and read_finds(document.get("find", []), template),
     )
     raise_first([*errors, *later])
     if table is None or template is None or axes is None:
         raise AssertionError("A part that could not be read has an error.")
     rows = math.prod(axis.size for axis in axes)
-    saves = template.times.size if table["save"] == "times" else 1
+    looked_at = table["save"] == "times" or table["readings"] or template.feedback is not None
+    saves = template.times.size if looked_at else 1
     chunk = _chunk_for(rows, saves) if table["chunk"] is None else min(table["chunk"], rows)
     return Study(
         title=table["title"],
@@ -259,6 +268,8 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
         detachment=table["detachment"],
         finds=finds,
         chunk=chunk,
+        readings=table["readings"],
+        within=table["within"],
     )
 
 
@@ -271,32 +282,52 @@ def _template(value: Any, folder: Path) -> tuple[dict[str, Any], Scenario]:
     """The document of the scenario that a study contains or names, and its contents."""
     document = scenario_document(value, folder, StudyError)
     with naming_scenario(value, "study", StudyError):
-        template = read_document(document)
-        if template.feedback is not None:
-            raise ScenarioError(
-                "Key `feedback` must be left out in a study, whose rows are single solves; `jaxball track --basin` "
-                "simulates many closed loops."
-            )
-        return document, template
+        return document, read_document(document)
 
 
 def _check_contact(table: dict[str, Any], template: Scenario) -> None:
     for key in ("contact", "detachment"):
         if table[key] and not isinstance(template.system, AbstractBody):
             raise StudyError(f"Key `{key}` must be false for a {template.system.title}, which is no ball or disk.")
-        if table[key] and template.contact is not None:
+        if table[key] and template.may_slip:
             raise StudyError(
                 f"Key `{key}` must be false where the scenario has a law of contact, with which the body may slip and "
                 "fly, but it is true."
             )
+    if table["detachment"] and template.feedback is not None:
+        raise StudyError(
+            "Key `detachment` must be false where the scenario has feedback, whose samples are solved one by one, but "
+            "it is true; `contact = true` finds the least normal force."
+        )
 
 
-def _check_paths(axes: tuple[Axis, ...], scenario: dict[str, Any]) -> None:
+def _check_sensors(table: dict[str, Any], template: Scenario) -> None:
+    if table["readings"] and not template.sensors:
+        raise StudyError("Key `readings` must be false where the scenario has no [sensors], but it is true.")
+
+
+def _check_paths(axes: tuple[Axis, ...], scenario: dict[str, Any], template: Scenario, readings: bool) -> None:
     paths = [path for axis in axes for path in axis.paths]
-    each_of(*(functools.partial(check_number, scenario, path) for path in paths))
+    measured = readings or template.estimator is not None
+    each_of(*(functools.partial(check_number, scenario, path, measured) for path in paths))
+    if template.feedback is not None:
+        each_of(*(functools.partial(_check_of_loop, scenario, path) for path in paths))
     for path, count in Counter(paths).items():
         if count > 1:
             raise StudyError(f"Key `{path}` must be in one axis, but it is in two.")
+
+
+def _check_of_loop(scenario: dict[str, Any], path: str) -> None:
+    """Raises for a number that determines how a closed loop is computed."""
+    if path.partition(".")[0] == "time":
+        raise StudyError(
+            f"Key `{path}` must be the same in all rows with feedback, because save times are its samples."
+        )
+    if path.endswith(".errors.random_walk") and not value_at(scenario, path):
+        raise StudyError(
+            f"Key `{path}` must be positive in the scenario if rows change it, because a filter estimates a bias only "
+            "of a sensor that has a random walk, but it is 0; give a small one."
+        )
 
 
 def _chunk_for(rows: int, saves: int) -> int:

@@ -13,7 +13,8 @@ from ..physics.body import AbstractBody, Disk
 from ..physics.moments import Moments
 from ..physics.state import DiskState
 from ..scenario import Scenario
-from ..simulation.extremes import always_rolls, contact_extremes
+from ..simulation.extremes import contact_extremes
+from ..simulation.trajectory import always_rolls
 from .case import SAFETY, Case
 from .laws import BALANCES
 from .report import Row
@@ -109,7 +110,7 @@ def balance(name: str, case: Case) -> Row:
 def contact(case: Case) -> Row:
     """The row of the normal force, as a fraction of the weight, with the friction that rolling needs."""
     if not always_rolls(case.run):
-        return Row("contact", reason="forces jump where joints stick or break loose")
+        return Row("contact", reason=f"the body has {case.run.history.described}")
     extremes = contact_extremes(case.run)
     least, (first, second) = float(extremes.margin), extremes.when
     note = f"the least N is {least:.4g} of the weight, {first}"

@@ -13,12 +13,12 @@ from jaxtyping import Array, Float
 
 from ..interface.status import Status
 from ..numerics import programs
-from ..numerics.tangent import generic_vectors
 from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario
 from ..scenario.body import rolling_state
 from ..scenario.solvers import SOLVERS
 from ..simulation.arguments import FINEST
+from ..simulation.deviations import generic_vectors
 from ..simulation.simulate import FEW_STEPS, simulate
 from ..simulation.trajectory import Trajectory
 from .samples import Samples, sample

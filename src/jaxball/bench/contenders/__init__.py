@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...interface.installation import pip_install
+from ...interface.wording import pip_install
 from ..problem import Problem
 
 MAX_STEPS = 200_000

@@ -36,7 +36,7 @@ def run(case: Case, setting: Setting, timestep: float) -> Motion:
     config = drake.MultibodyPlantConfig(time_step=step, contact_model="point", **setting.values.get("plant", {}))
     builder = drake.DiagramBuilder()
     plant, _ = drake.AddMultibodyPlant(config, builder)
-    sliding = case.friction if scenario.contact is None else float(scenario.contact.sliding)
+    sliding = scenario.friction_or(case.friction)
     text = re.sub('friction="[^"]*"', f'friction="{sliding!r} 0 0"', exported.text)
     _parse(plant, text)
     _add_servos(plant, exported)

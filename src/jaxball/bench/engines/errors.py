@@ -53,7 +53,7 @@ def of_run(run: Trajectory[Any, Any], true: Exact) -> Errors:
 def _seen(run: Trajectory[Any, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The path, the speed of slip and the energy along a run."""
     path = np.asarray(run.observables.geometric_centre)[:, :2]
-    slips = np.zeros(len(path)) if run.contact is None else np.linalg.norm(np.asarray(run.contact.slip), axis=-1)
+    slips = np.linalg.norm(run.history.over_time.get("slip", np.zeros((len(path), 3))), axis=-1)
     return path, slips, np.asarray(run.observables.energy)
 
 

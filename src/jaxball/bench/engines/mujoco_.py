@@ -43,7 +43,7 @@ def model_of(case: Case, setting: Setting, exported: Exported, timestep: float) 
     """The model of a robot with a setting and a time step."""
     model = mujoco.MjModel.from_xml_string(exported.text)
     _set(model, setting.values, timestep)
-    if case.scenario().contact is None:
+    if not case.scenario().may_slip:
         model.geom_friction[:, 0] = case.friction
     return model
 

@@ -38,13 +38,12 @@ def run(case: Case, setting: Setting, timestep: float) -> Motion:
         up = np.array([0.0, 0.0, 1.0]) if ground is None else np.asarray(ground.up())
         bullet.setGravity(*(-float(system.gravity) * up).tolist())
         bullet.setPhysicsEngineParameter(fixedTimeStep=timestep, **setting.values)
-        friction = case.friction if scenario.contact is None else float(scenario.contact.sliding)
         _add_ground(scenario)
         steps = np.rint(np.diff(scenario.times) / timestep).astype(int)
         times = scenario.times[0] + timestep * np.arange(steps.sum() + 1)
         torques = dict(zip(exported.controls, exported.controls_at(times).T, strict=True))
         driving = Driving(links, prescribed(system, times), torques)
-        robot = _add_robot(scenario, links, driving, friction)
+        robot = _add_robot(scenario, links, driving, scenario.friction_or(case.friction))
         rows, seconds, step = [_row(robot, links, system)], 0.0, 0
         for count in steps:
             begin = time.process_time()

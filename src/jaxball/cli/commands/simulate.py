@@ -8,8 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...interface.output import check_destination
-from ...interface.views import check_view
+from ...interface.output import check_destination, check_view
 from ...interface.wording import counted
 from ...results.files import SUFFIXES
 from ...scenario.errors import ScenarioError
@@ -34,7 +33,6 @@ from ..options import (
 )
 
 if TYPE_CHECKING:
-    from ...physics.contact.body_on_plane import ContactHistory
     from ...scenario import Scenario
     from ...simulation.events import AbstractEvent
     from ...simulation.trajectory import Trajectory
@@ -110,7 +108,7 @@ def _simulate(options: argparse.Namespace, scenario: "Scenario") -> int:
     from ...scenario.checks import message_in_keys
     from ..files import write_json
 
-    rolls = isinstance(scenario.system, AbstractBody) and scenario.contact is None and scenario.feedback is None
+    rolls = isinstance(scenario.system_to_solve, AbstractBody) and scenario.feedback is None
     # Of what shows how close the ball came to slipping or leaving the plane.
     shown = not options.quiet or any(getattr(options, name) is not None for name in ("out", "json", "plot"))
     events = _events(options, scenario)
@@ -174,15 +172,14 @@ def _content(scenario: "Scenario", trajectory: "Trajectory[Any, Any]") -> dict[s
 
     from ...physics.body import AbstractBody
     from ...results.saving import attributes
+    from ...results.variables import history_summary
 
     about = {name: value for name, value in attributes(trajectory, scenario).items() if name != "format"}
     end = {name: np.asarray(leaf)[-1] for name, leaf in vars(trajectory.state).items()}
     content = {**about, "ok": trajectory.ok, "time": float(trajectory.times[-1]), "state": end}
     if not isinstance(scenario.system, AbstractBody):
         content["law_changes"] = _law_changes(trajectory)
-    if trajectory.contact is not None:
-        content["contact"] = _contact_content(trajectory.contact)
-    return content
+    return content | history_summary(trajectory.history)
 
 
 def _events(options: argparse.Namespace, scenario: "Scenario") -> "dict[str, AbstractEvent]":
@@ -199,7 +196,7 @@ def _events(options: argparse.Namespace, scenario: "Scenario") -> "dict[str, Abs
             "Arguments `--friction` and `--detachment` must be left out for a system that is no ball or disk, such as "
             f"the {scenario.system.title} of this scenario."
         )
-    if scenario.contact is not None and events:
+    if scenario.may_slip and events:
         raise ScenarioError(
             "Arguments `--friction` and `--detachment` must be left out where the scenario has a law of contact, with "
             "which the body slips and flies instead of the run ending."
@@ -217,10 +214,8 @@ def _checks(trajectory: "Trajectory[Any, Any]") -> list[str]:
     from ...physics.body import AbstractBody
     from ...simulation.extremes import contact_extremes
 
-    if trajectory.contact is not None:
-        return []  # they are among the trajectory's own lines
     if isinstance(trajectory.system, AbstractBody):
-        if trajectory.interpolant is None:  # of a closed loop, which is known at its samples
+        if trajectory.interpolant is None:  # with modes or feedback, of which the trajectory's own lines tell
             return []
         return [f"  {line}" for line in str(contact_extremes(trajectory)).splitlines()]
     changes = (f"{name} {change:.1e}" for name, change in _law_changes(trajectory).items())
@@ -258,47 +253,6 @@ def _with_contact(document: dict[str, Any], law: str | None) -> dict[str, Any]:
     keys = law.split(",") if "=" in law else [f"sliding={law}"]
     others = {name: value for name, value in document.items() if name != "contact"}
     return with_values(others, [f"contact.{key.strip()}" for key in keys])
-
-
-def _contact_content(contact: "ContactHistory") -> dict[str, Any]:
-    """The contact in --json: the law, the mode at each saved time, the switches, and how it ended."""
-    import numpy as np
-
-    from ...scenario.body import CONTACT
-
-    end = {name: np.asarray(getattr(contact, name))[-1] for name in ("V", "height", "slip", "rubbed", "struck")}
-    return {
-        "law": CONTACT.write(contact.law, "contact"),
-        "modes": [_mode_name(mode) for mode in np.asarray(contact.mode)],
-        "end": end,
-        "count": int(contact.switches.count),
-        "switches": _switches(contact),
-    }
-
-
-def _switches(contact: "ContactHistory") -> list[dict[str, Any]]:
-    from ...physics.contact.modes import Cause
-
-    switches = contact.switches
-    kept = min(int(switches.count), switches.times.shape[-1])
-    return [
-        {
-            "time": float(switches.times[k]),
-            "from": _mode_name(switches.source[k]),
-            "to": _mode_name(switches.target[k]),
-            "cause": Cause(int(switches.cause[k])).sentence,
-            "lost": float(switches.lost[k]),
-            "grazing": bool(switches.grazing[k]),
-        }
-        for k in range(kept)
-    ]
-
-
-def _mode_name(mode: Any) -> str | None:
-    """The name of a mode; None at times that the solve did not reach."""
-    from ...physics.contact.modes import Mode
-
-    return Mode(int(mode)).name.lower() if int(mode) >= 0 else None
 
 
 def check_memory(options: argparse.Namespace, times: int) -> None:

@@ -5,10 +5,9 @@ import importlib.util
 import sys
 from pathlib import Path
 
-from ...interface.installation import pip_install
 from ...interface.interruption import STOPPED, exit_code, interrupt_message
 from ...interface.output import check_folder
-from ...interface.wording import all_of, counted
+from ...interface.wording import all_of, counted, pip_install
 from ...scenario.errors import ScenarioError
 from ...scenario.sources import document_of, naming, text_of
 from ..jax_setup import set_up_jax
@@ -84,7 +83,8 @@ def _sweep(options: argparse.Namespace, text: str) -> int:
         study = sweep.read_study(text, Path(options.study).parent)
     if options.dry_run:
         with working(options, "solving a few rows"):
-            estimate = sweep.estimate(study, measure=options.measure).sentence(options.workers)
+            estimate = sweep.estimate(study, measure=options.measure, workers=options.workers)
+            estimate = estimate.sentence(options.workers)
         print(estimate if options.measure else f"{estimate}; --measure solves a few rows to estimate the time")
         return 0
     try:

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 WITHIN = 0.05
 ON_RATES = 0.1  # of the default disturbance, rad/time
 WITHOUT, HELD, SEEING = "without feedback", "with feedback", "from sensors"
+BASINS = {HELD: "basin", SEEING: "basin_from_sensors"}  # the names of figures, and in the summary
 NAMED = "NUMBER|NAME=NUMBER,..."
 
 
@@ -74,7 +75,8 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--basin",
         nargs=2,
         metavar=CHART_AXIS,
-        help="also find which starts of a grid come back, as in 'Omega[0]=-1:1:21' 'Omega[1]=-1:1:21'",
+        help="also find which starts of a grid come back, as in 'Omega[0]=-1:1:21' 'Omega[1]=-1:1:21'; with an "
+        "estimator also which do from sensors",
     )
     parser.add_argument(
         "--within", type=positive, metavar="D", help=f"how close a start must come back (default: {WITHIN})"
@@ -136,7 +138,7 @@ def _track(options: argparse.Namespace, scenario: "Scenario", axes: tuple[ChartA
     with working(options, "linearising along the motion"):
         feedback = feedback_along(scenario, motion)
     held = [_simulated(options, one, feedback) for one in disturbed]
-    basin = None if axes is None else _basin(options, scenario, feedback, axes)
+    basins = {} if axes is None else _basins(options, scenario, feedback, axes)
     written = []
     if options.out is not None:
         with working(options, "evaluating and saving"):
@@ -144,10 +146,10 @@ def _track(options: argparse.Namespace, scenario: "Scenario", axes: tuple[ChartA
         written.append(str(options.out))
     if options.plot is not None:
         with working(options, "drawing"):
-            written.append(_draw(options, scenario, feedback, held, basin))
+            written.append(_draw(options, scenario, feedback, held, basins))
     deviations = _Deviations.of(scenario, feedback)
-    write_json(options, _content(scenario, deviations, held, basin))
-    lines = [_track_of(feedback), *_table(deviations, held), *([] if basin is None else [_basin_line(basin)])]
+    write_json(options, _content(scenario, deviations, held, basins))
+    lines = [_track_of(feedback), *_table(deviations, held), *(_basin_line(*one) for one in basins.items())]
     say(options, scenario.title, *lines, written_line(written))
     return 0 if all(loop.ok for one in held for loop in one.loops.values()) else FAILED_SOLVE
 
@@ -188,28 +190,34 @@ def _simulated(options: argparse.Namespace, scenario: "Scenario", feedback: "Abs
     return Held(" and ".join(filter(None, [start, pushed])), loops)
 
 
-def _basin(
+def _basins(
     options: argparse.Namespace, scenario: "Scenario", feedback: "AbstractFeedback", axes: tuple[ChartAxis, ChartAxis]
-) -> "Basin":
-    """Which starts of the grid come back, by feedback of the state."""
+) -> "dict[str, Basin]":
+    """Which starts of the grid come back, by feedback of the state and, with an estimator, from sensors."""
     import numpy as np
 
     from ...control import basin
-    from ...scenario.closed_loop import robot_of
+    from ...scenario.closed_loop import robot_of, with_estimator
     from ...scenario.feedback import in_keys
 
     settings = _regulator(scenario)
     starts = {name: np.linspace(low, high, count) for name, low, high, count in axes}
-    with working(options, f"simulating {axes[0][3] * axes[1][3]:,} starts"), in_keys():
-        return basin(
-            feedback,
-            starts,
-            Q=settings.Q,
-            within=options.within or WITHIN,
-            system=robot_of(scenario),
-            limits=settings.limits,
-            delay=settings.delay,
-        )
+    kinds = {HELD: feedback}
+    if scenario.estimator is not None:
+        kinds[SEEING] = with_estimator(scenario, feedback)
+    found = {}
+    for name, kind in kinds.items():
+        with working(options, f"simulating {axes[0][3] * axes[1][3]:,} starts {name}"), in_keys():
+            found[name] = basin(
+                kind,
+                starts,
+                Q=settings.Q,
+                within=options.within or WITHIN,
+                system=robot_of(scenario),
+                limits=settings.limits,
+                delay=settings.delay,
+            )
+    return found
 
 
 def _regulator(scenario: "Scenario") -> "RegulatorSettings":
@@ -239,9 +247,11 @@ class _Deviations(NamedTuple):
 
     @classmethod
     def of(cls, scenario: "Scenario", feedback: "AbstractFeedback") -> "_Deviations":
+        import numpy as np
+
         from ...control.weights import weight_matrix
 
-        return cls(weight_matrix("Q", _regulator(scenario).Q, _track_of(feedback).directions))
+        return cls(np.asarray(weight_matrix("Q", _regulator(scenario).Q, _track_of(feedback).directions)))
 
     def along(self, loop: "ClosedLoop") -> "np.ndarray":
         import numpy as np
@@ -275,21 +285,29 @@ def _table(deviations: _Deviations, held: list[Held]) -> list[str]:
     return lines
 
 
-def _basin_line(basin: "Basin") -> str:
+def _basin_line(name: str, basin: "Basin") -> str:
     assert basin.grid is not None
-    return f"{basin} to within {basin.within:g}, over {' and '.join(basin.grid.names)}"
+    found, over = str(basin).removeprefix("Basin: "), " and ".join(basin.grid.names)
+    return f"{name}, {found}, to within {basin.within:g}, over {over}"
 
 
-def _content(scenario: "Scenario", deviations: _Deviations, held: list[Held], basin: "Basin | None") -> dict[str, Any]:
+def _content(
+    scenario: "Scenario", deviations: _Deviations, held: list[Held], basins: "dict[str, Basin]"
+) -> dict[str, Any]:
     """The summary as JSON."""
     content: dict[str, Any] = {"title": scenario.title, "starts": []}
     for one in held:
         loops = {name: _numbers(deviations, loop) | {"ok": loop.ok} for name, loop in one.loops.items()}
         content["starts"].append({"start": one.start, "loops": loops})
-    if basin is not None:
+    for kind, basin in basins.items():
         data = basin.dataset()
         axes = {str(name): data[name].values for name in data["returned"].dims}
-        content["basin"] = {"share": basin.share, "within": basin.within, **axes, "returned": data["returned"].values}
+        content[BASINS[kind]] = {
+            "share": basin.share,
+            "within": basin.within,
+            **axes,
+            "returned": data["returned"].values,
+        }
     return content
 
 
@@ -298,7 +316,7 @@ def _draw(
     scenario: "Scenario",
     feedback: "AbstractFeedback",
     held: list[Held],
-    basin: "Basin | None",
+    basins: "dict[str, Basin]",
 ) -> str:
     """Draws what there is to see, and returns how many figures and where."""
     from ... import plot
@@ -313,8 +331,8 @@ def _draw(
         "inputs": lambda: plot.held_inputs({name: loop for name, loop in first.items() if name != WITHOUT}),
         "gains": lambda: plot.gains(_track_of(feedback)),
     }
-    if basin is not None:
-        drawings["basin"] = lambda: plot.basin_map(basin)
+    for kind, basin in basins.items():
+        drawings[BASINS[kind]] = functools.partial(plot.basin_map, basin)
     estimate = last.history.estimate
     if estimate is not None:
         drawings["estimate"] = lambda: plot.estimate(estimate, last.states)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...interface.views import MOST_BODIES, check_view
+from ...interface.output import MOST_BODIES, check_view
 from ...interface.wording import counted
 from ...results.files import READ_BACK, RunError, check_saved
 from ..jax_setup import compiled_for, set_up_jax

@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ...numerics import programs
 from ...numerics.batches import in_batches, of_rows
@@ -53,6 +53,30 @@ class Term(NamedTuple):
     by_parameter: np.ndarray
 
 
+class NodeTerm(NamedTuple):
+    """The terms of nodes, with derivatives by x and u alone: the others follow from these, as the Lagrangian's.
+
+    - ``by_slack``: w times the derivative of each slack by its unknown s; ``by_multiplier``: that of each multiplier.
+    """
+
+    term: Term
+    by_slack: np.ndarray
+    by_multiplier: np.ndarray
+
+    def whole(self, shape: "Sizes") -> Term:
+        """The terms with derivatives by all unknowns of each node: x, u, the costate and s."""
+        moving, free = shape.states + shape.controls, 2 * shape.states + shape.controls
+        given = self.term.jacobian
+        jacobian = np.zeros((*given.shape[:2], given.shape[1]))
+        jacobian[:, :, :moving] = given
+        jacobian[:, :moving, moving:free] = np.swapaxes(given[:, moving:free], 1, 2)
+        # Row s has −w g, the others −w σ g.
+        jacobian[:, :moving, free:] = np.swapaxes(self.by_multiplier[:, :, None] * given[:, free:], 1, 2)
+        slacks = np.arange(free, given.shape[1])
+        jacobian[:, slacks, slacks] = self.by_slack
+        return self.term._replace(jacobian=jacobian)
+
+
 class Sizes(NamedTuple):
     """How many states, controls, end conditions and inequalities there are."""
 
@@ -73,17 +97,19 @@ def sizes(vary: Vary, problem: Any) -> Sizes:
     return Sizes(*(part.size for part in jax.eval_shape(parts, problem)))
 
 
-def at_nodes(vary: Vary, shape: Sizes, problem: Any, parameter, barrier, times, weights, steps, local) -> Term:
+def at_nodes(vary: Vary, shape: Sizes, problem: Any, parameter, barrier, times, weights, steps, local) -> NodeTerm:
     """The derivatives of the Lagrangian by x, u and the costate of each node, and its complementarity.
 
     The Lagrangian of a node is w (cost − σ·g) + h λ·rate, with the inequalities g ≥ 0 and their multipliers σ, which
     are functions of the node's last unknowns s; these are found from w (slack(s) − g) = 0.
     """
-    n, free = shape.states, 2 * shape.states + shape.controls
+    n, moving, free = shape.states, shape.states + shape.controls, 2 * shape.states + shape.controls
 
     def one(t, weight, h, local):
-        def equations(local, parameter):
-            at, s = vary(problem, parameter), local[free:]
+        s = local[free:]
+
+        def equations(moved, parameter):
+            at = vary(problem, parameter)
 
             def lagrangian(local):
                 x, u, costate = local[:n], local[n:-n], local[-n:]
@@ -91,10 +117,12 @@ def at_nodes(vary: Vary, shape: Sizes, problem: Any, parameter, barrier, times, 
                 pushed = weight * jnp.sum(multiplier(s, barrier) * g)
                 return cost - pushed + h * jnp.sum(costate * at.rate(t, x, u)), (cost, g)
 
-            gradient, (cost, g) = jax.grad(lagrangian, has_aux=True)(local[:free])
+            rows = jnp.concatenate([moved, local[moving:free]])
+            gradient, (cost, g) = jax.grad(lagrangian, has_aux=True)(rows)
             return jnp.concatenate([gradient, weight * (slack(s, barrier) - g)]), cost
 
-        return _term(equations, local, parameter)
+        by_s = [jax.jvp(lambda s, of=of: of(s, barrier), (s,), (jnp.ones_like(s),))[1] for of in (slack, multiplier)]
+        return NodeTerm(_term(equations, local[:moving], parameter), weight * by_s[0], by_s[1])
 
     return of_rows(one, times, weights, steps, local)
 
@@ -134,7 +162,7 @@ def _term(
 
 
 # The number of nodes evaluated by one call of a compiled program, the same for each mesh.
-NODES = 32
+NODES = 64
 # The barrier at the start, and that of a finished solution; it only affects inequalities.
 BARRIER, SHARP = 1e-2, 1e-8
 
@@ -187,7 +215,7 @@ class Collocation(AbstractEquations):
         self.problem, self.mesh, self.stages, self.vary, self.barrier = problem, mesh, stages, vary, barrier
         self.tableau: Tableau = gauss(stages)
         self._last: tuple[np.ndarray, float, Term, Term] | None = None
-        self._sizes: Sizes = sizes(vary, problem)
+        self._sizes = Sizes(*map(int, _compiled(sizes, vary)(problem)))
         n, m, c, i = self._sizes
         N, s = len(mesh) - 1, stages
         shapes: list[Any] = [(N + 1, n), (N, s, n), (N, s, m), (n,), (N, s, n), (N, n), (c,), (N, s, i)]
@@ -250,6 +278,13 @@ class Collocation(AbstractEquations):
         """The indices of the multipliers of all conditions except inequalities."""
         return slice(self.unconstrained, self.size - int(np.prod(self.shapes.excess)))
 
+    @functools.cached_property
+    def order(self):
+        """Interval by interval, the unknowns of nodes before what they determine."""
+        at = self.places
+        intervals = [at.knots[:-1, None], at.excess, at.nodes, at.controls, at.at_nodes, at.at_knots[:, None]]
+        return np.concatenate([in_time(*intervals, first=at.at_start), at.knots[-1], at.at_end])
+
     def sizes(self, y):
         """1 + |y|, without multipliers that are sensitive to rounding.
 
@@ -293,10 +328,14 @@ class Collocation(AbstractEquations):
         function = functools.partial(_compiled(_along, name, self.vary), self.problem, jnp.asarray(parameter))
         return _over_nodes(function, times, path.states(times), path.inputs(times))
 
+    def problem_at(self, parameter: float) -> Any:
+        """The problem at a λ."""
+        return _compiled(_varied, self.vary)(self.problem, jnp.asarray(parameter))
+
     @functools.cached_property
     def _soft(self) -> bool:
         """Whether the conditions at the end are soft, and stay so for all λ."""
-        return all(self.vary(self.problem, jnp.asarray(share)).softness > 0 for share in (0.0, 1.0))
+        return all(self.problem_at(share).softness > 0 for share in (0.0, 1.0))
 
     @functools.cached_property
     def linear(self) -> scipy.sparse.sparray:
@@ -337,7 +376,8 @@ class Collocation(AbstractEquations):
         h = np.broadcast_to(self.steps[:, None], self.times.shape)
         given = (self.problem, jnp.asarray(parameter), jnp.asarray(self.barrier))
         rows = [np.ravel(self.times), np.ravel(self.weights), np.ravel(h), _local(parts)]
-        return _over_nodes(functools.partial(_compiled(at_nodes, self.vary, self._sizes), *given), *rows)
+        function = functools.partial(_compiled(at_nodes, self.vary, self._sizes), *given)
+        return _over_nodes(function, *rows).whole(self._sizes)
 
     def _end(self, parts: Unknowns, parameter: float) -> Term:
         local = jnp.asarray(np.concatenate([parts.knots[-1], parts.at_end]))
@@ -352,7 +392,11 @@ def _compiled(function: Callable[..., Any], *given: Any) -> programs.Program:
 
 
 def _over_nodes(function: Callable[..., Any], *rows: np.ndarray) -> Any:
-    return in_batches(lambda batch: function(*map(jnp.asarray, batch)), rows, NODES)
+    return in_batches(lambda batch: function(*batch), rows, NODES)
+
+
+def _varied(vary: Vary, problem: Any, parameter) -> AbstractControlProblem:
+    return vary(problem, parameter)
 
 
 def _along(name: str, vary: Vary, problem: Any, parameter, times, states, controls):
@@ -363,6 +407,12 @@ def _local(parts: Unknowns) -> np.ndarray:
     """The entries that belong to each node, a row for each."""
     rows = np.concatenate([parts.nodes, parts.controls, parts.at_nodes, parts.excess], axis=2)
     return rows.reshape(-1, rows.shape[-1])
+
+
+def in_time(*places: Int[np.ndarray, "N _ _"], first: Int[np.ndarray, " n"]) -> Int[np.ndarray, " places"]:
+    """Indices in the order of time: ``first``, and then, interval by interval, those of each kind."""
+    count = len(places[0])
+    return np.concatenate([first, np.ravel(np.concatenate([at.reshape(count, -1) for at in places], axis=1))])
 
 
 def _scattered(places: np.ndarray, blocks: np.ndarray, size: int) -> scipy.sparse.csr_array:

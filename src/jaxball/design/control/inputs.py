@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from ...control.inputs import GivenAccelerations
 from ...numerics.arrays import Numbers
-from ...numerics.norms import room
+from ...numerics.vectors import room
 from ...physics.body import PointMass, System, with_integrated_angles
 from ...physics.mechanisms import AbstractJointForce, Drive, JointForces, Motor
 from ...physics.motion import OnRail

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from ...numerics import programs
 from ...numerics.batches import map_rows
 from ...physics.body import Ball, Disk, System
-from ...physics.imbalance import Imbalance, imbalance
+from ...physics.imbalance import imbalance
 from ...physics.schedules import PiecewiseAcceleration
 from ...physics.signals import PiecewiseSignal
 from ...scenario import Scenario
@@ -137,13 +137,13 @@ def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 
     rates = [*starting_angles(tuple(schedules), problem.end)["thetadot"]] if schedules else []
     whole = Run(system, jnp.asarray(run.times), run.state, run.status)
     largest = _largest(problem.constraints, whole)
-    left = _imbalance(system, problem.end, jax.tree.map(lambda leaf: leaf[-1], run.state))
+    beside, below = _off_balance(system, problem.end, jax.tree.map(lambda leaf: leaf[-1], run.state))
     missed = 0.0 if problem.place is None else np.linalg.norm(run.state.z[-1] - problem.place)
     return Resimulated(
         apart=float(np.max(np.abs(gap) if gap.ndim == 1 else np.linalg.norm(gap, axis=1))) / r,
         speed=float(np.max(np.abs([np.linalg.norm(seen.angular_velocity_body[-1]), *rates, *seen.joint_rates[-1]]))),
-        away=float(np.linalg.norm(left.beside)) / r,
-        below=float(left.below) / r,
+        away=float(np.linalg.norm(beside)) / r,
+        below=float(below) / r,
         missed=float(missed) / r,
         margin=float(np.min(seen.normal_force)) / (M * float(problem.system.gravity)),
         friction=float(np.max(seen.friction_ratio)),
@@ -158,8 +158,10 @@ def _largest(constraints: Mapping[str, Any], run: Run) -> dict[str, Float[Array,
 
 
 @programs.filter_jit
-def _imbalance(system: System, t, state) -> Imbalance:
-    return imbalance(system.prepare(), t, state)
+def _off_balance(system: System, t, state) -> tuple[Float[Array, "2"], Float[Array, ""]]:
+    """How far the centre of mass is beside where it could rest, and below the geometric centre."""
+    left = imbalance(system.prepare(), t, state)
+    return left.beside, left.below
 
 
 def places(solution: Solution, times: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k *d"]:

@@ -7,7 +7,6 @@ Estimation Using Nonlinear Programming, section 4.7.
 import math
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 import scipy.sparse
@@ -16,7 +15,7 @@ from jaxtyping import Float, Int
 from ...solvers.tableau import gauss
 from ..continuation import newton, solver
 from ..problem.space import DesignError
-from .collocation import SHARP, Collocation, Unknowns
+from .collocation import SHARP, Collocation, Unknowns, in_time
 from .problem import AbstractControlProblem, Path
 from .rolling import rolling
 
@@ -50,7 +49,7 @@ class Solution(NamedTuple):
     @property
     def problem(self) -> AbstractControlProblem:
         """The problem at λ."""
-        return self.collocation.vary(self.collocation.problem, jnp.asarray(self.parameter))
+        return self.collocation.problem_at(self.parameter)
 
 
 def path_of(collocation: Collocation, y: Float[np.ndarray, " size"]) -> Path:
@@ -100,12 +99,13 @@ def least_curvature(solution: Solution) -> float:
     collocation = solution.collocation
     places, count = collocation.places, collocation.unconstrained
     matrix = collocation.jacobian(solution.y, solution.parameter)[0].tocsr()
-    states = np.concatenate([np.ravel(places.knots), np.ravel(places.nodes)])
+    # In the order of time, in which each state follows from the ones before.
+    states = in_time(places.nodes, places.knots[1:, None], first=places.knots[0])
+    equations = in_time(places.at_nodes, places.at_knots[:, None], first=places.at_start)
     controls = np.ravel(places.controls)
-    equations = np.concatenate([np.ravel(part) for part in (places.at_start, places.at_nodes, places.at_knots)])
     A = matrix[equations]
     # Changes of the states for each control.
-    change = -solver(A[:, states].tocsc())(A[:, controls].toarray())
+    change = -solver(A[:, states], np.arange(states.size))(A[:, controls].toarray())
     basis = scipy.linalg.null_space(matrix[places.at_end][:, states] @ change)
     along = np.zeros((count, basis.shape[1]))
     along[states], along[controls] = change @ basis, basis
@@ -144,7 +144,8 @@ def unknowns_on(collocation: Collocation, path: Path, parameter: float) -> Float
     matrix = scipy.sparse.block_array(
         [[scipy.sparse.eye_array(count), A.T], [A, -SMALL * scipy.sparse.eye_array(A.shape[0])]]
     )
-    y[equalities] = solver(matrix.tocsc())(np.append(-gradient, np.zeros(A.shape[0])))[count:]
+    order = collocation.order[collocation.order < equalities.stop]
+    y[equalities] = solver(matrix, order)(np.append(-gradient, np.zeros(A.shape[0])))[count:]
     return y
 
 

@@ -9,7 +9,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from ..continuation import Branch, follow, newton
+from ..continuation import TOLERANCE, Branch, follow, newton
 from ..problem.space import DesignError
 from .collocation import BARRIER, SHARP, Collocation
 from .guess import driving
@@ -25,6 +25,8 @@ WITHIN = (-0.5, 1.5)
 # The initial barrier on a finer mesh, and its factors: at first, and where it can fall no further.
 AGAIN, STEP, SHORTEST_STEP = 1e-4, 0.1, 0.95
 MOST_ROUNDS = 12
+# A barrier above the last one, except for rounding, is solved for to this accuracy.
+NEARLY, ROUGH = 1 + 1e-9, 1e-3
 
 Guess = Callable[[Rolling, Float[np.ndarray, " N_plus_one"], int], Path]
 
@@ -177,9 +179,11 @@ def _lower_barrier(
     """The solution with a smaller barrier, by steps that become shorter where Newton's method fails."""
     step = STEP
     while collocation.barrier > barrier:
-        lower = collocation.changed(barrier=max(barrier, step * collocation.barrier))
+        following = step * collocation.barrier
+        last = following < NEARLY * barrier
+        lower = collocation.changed(barrier=barrier if last else following)
         try:
-            y = newton(lower, y, parameter)
+            y = newton(lower, y, parameter, TOLERANCE if last else ROUGH)
         except DesignError:
             step = math.sqrt(step)
             if step > SHORTEST_STEP:

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from ...numerics import programs
 from ...numerics.arrays import Numbers, numbers, require_shape, to_array
 from ...numerics.piecewise import PiecewisePolynomial, clamped_cubic_spline
 from .space import DesignError
@@ -66,11 +67,17 @@ class AbstractCurve(eqx.Module):
 
     def points(self, count: int) -> Float[Array, "count 2"]:
         """Points at equal steps of s, including both ends."""
-        return jax.vmap(self)(jnp.linspace(0.0, 1.0, count, dtype=to_array(0.0).dtype))
+        return along(self, jnp.asarray(np.linspace(0.0, 1.0, count), dtype=to_array(0.0).dtype))
 
     def spanned_by(self) -> Float[Array, "k 2"]:
         """Vectors of which each of its points is a linear combination; by default points of it."""
         return self.points(SAMPLES)
+
+
+@programs.filter_jit
+def along(curve: AbstractCurve, s: Float[Array, " n"]) -> Float[Array, "n 2"]:
+    """Points of a curve."""
+    return jax.vmap(curve)(s)
 
 
 class Sigmoid(AbstractCurve):

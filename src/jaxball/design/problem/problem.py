@@ -12,8 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ...numerics import programs
+from ...numerics.arrays import to_array
 from ...numerics.batches import of_rows
-from ...physics.body import Disk, System
+from ...physics.body import Ball, Disk, System
+from ...physics.state import BallState, DiskState
 from .requirements import AbstractConstraint, AbstractObjective, require_reachable
 from .run import RAIL_SAMPLES, Run, Solve, run_of
 from .space import Candidate, DesignError, DesignSpace
@@ -168,11 +171,22 @@ class Problem:
     @functools.cached_property
     def layout(self) -> ConstraintLayout:
         """Where the constraints are evaluated."""
-        y = jax.ShapeDtypeStruct((self.space.size,), jnp.zeros(()).dtype)
-        shapes = jax.eval_shape(lambda y: self._of(self.run(y))[1], y)
-        return ConstraintLayout(
-            {name: shape.size for name, shape in zip(self.constraints, shapes, strict=True)}, self.balls
-        )
+        scenario, constraints = self.space.scenario, dict(self.constraints)
+        system, state = scenario.system, scenario.state
+        assert isinstance(system, Ball | Disk)
+        assert isinstance(state, BallState | DiskState)
+        sizes = _sizes(constraints, system, state, to_array(scenario.times))
+        return ConstraintLayout({name: int(size) for name, size in sizes.items()}, self.balls)
+
+    @functools.cached_property
+    def errors(self) -> Errors | None:
+        """Those of the balls of a robust problem."""
+        if self.perturbations is None:
+            return None
+        system = self.space.scenario.system
+        assert isinstance(system, Ball | Disk)
+        with jax.ensure_compile_time_eval():  # kept, also if it is first needed within a trace
+            return self.perturbations.errors(system)
 
     @property
     def balls(self) -> int:
@@ -196,7 +210,7 @@ class Problem:
         def one(errors: Errors, *others: Float[Array, "..."]) -> Any:
             return function(candidate._replace(system=perturbed_system(system, errors)), *others)
 
-        return of_rows(one, self.perturbations.errors(system), *others)
+        return of_rows(one, self.errors, *others)
 
     def evaluate_run(self, run: Run) -> Evaluation:
         """All objectives and constraints of a run."""
@@ -210,6 +224,17 @@ class Problem:
 
     def _of(self, run: Run) -> tuple[list[Any], list[Any]]:
         return [one(run) for one in self.objectives.values()], [one(run) for one in self.constraints.values()]
+
+
+@programs.filter_jit
+def _sizes(
+    constraints: dict[str, AbstractConstraint], system: System, state: BallState | DiskState, times: Float[Array, " T"]
+) -> dict[str, int]:
+    """At how many points each constraint of a run is evaluated, found without a simulation."""
+    states = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (times.size, *leaf.shape)), state)
+    run = Run(system, times, states, jnp.zeros((), dtype=int), RAIL_SAMPLES)
+    shapes = eqx.filter_eval_shape(lambda run: {name: one(run) for name, one in constraints.items()}, run)
+    return {name: shape.size for name, shape in shapes.items()}
 
 
 def merged(each: Evaluation) -> Evaluation:

@@ -1,6 +1,7 @@
 """The space of designs: a scenario as a function of its variables, numbers with scales and bounds."""
 
 import dataclasses
+import functools
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...numerics import programs
 from ...numerics.arrays import to_array
 from ...physics.body import Ball, Disk, System
 from ...physics.frames import principal_angles
@@ -18,7 +20,7 @@ from ...physics.state import BallState, DiskState
 from ...scenario import Scenario, ScenarioError, read_document
 from ...scenario.body import rolling_state
 from ...scenario.errors import UntraceableError
-from ...scenario.files import Structure
+from ...scenario.files import Outline
 from ...scenario.paths import check_number, key_of, numbers_of, value_at, with_numbers
 from ...scenario.values import Dimension, Numbers, kinds_of_numbers
 
@@ -133,24 +135,24 @@ class Bounds(NamedTuple):
     [0.] [1.]
     """
 
-    lower: Float[np.ndarray, " n"]
-    upper: Float[np.ndarray, " n"]
-    scale: Float[np.ndarray, " n"]
+    lower: Float[Array | np.ndarray, " n"]
+    upper: Float[Array | np.ndarray, " n"]
+    scale: Float[Array | np.ndarray, " n"]
 
     def numbers(self, y: Float[Array, " n"]) -> Float[Array, " n"]:
         """The numbers of unbounded variables: scale y, scale (√(1 + y²) − 1) from one bound, or a sine between two."""
-        low, high = (jnp.asarray(x, dtype=y.dtype) for x in self._finite())
-        scale = jnp.asarray(self.scale, dtype=y.dtype)
+        lower, upper, scale = (jnp.asarray(side, dtype=y.dtype) for side in self)
+        below, above = jnp.isfinite(lower), jnp.isfinite(upper)
+        low, high = jnp.where(below, lower, 0.0), jnp.where(above, upper, 0.0)
         away = scale * (jnp.sqrt(1 + y**2) - 1)
         middle, half = (low + high) / 2, (high - low) / 2
         both = middle + half * jnp.sin(scale * y / jnp.where(half > 0, half, 1.0))
-        below, above = np.isfinite(self.lower), np.isfinite(self.upper)
         return jnp.where(below & above, both, jnp.where(below, low + away, jnp.where(above, high - away, scale * y)))
 
     def variables(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """The unbounded variables of numbers; those on a bound are moved slightly inside."""
         below, above = np.isfinite(self.lower), np.isfinite(self.upper)
-        low, high = self._finite()
+        low, high = np.where(below, self.lower, 0.0), np.where(above, self.upper, 0.0)
         half = np.where(below & above, (high - low) / 2, 1.0)
         inside = INSIDE * np.where(below & above, np.minimum(self.scale, half), self.scale)
         x = np.where(below, np.maximum(x, low + inside), x)
@@ -159,10 +161,6 @@ class Bounds(NamedTuple):
         one = np.sqrt((1 + np.where(below ^ above, away, 0.0)) ** 2 - 1)
         both = half / self.scale * np.arcsin(np.clip((x - (low + high) / 2) / half, -1, 1))
         return np.where(below & above, both, np.where(below ^ above, one, x / self.scale))
-
-    def _finite(self) -> tuple[np.ndarray, np.ndarray]:
-        """The bounds, 0 where there is none."""
-        return tuple(np.where(np.isfinite(x), x, 0.0) for x in (self.lower, self.upper))  # pyright: ignore[reportReturnType]
 
 
 class Candidate(NamedTuple):
@@ -193,7 +191,8 @@ class DesignSpace:
 
     def __init__(self, document: Mapping[str, Any], variables: Sequence[Variable]):
         self.document = dict(document)
-        self.scenario = read_document(self.document)
+        with kinds_of_numbers() as kinds:
+            self.scenario = read_document(self.document)
         if not isinstance(self.scenario.system, Ball | Disk):
             raise DesignError(
                 f"Key `kind` must be ball or disk to be designed, but it is {self.scenario.system.title.lower()}."
@@ -202,15 +201,11 @@ class DesignSpace:
         self.variables = tuple(one for variable in variables for one in expanded(variable, self.document))
         self._paths = tuple(path for variable in self.variables for path in variable.paths)
         _check_paths(self._paths, self.document)
-        with kinds_of_numbers() as kinds:
-            self._structure = Structure(self.document, self._paths)
-        try:
-            jax.eval_shape(self._structure.build, jnp.zeros(len(self._paths)))
-        except UntraceableError:
-            raise DesignError(
-                f"Variables {', '.join(self._paths)} must not change a body in balance, but one does; give the angles "
-                "of the masses instead of `initial.balance`."
-            ) from None
+        self.outline = _outline(self.document, self._paths, kinds)
+        others = self.outline.paths[len(self._paths) :]
+        self.values_of_others = to_array([float(value_at(self.document, path)) for path in others])
+        self.factors = to_array([factor for variable in self.variables for factor in variable.factors])
+        self.times = to_array(self.scenario.times)
         x = [self._start_of(variable) for variable in self.variables]
         self.bounds = self._bounds(x, kinds)
         self.start = self.bounds.variables(np.asarray(x))
@@ -231,7 +226,12 @@ class DesignSpace:
 
     def values(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """The same of known z, such as ``start``."""
-        return np.asarray(self.numbers(jnp.asarray(z)))
+        return np.asarray(_numbers(self.bounds, jnp.asarray(z)))
+
+    def units(self, x: Float[np.ndarray, " n"]) -> tuple[float, float]:
+        """The radius and the gravity for values ``x`` of the variables."""
+        radius, gravity = programs.jit(functools.partial(_units, self.outline))(self._at_paths(jnp.asarray(x)))
+        return float(radius), float(gravity)
 
     def candidate(self, z: Float[Array, " n"]) -> Candidate:
         """The system, the state and the times of z; traceable."""
@@ -239,10 +239,14 @@ class DesignSpace:
 
     def candidate_of(self, x: Float[Array, " n"]) -> Candidate:
         """The system, the state and the times for values ``x`` of the variables."""
-        parts = self._structure.build(self._at_paths(x))
-        times = self.scenario.times
-        moved = parts.times.array(times.size) if self._moves("time") else to_array(times)
-        return Candidate(parts.system, parts.state, moved)  # pyright: ignore[reportArgumentType]
+        parts = self.outline.build(self._at_paths(x))
+        times = parts.times.array(self.times.size) if self._moves("time") else self.times
+        return Candidate(parts.system, parts.state, times)  # pyright: ignore[reportArgumentType]
+
+    def _at_paths(self, x: Float[Array, " n"]) -> Float[Array, " paths"]:
+        """The numbers at the paths of the outline."""
+        column = np.repeat(np.arange(self.size), [len(variable.paths) for variable in self.variables])
+        return jnp.concatenate([x[column] * self.factors, self.values_of_others])
 
     def document_of(self, x: Float[np.ndarray, " n"]) -> dict[str, Any]:
         """The scenario's document with values ``x`` of the variables."""
@@ -289,10 +293,44 @@ class DesignSpace:
         lower, upper = ([getattr(v, side) for v in self.variables] for side in ("lower", "upper"))
         return Bounds(np.asarray(lower, dtype=float), np.asarray(upper, dtype=float), np.asarray(scale, dtype=float))
 
-    def _at_paths(self, x: Float[Array, " n"]) -> Float[Array, " paths"]:
-        column = np.repeat(np.arange(self.size), [len(variable.paths) for variable in self.variables])
-        factors = np.concatenate([np.asarray(variable.factors, dtype=float) for variable in self.variables])
-        return x[column] * jnp.asarray(factors, dtype=x.dtype)
+
+@programs.jit
+def _numbers(bounds: Bounds, z: Float[Array, " n"]) -> Float[Array, " n"]:
+    return bounds.numbers(z)
+
+
+def _units(outline: Outline, values: Float[Array, " paths"]) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    system = outline.build(values).system
+    assert isinstance(system, Ball | Disk)
+    return system.radius, system.gravity
+
+
+def _outline(document: Mapping[str, Any], paths: tuple[str, ...], kinds: Mapping[str, Numbers]) -> Outline:
+    """The document without the numbers of the variables, and without all others that can be left out.
+
+    **Raises:** :class:`DesignError` where those of the variables cannot.
+    """
+    others = tuple(
+        path for path in numbers_of(document) if path not in paths and _may_be_left_out(path, kinds, document)
+    )
+    for left_out in dict.fromkeys(((*paths, *others), paths)):
+        outline = Outline.of(document, left_out)
+        try:
+            jax.eval_shape(outline.build, jnp.zeros(len(left_out)))
+        except UntraceableError:
+            continue
+        return outline
+    raise DesignError(
+        f"Variables {', '.join(paths)} must not change a body in balance, but one does; give the angles of the masses "
+        "instead of `initial.balance`."
+    )
+
+
+def _may_be_left_out(path: str, kinds: Mapping[str, Numbers], document: Mapping[str, Any]) -> bool:
+    """Whether a number is one on which the structure of a scenario does not depend."""
+    if path.startswith("time."):
+        return path in ("time.start", "time.end") and "saves" in document["time"]
+    return key_of(path) in kinds and not path.startswith("solve.") and ".frame.matrix" not in path
 
 
 def _frames_by_angles(value: Any) -> Iterator[dict[str, Any]]:

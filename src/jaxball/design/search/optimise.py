@@ -9,8 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -334,7 +332,7 @@ class Optimiser:
     def evaluate(self, y: Float[np.ndarray, "starts n"], multipliers: Multipliers) -> Lagrangians:
         """The augmented Lagrangian and its derivatives at any number of points, ``lanes`` at a time."""
         function = DERIVATIVES[self.settings.method](self.program)
-        return in_batches(lambda rows: function(*jax.tree.map(jnp.asarray, rows)), (y, multipliers), self.lanes)
+        return in_batches(lambda rows: function(*rows), (y, multipliers), self.lanes)
 
     @property
     def lanes(self) -> int:

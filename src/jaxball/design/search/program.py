@@ -8,6 +8,7 @@ such unknowns.
 """
 
 import abc
+import copy
 import dataclasses
 import functools
 from collections.abc import Callable
@@ -21,11 +22,11 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
-from ...numerics import programs
 from ...numerics.batches import of_rows
 from ...physics.body import Ball, Disk, System
 from ...physics.state import BallState, DiskState
 from ...scenario.initial import INITIAL
+from ..problem import shared
 from ..problem.problem import ConstraintLayout, Evaluation, Problem, merged
 from ..problem.run import Run, Solve, run_of
 from ..problem.space import Candidate, DesignError, DesignSpace, default_scale
@@ -80,8 +81,13 @@ class Settings:
 class AbstractProgram(abc.ABC):
     """Minimise Σ weight · term over the unknowns y, unbounded and of order one, where all constraints hold.
 
-    Equal programs share compiled functions.
+    Programs of equal form share compiled functions.
     """
+
+    @functools.cached_property
+    def parted(self) -> tuple[Callable[[Any], "AbstractProgram"], Any]:
+        """Its form, and the numbers, which may be traced, of which that makes it; by default it has none."""
+        return shared.Alone(self), ()
 
     @property
     @abc.abstractmethod
@@ -177,58 +183,64 @@ def next_multipliers(program: AbstractProgram, at: Evaluation, multipliers: Mult
     return jnp.where(jnp.asarray(program.equal), following, jnp.maximum(0.0, following))
 
 
-@functools.lru_cache(maxsize=8)
 def by_reverse_mode(program: AbstractProgram) -> Callable[..., Lagrangians]:
-    """The augmented Lagrangian and its gradient, compiled once for a program."""
-
-    def lagrangian(y: Float[Array, " n"], multipliers: Multipliers) -> tuple[Float[Array, ""], Evaluation]:
-        at = program.evaluate(y)
-        return augmented_lagrangian(program, at, multipliers), at
-
-    def one(y: Float[Array, " n"], multipliers: Multipliers) -> Lagrangians:
-        (value, at), gradient = jax.value_and_grad(lagrangian, has_aux=True)(y, multipliers)
-        return _lagrangians(program, value, gradient, at, multipliers)
-
-    return programs.jit(functools.partial(of_rows, one))
+    """The augmented Lagrangian and its gradient at many points, compiled once for a form of programs."""
+    form, content = program.parted
+    return functools.partial(shared.program(_of_points_by_reverse_mode, form), content)
 
 
-@functools.lru_cache(maxsize=8)
 def by_gauss_newton(program: AbstractProgram) -> Callable[..., Lagrangians]:
     """The same by forward mode, with the Gauss–Newton Hessian: the run is assumed to be linear in a design's numbers.
 
     Terms and constraints as functions of a run enter with all second derivatives, and so do bounds. For a sum of
     squares this is JᵀJ, but no term needs to be written as one.
     """
+    form, content = program.parted
+    return functools.partial(shared.program(_of_points_by_gauss_newton, form), content)
 
-    def one(y: Float[Array, " n"], multipliers: Multipliers) -> Lagrangians:
-        x = program.numbers(y)
 
-        def simulated(x: Float[Array, " numbers"]) -> tuple[Any, Any]:
-            return eqx.partition(program.simulate(x, diffrax.ForwardMode()), eqx.is_inexact_array)
+def _of_points_by_reverse_mode(program: AbstractProgram, y: Float[Array, "points n"], multipliers: Multipliers):
+    return of_rows(functools.partial(_by_reverse_mode, program), y, multipliers)
 
-        def along(direction: Float[Array, " numbers"]) -> tuple[Any, Any, Any]:
-            return jax.jvp(simulated, (x,), (direction,), has_aux=True)
 
-        runs, slopes, rest = of_rows(along, jnp.eye(x.size, dtype=x.dtype))
-        runs, rest = jax.tree.map(lambda leaf: leaf[0], (runs, rest))
+def _of_points_by_gauss_newton(program: AbstractProgram, y: Float[Array, "points n"], multipliers: Multipliers):
+    return of_rows(functools.partial(_by_gauss_newton, program), y, multipliers)
 
-        def lagrangian(y: Float[Array, " n"]) -> tuple[Float[Array, ""], Evaluation]:
-            change = program.numbers(y) - x
-            moved = jax.tree.map(lambda run, slope: run + jnp.tensordot(change, slope, 1), runs, slopes)
-            at = program.assess(eqx.combine(moved, rest))
-            return augmented_lagrangian(program, at, multipliers), at
 
-        def gradient(y: Float[Array, " n"]) -> tuple[Any, Any]:
-            (value, at), slope = jax.value_and_grad(lagrangian, has_aux=True)(y)
-            return slope, (value, slope, at)
+def _by_reverse_mode(program: AbstractProgram, y: Float[Array, " n"], multipliers: Multipliers) -> Lagrangians:
+    def lagrangian(y: Float[Array, " n"]) -> tuple[Float[Array, ""], Evaluation]:
+        at = program.evaluate(y)
+        return augmented_lagrangian(program, at, multipliers), at
 
-        columns, found = of_rows(
-            lambda v: jax.jvp(gradient, (y,), (v,), has_aux=True)[1:], jnp.eye(y.size, dtype=y.dtype)
-        )
-        value, slope, at = jax.tree.map(lambda leaf: leaf[0], found)
-        return _lagrangians(program, value, slope, at, multipliers)._replace(hessian=columns.T)
+    (value, at), gradient = jax.value_and_grad(lagrangian, has_aux=True)(y)
+    return _lagrangians(program, value, gradient, at, multipliers)
 
-    return programs.jit(functools.partial(of_rows, one))
+
+def _by_gauss_newton(program: AbstractProgram, y: Float[Array, " n"], multipliers: Multipliers) -> Lagrangians:
+    x = program.numbers(y)
+
+    def simulated(x: Float[Array, " numbers"]) -> tuple[Any, Any]:
+        return eqx.partition(program.simulate(x, diffrax.ForwardMode()), eqx.is_inexact_array)
+
+    def along(direction: Float[Array, " numbers"]) -> tuple[Any, Any, Any]:
+        return jax.jvp(simulated, (x,), (direction,), has_aux=True)
+
+    runs, slopes, rest = of_rows(along, jnp.eye(x.size, dtype=x.dtype))
+    runs, rest = jax.tree.map(lambda leaf: leaf[0], (runs, rest))
+
+    def lagrangian(y: Float[Array, " n"]) -> tuple[Float[Array, ""], Evaluation]:
+        change = program.numbers(y) - x
+        moved = jax.tree.map(lambda run, slope: run + jnp.tensordot(change, slope, 1), runs, slopes)
+        at = program.assess(eqx.combine(moved, rest))
+        return augmented_lagrangian(program, at, multipliers), at
+
+    def gradient(y: Float[Array, " n"]) -> tuple[Any, Any]:
+        (value, at), slope = jax.value_and_grad(lagrangian, has_aux=True)(y)
+        return slope, (value, slope, at)
+
+    columns, found = of_rows(lambda v: jax.jvp(gradient, (y,), (v,), has_aux=True)[1:], jnp.eye(y.size, dtype=y.dtype))
+    value, slope, at = jax.tree.map(lambda leaf: leaf[0], found)
+    return _lagrangians(program, value, slope, at, multipliers)._replace(hessian=columns.T)
 
 
 def _lagrangians(program: AbstractProgram, value, gradient, at: Evaluation, multipliers: Multipliers) -> Lagrangians:
@@ -251,8 +263,9 @@ class Components:
             dimension = getattr(kinds.get(field.name), "dimension", None)
             size = np.size(getattr(state, field.name))
             scales.append(np.full(size, default_scale(dimension, 1.0, system)))
-        self.scale = np.concatenate(scales)
-        self._unravel = ravel_pytree(state)[1]
+        self.scale: Float[Array | np.ndarray, " components"] = np.concatenate(scales)
+        with jax.ensure_compile_time_eval():  # only its structure is needed within a trace
+            self._unravel = ravel_pytree(state)[1]
 
     @property
     def size(self) -> int:
@@ -282,6 +295,22 @@ def starting_points(space: DesignSpace, settings: Settings) -> Float[np.ndarray,
 
 
 @dataclasses.dataclass(frozen=True)
+class _FormOfShooting:
+    """The form of a :class:`Shooting`, by that of its problem; its numbers have the scales of the components too."""
+
+    problem: Callable[[Any], Problem]
+    intervals: int
+
+    def __call__(self, content: tuple[Any, Float[Array, " components"]]) -> "Shooting":
+        of_problem, scale = content
+        made = Shooting(self.problem(of_problem), self.intervals)
+        components = copy.copy(made.components)
+        components.scale = scale
+        vars(made)["components"] = components
+        return made
+
+
+@dataclasses.dataclass(frozen=True)
 class Shooting(AbstractProgram):
     """A ``problem`` whose runs are simulated in ``intervals`` pieces with equal numbers of samples.
 
@@ -300,6 +329,11 @@ class Shooting(AbstractProgram):
                 f"Key `search.intervals` must divide the number of steps between save times, {self._steps}, but it is "
                 f"{self.intervals}; choose another number, or another number of save times."
             )
+
+    @functools.cached_property
+    def parted(self):
+        form, content = shared.parted(self.problem)
+        return _FormOfShooting(form, self.intervals), (content, jnp.asarray(self.components.scale))
 
     @property
     def weights(self):
@@ -342,13 +376,8 @@ class Shooting(AbstractProgram):
         """
         if not self.joints:
             return y
-        problem, pack = self.problem, jax.vmap(self.components.pack)
-
-        def states(y: Float[Array, " n"]) -> Float[Array, "balls t components"]:
-            solve = problem.solve()
-            return problem.of_each(problem.space.candidate(y), lambda one: pack(run_of(one, solve).state))
-
-        saved = np.asarray(programs.jit(functools.partial(of_rows, states))(jnp.asarray(y)))
+        form, content = self.parted
+        saved = np.asarray(shared.program(_states_along, form)(content, jnp.asarray(y)))
         finite = np.all(np.isfinite(saved), axis=-1)
         last = np.max(np.where(finite, np.arange(self._steps + 1), 0), axis=-1)
         rows = np.minimum(self._rows[1:, 0], last[..., None])
@@ -401,3 +430,14 @@ class Shooting(AbstractProgram):
         """The samples of each piece; its last is the first of the next."""
         each = self._steps // self.intervals
         return np.arange(self.intervals)[:, None] * each + np.arange(each + 1)[None]
+
+
+def _states_along(program: Shooting, y: Float[Array, "starts n"]) -> Float[Array, "starts balls t components"]:
+    """The components of the states of designs' runs, simulated in one piece."""
+    problem, pack = program.problem, jax.vmap(program.components.pack)
+    solve = problem.solve()
+
+    def states(y: Float[Array, " n"]) -> Float[Array, "balls t components"]:
+        return problem.of_each(problem.space.candidate(y), lambda one: pack(run_of(one, solve).state))
+
+    return of_rows(states, y)

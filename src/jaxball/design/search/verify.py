@@ -1,8 +1,6 @@
 """A design evaluated again by other means, and its gradient checked against differences and forward mode."""
 
 import dataclasses
-import functools
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import diffrax
@@ -11,16 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...numerics import programs
 from ...scenario.solvers import SOLVERS
 from ..constraints import NormalForce
 from ..objectives import FollowCurve, FollowTrajectory, ReachPlace
+from ..problem import shared
 from ..problem.problem import Evaluation, Perturbations, Problem, merged, worst
 from ..problem.requirements import AbstractConstraint
 from ..problem.run import RAIL_SAMPLES, Run, Solve, run_of
 from ..problem.space import Candidate, DesignError
 from .optimise import Optimiser
-from .program import Multipliers, augmented_lagrangian
+from .program import AbstractProgram, Multipliers, augmented_lagrangian
 
 FINER = 10
 TIGHTER, TIGHTEST = 1e-2, 1e-13
@@ -63,7 +61,8 @@ def verify(problem: Problem, y: Float[np.ndarray, " n"]) -> Verified:
     They are a solver of another family and samples ten times as fine.
     """
     other, solver = _other_solve(problem)
-    designed, finer, most = jax.tree.map(np.asarray, _compared(problem)(jnp.asarray(y)))
+    form, content = shared.parted(problem)
+    designed, finer, most = jax.tree.map(np.asarray, shared.program(_compared, form)(content, jnp.asarray(y)))
     return Verified(
         designed=designed,
         finer=finer,
@@ -84,9 +83,8 @@ def _other_solve(problem: Problem) -> tuple[Solve, str]:
     return Solve(SOLVERS[solver](), rtol, atol, 16 * scenario.max_steps), solver
 
 
-@functools.lru_cache(maxsize=8)
-def _compared(problem: Problem) -> Callable[..., Any]:
-    """What :func:`verify` computes, compiled once for a problem, which may be verified several times."""
+def _compared(problem: Problem, y: Float[Array, " n"]) -> tuple[Evaluation, Evaluation, dict[str, Any]]:
+    """What :func:`verify` finds."""
     other, _ = _other_solve(problem)
 
     def of_ball(candidate: Candidate):
@@ -99,12 +97,8 @@ def _compared(problem: Problem) -> Callable[..., Any]:
         most = {"apart": apart, "violations": violations, "lift": lift, "missed": missed}
         return problem.evaluate_run(run), problem.evaluate_run(fine), most
 
-    @programs.jit
-    def both(y):
-        first, second, most = problem.of_each(problem.space.candidate(y), of_ball)
-        return merged(first), merged(second), jax.tree.map(lambda x: jnp.max(x, axis=0), most)
-
-    return both
+    first, second, most = problem.of_each(problem.space.candidate(y), of_ball)
+    return merged(first), merged(second), jax.tree.map(lambda x: jnp.max(x, axis=0), most)
 
 
 def _worst(constraint: AbstractConstraint, run: Run) -> Float[jax.Array, ""]:
@@ -127,15 +121,14 @@ def perturbed(problem: Problem, y: Float[np.ndarray, " n"], perturbations: Pertu
     - ``y``: the unknowns of the design, shape (n,).
     - ``perturbations``: how the balls differ.
     """
-    robust = dataclasses.replace(problem, perturbations=perturbations)
+    form, content = shared.parted(dataclasses.replace(problem, perturbations=perturbations))
+    return jax.tree.map(np.asarray, shared.program(_each, form)(content, jnp.asarray(y)))
 
-    @programs.jit
-    def each(y):
-        return robust.of_each(
-            problem.space.candidate(y), lambda one: problem.evaluate_run(run_of(one, problem.solve()))
-        )
 
-    return jax.tree.map(np.asarray, each(jnp.asarray(y)))
+def _each(problem: Problem, y: Float[Array, " n"]) -> Evaluation:
+    """The evaluations of all balls of a robust problem."""
+    solve = problem.solve()
+    return problem.of_each(problem.space.candidate(y), lambda one: problem.evaluate_run(run_of(one, solve)))
 
 
 def as_built(problem: Problem) -> Perturbations:
@@ -238,9 +231,14 @@ def require_good(check: GradientCheck) -> None:
 def _forward(
     optimiser: Optimiser, y: Float[Array, " n"], direction: Float[Array, " n"], multipliers: Multipliers
 ) -> float:
-    program = optimiser.program
+    form, content = optimiser.program.parted
+    return float(shared.program(_slope, form)(content, y, direction, multipliers))
 
-    def value(y):
+
+def _slope(program: AbstractProgram, y, direction, multipliers: Multipliers) -> Float[Array, ""]:
+    """The derivative of the augmented Lagrangian along a direction, in forward mode."""
+
+    def value(y: Float[Array, " n"]) -> Float[Array, ""]:
         return augmented_lagrangian(program, program.evaluate(y, diffrax.ForwardMode()), multipliers)
 
-    return float(programs.jit(lambda y, v: jax.jvp(value, (y,), (v,))[1])(y, direction))
+    return jax.jvp(value, (y,), (direction,))[1]

@@ -6,7 +6,7 @@ import platform
 from collections.abc import Callable, Iterable, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, TypeVar, cast
+from typing import Any, Generic, TypeVar, cast
 
 from ...interface.output import write_text
 from .experiments import Measurement
@@ -16,7 +16,8 @@ Row = TypeVar("Row")
 Whole = TypeVar("Whole")
 
 
-class Column(NamedTuple, Generic[Row]):
+@dataclasses.dataclass(frozen=True)
+class Column(Generic[Row]):
     """A column's heading and how it shows a row; words are aligned left, numbers right."""
 
     heading: str
@@ -33,7 +34,8 @@ class Column(NamedTuple, Generic[Row]):
         return Column(self.heading, lambda whole: self.cell(part(whole)), self.width, self.left)
 
 
-class Table(NamedTuple, Generic[Row]):
+@dataclasses.dataclass(frozen=True)
+class Table(Generic[Row]):
     """A table whose rows are dataclasses.
 
     - ``name``: of its files, without a suffix.

@@ -22,10 +22,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ...interface.printing import is_single, shown
-from ...numerics.norms import root
+from ...numerics.vectors import root
 from ..body import AbstractBody
 from ..conditions import Condition, Problem
-from ..hybrid import MOST_SHOWN, NONE, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
+from ..hybrid import NONE, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
+from ..state import ReducedState
 from ..system import AbstractSystem
 from . import friction, slip as slips
 from .law import Contact
@@ -57,10 +58,18 @@ class BodyOnPlane(AbstractSystem[ContactState]):
     body: AbstractBody
     contact: Contact
 
-    title: ClassVar[str] = "body on a plane"
+    title: ClassVar[str] = "body with a law of contact"
     state_type: ClassVar[Any] = ContactState
 
-    # Conditions, kinks and confinement are those of the body, with those of the law.
+    # States, conditions, kinks and confinement are those of the body, with those of the law.
+
+    def require_state(self, state: Any) -> None:
+        if isinstance(state, ReducedState):
+            raise TypeError(
+                "Argument `state` must be a BallState, a RotationState, a DiskState or a ReleasedState with `contact`, "
+                "because a body that may slip has a velocity and a position, but it is a ReducedState."
+            )
+        type(self.body).require_state(self.body, state.body if isinstance(state, ReleasedState) else state)
 
     def conditions(self) -> Iterator[Condition]:
         yield from self.body.conditions()
@@ -129,7 +138,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         slip = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(self.body, t, state.released))
         moved = rates(self.body, state.released, found, acting.slip_acceleration, acting.normal)
         rates_of_all = jax.tree.map(jnp.zeros_like, state).moved(moved)
-        return eqx.tree_at(lambda x: x.rubbed, rates_of_all, -jnp.sum(acting.R[:2] * slip[:2]))
+        return eqx.tree_at(lambda x: x.friction_loss, rates_of_all, -jnp.sum(acting.R[:2] * slip[:2]))
 
     # The plane.
 
@@ -269,9 +278,9 @@ class BodyOnPlane(AbstractSystem[ContactState]):
             target=_whole(after.mode),
             before=before.released,
             after=after.released,
-            lost=after.struck - before.struck,
+            lost=after.impact_loss - before.impact_loss,
         )
-        saved = {name: getattr(states, name) for name in ("V", "height", "rubbed", "struck")}
+        saved = {name: getattr(states, name) for name in ("V", "height", "friction_loss", "impact_loss")}
         mode = _whole(states.mode)
         return ContactHistory(law=self.contact, mode=mode, slip=slip, sigma=sigma, switches=switches, **saved)
 
@@ -296,9 +305,11 @@ class ContactHistory(AbstractHistory):
     - ``slip``: v_s, the velocity of the body's lowest point relative to the plane, space axes, length/time,
       shape (T, 3).
     - ``sigma``: the direction of the slip, a unit vector, shape (T, 2), also where the slip begins; 0 before the first.
-    - ``rubbed``, ``struck``: the energy dissipated so far by sliding friction and by impacts, mass length²/time²,
-      shape (T,) each.
+    - ``friction_loss``, ``impact_loss``: the energy dissipated so far by sliding friction and by impacts,
+      mass length²/time², shape (T,) each.
     """
+
+    described: ClassVar[str] = "a law of contact"
 
     switches: ContactSwitches
     law: Contact
@@ -307,8 +318,8 @@ class ContactHistory(AbstractHistory):
     height: Float[Array, "*batch T"]
     slip: Float[Array, "*batch T 3"]
     sigma: Float[Array, "*batch T 2"]
-    rubbed: Float[Array, "*batch T"]
-    struck: Float[Array, "*batch T"]
+    friction_loss: Float[Array, "*batch T"]
+    impact_loss: Float[Array, "*batch T"]
 
     def __repr__(self) -> str:
         single = is_single(self.switches.count)
@@ -317,31 +328,48 @@ class ContactHistory(AbstractHistory):
     @property
     def lines(self) -> list[str]:
         """How the body moved on its plane, and the energy that this dissipated. For one trajectory, not for a batch."""
-        count, switches, modes = int(self.switches.count), self.switches.lines, np.asarray(self.mode)
+        modes = np.asarray(self.mode)
         known = np.flatnonzero(modes >= 0)
         if not known.size:
             return []
         last = known[-1]
         when = "is {} at the end" if last == modes.size - 1 else "was {} at the last saved time that was reached"
         end = when.format(Mode(int(modes[last])).name.lower())
-        changed = "never changed" if count == 0 else "changed once" if count == 1 else f"changed {count:,} times"
-        shown = switches[:MOST_SHOWN] if count else []
-        rest = [f"  and {count - len(shown):,} more"] if count > len(shown) else []
-        rubbed, struck = (float(np.asarray(taken)[last]) for taken in (self.rubbed, self.struck))
-        taken = f"sliding friction dissipated the energy {rubbed:.10g}, and impacts {struck:.10g}"
-        return [f"the mode of contact {changed}, and {end}", *(f"  {line}" for line in shown), *rest, taken]
+        changed = f"changed {self.switches.how_often}" if int(self.switches.count) else "never changed"
+        friction_loss, impact_loss = (
+            float(np.asarray(taken)[last]) for taken in (self.friction_loss, self.impact_loss)
+        )
+        taken = f"sliding friction dissipated the energy {friction_loss:.10g}, and impacts {impact_loss:.10g}"
+        return [f"the mode of contact {changed}, and {end}", *self.switches.first_lines, taken]
+
+    @property
+    def over_time(self) -> dict[str, Array]:
+        names = ("mode", "V", "height", "slip", "sigma", "friction_loss", "impact_loss")
+        return {name: getattr(self, name) for name in names}
+
+    @property
+    def coefficients(self) -> dict[str, Array]:
+        return {"static": self.law.static, "sliding": self.law.sliding}
+
+    @property
+    def rubbed(self) -> Float[Array, "*batch T"]:
+        """``friction_loss``, by its older name."""
+        return self.friction_loss
+
+    @property
+    def struck(self) -> Float[Array, "*batch T"]:
+        """``impact_loss``, by its older name."""
+        return self.impact_loss
 
     def at_rows(self, rows: slice) -> "ContactHistory":
-        """The history at some of the saved times, with all switches."""
-        saved = ("mode", "V", "height", "slip", "sigma", "rubbed", "struck")
-        return dataclasses.replace(self, **{name: getattr(self, name)[rows] for name in saved})
+        return dataclasses.replace(self, **{name: array[rows] for name, array in self.over_time.items()})
 
     def as_solved(self, system: AbstractBody, states: Any) -> tuple[BodyOnPlane, ContactState]:
         """The body on its plane, with its states, of whose bodies these are the ``states``."""
         mode, ever = self.mode.astype(self.height.dtype), jnp.full_like(self.height, jnp.finfo(self.height.dtype).max)
         begun = slips.Beginning.along(ever, self.sigma)
         return BodyOnPlane(system, self.law), ContactState(
-            states, self.V, self.height, self.rubbed, self.struck, mode, begun
+            states, self.V, self.height, self.friction_loss, self.impact_loss, mode, begun
         )
 
 

@@ -14,8 +14,7 @@ from jaxtyping import Array, Float
 
 from ...numerics.batches import map_rows
 from ...numerics.bracketing import Sample, between, other_end
-from ...numerics.norms import root
-from ...numerics.vectors import apply
+from ...numerics.vectors import apply, root
 from .released import Response
 
 SAMPLES = 24  # of directions between which one is sought

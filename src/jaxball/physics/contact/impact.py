@@ -24,8 +24,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ...numerics import cooper_verner
-from ...numerics.norms import root
-from ...numerics.vectors import apply, dot, inverse
+from ...numerics.vectors import apply, dot, inverse, root
 from ..body import AbstractBody
 from .friction import diverging, push, slip_direction
 from .released import ReleasedState, Response, slip_velocity, with_slip
@@ -109,17 +108,17 @@ def _after(
     D: Float[Array, "3 3"], slip: Float[Array, "3"], mu: Float[Array, ""], restitution: Float[Array, ""]
 ) -> Float[Array, "3"]:
     """v_s after an impact."""
-    return _followed(D, slip, mu, restitution, OF_VALUES)
+    return _after_process(D, slip, mu, restitution, OF_VALUES)
 
 
 @_after.defjvp
 def _after_jvp(primals, tangents):
     """By forward mode, which a loop of any length has."""
-    return _after(*primals), jax.jvp(lambda *given: _followed(*given, OF_DERIVATIVES), primals, tangents)[1]
+    return _after(*primals), jax.jvp(lambda *given: _after_process(*given, OF_DERIVATIVES), primals, tangents)[1]
 
 
 @jax.jit
-def _followed(D, slip, mu, restitution, care: _Care) -> Float[Array, "3"]:
+def _after_process(D, slip, mu, restitution, care: _Care) -> Float[Array, "3"]:
     """v_s after the process: by steps while it slips, straight on for what is left of the slip or of the impact."""
     process, eps = _Process(D, inverse(D), mu, -restitution * slip[2]), float(jnp.finfo(slip.dtype).eps)
     error, still = ERROR * eps * root(jnp.sum(slip**2)), care.still * root(jnp.sum(slip[:2] ** 2))

@@ -15,6 +15,7 @@ from ...numerics.arrays import Numbers, is_traced, namespace_of, numbers
 from ..conditions import Condition
 
 SLOWEST = 1e-6
+COEFFICIENTS: tuple[str, ...] = ("sliding", "static", "restitution", "slowest")
 
 
 class AbstractFriction(Printed):

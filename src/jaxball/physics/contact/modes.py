@@ -88,7 +88,7 @@ class ContactState(AbstractState):
 
     - ``body``, ``V``, ``height``: as of a :class:`ReleasedState`. A solve advances the slip velocity instead of ``V``,
       except in flight, so that it is exactly zero where the body rolls.
-    - ``rubbed``, ``struck``: the energy dissipated by sliding friction and by impacts.
+    - ``friction_loss``, ``impact_loss``: the energy dissipated by sliding friction and by impacts.
     - ``mode``: a :class:`Mode`, as a number.
     - ``begun``: the direction of a slip that has just begun, which cannot be computed from its velocity.
     """
@@ -96,8 +96,8 @@ class ContactState(AbstractState):
     body: PlacedState
     V: Float[Array, "*batch 3"]
     height: Float[Array, "*batch"]
-    rubbed: Float[Array, "*batch"]
-    struck: Float[Array, "*batch"]
+    friction_loss: Float[Array, "*batch"]
+    impact_loss: Float[Array, "*batch"]
     mode: Float[Array, "*batch"]
     begun: Beginning
 

@@ -5,8 +5,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...numerics.norms import root
-from ...numerics.vectors import apply, cross, dot
+from ...numerics.vectors import apply, cross, dot, root
 from ..body import AbstractBody
 from ..dynamics import accelerations
 from ..load import Load, load

@@ -26,9 +26,9 @@ from jaxtyping import Array, Bool, Float
 
 from ...numerics import cooper_verner
 from ...numerics.calculus import with_derivatives
+from ...numerics.differentiation import without_derivatives
 from ...numerics.linear import inverses, solutions
-from ...numerics.masks import without_derivatives
-from ...numerics.norms import root
+from ...numerics.vectors import root
 from ..body import AbstractBody
 from ..hybrid import Accuracy
 from .friction import across, left, sliding, unit
@@ -80,12 +80,12 @@ class Beginning(NamedTuple):
 class End(NamedTuple):
     """The end of a slow slip: whether it ends, in which time, and the work of friction.
 
-    ``rubbed`` is the work of friction, and ``normal`` the mean normal force.
+    ``friction_loss`` is the work of friction, and ``normal`` the mean normal force.
     """
 
     comes: Bool[Array, ""]
     time: Float[Array, ""]
-    rubbed: Float[Array, ""]
+    friction_loss: Float[Array, ""]
     normal: Float[Array, ""]
 
 
@@ -124,8 +124,8 @@ def end(found: Response, mu: Float[Array, ""], slip: Float[Array, "3"]) -> End:
     comes = (growth < 0) & (x[2] < 0)
     left_of_it = 1 / jnp.where(comes, -growth, 1.0)
     time = x[3] + slower * left_of_it
-    rubbed, pressed = x[4] + 0.5 * power * left_of_it, x[5] + normal * left_of_it
-    return End(comes, speed * time, speed**2 * rubbed, pressed / jnp.where(time > 0, time, 1.0))
+    friction_loss, pressed = x[4] + 0.5 * power * left_of_it, x[5] + normal * left_of_it
+    return End(comes, speed * time, speed**2 * friction_loss, pressed / jnp.where(time > 0, time, 1.0))
 
 
 def nears_its_end(before: Float[Array, ""], after: Float[Array, ""], least: Float[Array, ""]) -> Bool[Array, ""]:

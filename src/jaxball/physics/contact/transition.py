@@ -9,8 +9,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ...interface.status import Status
-from ...numerics.masks import without_derivatives
-from ...numerics.norms import root
+from ...numerics.differentiation import without_derivatives
+from ...numerics.vectors import root
 from ..hybrid import START, Accuracy, Transition, at_zero
 from . import friction, slip as slips
 from .impact import impact
@@ -78,7 +78,7 @@ def _next_mode(
     now = eqx.tree_at(lambda x: (x.height, x.begun), state, (height, begun))
     done = _Progress(t, state, now, still, flies, lands, cause >= int(Cause.START), jnp.asarray(False))
     done = _only_if(cause == int(Cause.STOPS), _ended, plane, done, tolerance)
-    done = _only_if(lands, _struck, plane, done)
+    done = _only_if(lands, _with_impact, plane, done)
     done = _only_if(done.decides, _decided, plane, done, cause)
     return done._replace(state=_begun(plane, done))
 
@@ -102,7 +102,7 @@ def _ended(plane: "BodyOnPlane", done: "_Progress", tolerance: Float[Array, ""])
     halfway = _slowed(plane, done, found, state, end, HALFWAY)
     end, found = _end(plane, done, t + HALFWAY * end.time, halfway)
     stopped = _slowed(plane, done, found, halfway, end, 1.0)
-    stopped = eqx.tree_at(lambda x: x.rubbed, stopped, stopped.rubbed + end.rubbed)
+    stopped = eqx.tree_at(lambda x: x.friction_loss, stopped, stopped.friction_loss + end.friction_loss)
     after = done._replace(t=t + end.time, before=stopped, state=stopped, still=jnp.asarray(True))
     return _where(ends, after, done._replace(decides=jnp.asarray(False)))
 
@@ -125,7 +125,7 @@ def _slowed(
     return done.state.moved(jax.tree.map(lambda x, rate: x + time * rate, done.state.released, moved))
 
 
-def _struck(plane: "BodyOnPlane", done: "_Progress") -> "_Progress":
+def _with_impact(plane: "BodyOnPlane", done: "_Progress") -> "_Progress":
     """After an impact. A rebound that is too slow is treated as none."""
     t, state, contact = done.t, done.state, plane.contact
     found, slip = _response(plane, t, state), slip_velocity(plane.body, t, state.released)
@@ -135,9 +135,10 @@ def _struck(plane: "BodyOnPlane", done: "_Progress") -> "_Progress":
     e = jnp.where(rebounds, contact.restitution, 0.0)
     after = impact(plane.body, t, state.released, found, plane.coefficient(slip), e)
     V = after.state.V.at[2].set(jnp.where(rebounds, after.state.V[2], 0.0))
-    struck = state.moved(ReleasedState(after.state.body, V, state.height))
-    struck = eqx.tree_at(lambda x: x.struck, struck, state.struck - after.work)
-    return done._replace(state=struck, still=done.still | after.collision.sticks, flies=done.flies | (struck.V[2] > 0))
+    bounced = state.moved(ReleasedState(after.state.body, V, state.height))
+    bounced = eqx.tree_at(lambda x: x.impact_loss, bounced, state.impact_loss - after.work)
+    flies = done.flies | (bounced.V[2] > 0)
+    return done._replace(state=bounced, still=done.still | after.collision.sticks, flies=flies)
 
 
 def _decided(plane: "BodyOnPlane", done: "_Progress", cause: Int[Array, ""]) -> "_Progress":

@@ -8,8 +8,7 @@ from jaxtyping import Array, Float
 
 from ...interface.arguments import refusal
 from ...numerics.arrays import Numbers, is_traced, numbers
-from ...numerics.norms import root
-from ...numerics.vectors import cross
+from ...numerics.vectors import cross, root
 from ..conditions import real_inertia
 from ..frames import AbstractFrame, MatrixFrame
 from ..rails import AbstractRail

@@ -23,9 +23,11 @@ at each saved time that the solve reached, or of a long run at evenly spaced one
   (T, 2), the velocity of the lowest point along it in space axes, and ``taken`` (T, 2), the energies that friction of
   sliding and impacts took. Π is about the lowest point. ``cone`` of the dictionary is the coefficient μ_s.
 
-- under feedback, ``nominal_centre`` (T, 3) and ``nominal_quaternion`` (T, 4), the pose of the motion that it holds; and
-  from sensors, ``estimate`` (T, 3), the estimated place on the plane, and ``ellipse`` (T, 6), the two half axes of the
-  ellipse around it in which the place lies with 95 % probability, if the filter is right.
+- under feedback, ``nominal_centre`` (T, 3) and ``nominal_quaternion`` (T, 4), the pose of the motion that it holds, and
+  ``deviation`` (T, n) from it in local coordinates; and from sensors, ``estimate`` (T, 3), the estimated place on the
+  plane, ``ellipse`` (T, 6), the two half axes of the ellipse around it in which the place lies with 95 % probability,
+  if the filter is right, and ``innovation`` (T, 3), the normalised innovation squared and its upper and lower bounds of
+  that probability.
 
 A rigid body has ``time``, ``centre``, which is its fixed point, or the centre of a rolling ellipsoid in axes that
 travel with it, ``quaternion`` and ``angular_velocity`` as above;
@@ -53,7 +55,7 @@ from matplotlib.colors import LogNorm, to_hex
 
 from ...classical import ParticleState, VakonomicState
 from ...classical.state import OrientedState
-from ...interface.views import MOST_BODIES
+from ...interface.output import MOST_BODIES
 from ...physics.body import AbstractBody
 from ...simulation.trajectory import Trajectory
 from ..palette import ARROWS, COMPONENTS, MODES, TRAIL, mass_colour

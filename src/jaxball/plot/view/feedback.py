@@ -1,19 +1,34 @@
-"""What a run under feedback shows besides its body: the motion that is held, and the estimate with its ellipse."""
+"""What a run under feedback shows besides its body: the motion that is held, and the estimate with its ellipse.
 
+Its graphs are those of the deviation from the motion and, from sensors, of the normalised innovations.
+"""
+
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from ...control.history import FeedbackHistory
 from ...simulation.trajectory import Trajectory
 from ..floor import Setting
+from ..palette import DASHED, Line
 from ..record import finite_rows
-from .scene import Numbers, continuous
+from .scene import BLUE, Numbers, continuous, each, graph, of_masses, series
 
 CONFIDENCE = 0.95
+GREY = "#8a8a8a"
+LETTERS = {
+    "attitude": "φ",
+    "Omega": "Ω",
+    "phi": "φ",
+    "phidot": "φ̇",
+    "z": "z",
+    "theta": "θ",
+    "thetadot": "θ̇",
+}
 
 
 def feedback_numbers(
@@ -21,8 +36,8 @@ def feedback_numbers(
 ) -> dict[str, Numbers]:
     """The pose of the motion, the place of the estimate on the plane, and the two half axes of its ellipse.
 
-    In axes of the page; ``lift`` is how far the centre of a body lies above that of the first of all. Where nothing was
-    estimated, at the end, the last estimate goes on.
+    Then the numbers of the graphs. In axes of the page; ``lift`` is how far the centre of a body lies above that of the
+    first of all. Where nothing was estimated, at the end, the last estimate goes on.
     """
     history = trajectory.history
     if not isinstance(history, FeedbackHistory):
@@ -33,6 +48,7 @@ def feedback_numbers(
     found = {
         "nominal_centre": Numbers(_centres(history.nominal)[rows] @ setting.page.T + raised, radius),
         "nominal_quaternion": Numbers(continuous(Rotation.from_matrix(nominal).as_quat()), 1.0),
+        "deviation": Numbers(np.asarray(history.deviations(trajectory.state))[rows]),
     }
     estimate = history.estimate
     if estimate is None:
@@ -45,7 +61,34 @@ def feedback_numbers(
     return found | {
         "estimate": Numbers(place, radius),
         "ellipse": Numbers(axes.reshape(len(rows), -1), radius),
+        "innovation": Numbers(np.stack([np.asarray(estimate.nis), *bounds(np.asarray(estimate.read))], axis=1)[rows]),
     }
+
+
+def feedback_graphs(trajectories: Sequence[Trajectory[Any, Any]]) -> list[dict[str, Any]]:
+    """The graphs of one run or two, if any is under feedback."""
+    histories = [one.history for one in trajectories if isinstance(one.history, FeedbackHistory)]
+    if not histories:
+        return []
+    groups: dict[str, list[int]] = {}
+    for k, name in enumerate(histories[0].directions):
+        groups.setdefault(name.partition("[")[0], []).append(k)
+    lines = []
+    for (name, columns), line in zip(groups.items(), of_masses(range(1, len(groups) + 1)), strict=True):
+        several = len(columns) > 1
+        words = f"|δ{LETTERS[name]}|" if several else f"δ{LETTERS[name]}"
+        lines.append(series(words, line.colour, "deviation", columns, several, line.dashes))
+    graphs = [graph("Deviation", lines)]
+    if all(history.estimate is None for history in histories):
+        return graphs
+    names, bound = ("νᵀS⁻¹ν", "upper bound", "lower bound"), Line(GREY, DASHED)
+    return [*graphs, graph("Innovation, 95 %", each(names, (Line(BLUE), bound, bound), "innovation"))]
+
+
+def bounds(read: Int[np.ndarray, " T"]) -> list[Float[np.ndarray, " T"]]:
+    """The bounds between which a normalised innovation lies with 95 % probability; NaN where nothing was read."""
+    tails = (1 + CONFIDENCE) / 2, (1 - CONFIDENCE) / 2
+    return [np.where(read > 0, chi2.ppf(tail, np.maximum(read, 1)), np.nan) for tail in tails]
 
 
 def half_axes(covariances: Float[np.ndarray, "T d d"]) -> Float[np.ndarray, "T 2 3"]:

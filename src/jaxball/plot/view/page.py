@@ -14,8 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...interface.arguments import require_flags
-from ...interface.output import replacing
-from ...interface.views import MARK, check_view
+from ...interface.output import MARK, check_view, replacing
 from ..style import ColourScale
 from .document import Runs, in_element, view_document
 from .scene import Discs

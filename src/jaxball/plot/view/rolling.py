@@ -9,7 +9,6 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from ...physics.body import Disk, System
-from ...physics.contact.law import Contact
 from ...physics.state import ReducedState
 from ...simulation.trajectory import Trajectory
 from ..coordinates import ANGLE, LENGTH, UNKNOWN, angles_of, joint_units, joints_of, mass_units
@@ -19,8 +18,8 @@ from ..over_time import Sizes, sizes_of, without_rounding
 from ..palette import TAKEN, mass_colour
 from ..record import Record, drawn_run, finite_rows, known_rows, record, require_one
 from ..shapes import rails_of
-from ..time_series import height, of_contact, slip_speed
-from .feedback import feedback_numbers
+from ..time_series import dissipated, height, of_contact, slip_speed
+from .feedback import feedback_graphs, feedback_numbers
 from .scene import (
     BLUE,
     PAIR,
@@ -98,7 +97,7 @@ def body_document(one: Shown) -> dict[str, Any]:
 def body_numbers(one: Shown, plane: float) -> dict[str, Numbers]:
     """The numbers of the body above a plane at ``plane`` below the origin, which may differ from its own radius."""
     system, run, placed, r = one.system, one.run, one.placed, one.radius
-    setting, seen, history, rows = placed.setting, run.observables, one.trajectory.contact, finite_rows(one.trajectory)
+    setting, seen, rows = placed.setting, run.observables, finite_rows(one.trajectory)
     numbers = {
         "time": Numbers(run.times, 0.0),
         "centre": Numbers(placed.centre + (r - plane) * setting.page[:, 2], r),
@@ -123,11 +122,12 @@ def body_numbers(one: Shown, plane: float) -> dict[str, Numbers]:
     }
     if isinstance(system, Disk):
         numbers["turning"] = Numbers(-seen.angular_velocity_body[:, 1])
-    if history is not None:
+    known = one.trajectory.history.over_time
+    if "height" in known:
         numbers |= {
-            "height": Numbers(np.asarray(history.height)[rows], r),
-            "slip": Numbers(np.asarray(history.slip)[rows, :2]),
-            "taken": Numbers(np.stack([history.rubbed, history.struck], axis=1)[rows]),
+            "height": Numbers(np.asarray(known["height"])[rows], r),
+            "slip": Numbers(np.asarray(known["slip"])[rows, :2]),
+            "taken": Numbers(np.stack(dissipated(one.trajectory), axis=1)[rows]),
         }
     numbers |= feedback_numbers(one.trajectory, setting, r, r - plane)
     if one.angles:
@@ -165,12 +165,12 @@ def rolling_scene(
     # On the plane a disk's line is at e2 = 0.
     goal = None if wanted is None else np.column_stack([wanted, np.full(len(wanted), -first.radius)])
     corners = [[*(np.asarray(centre) + side * r), -first.radius] for centre, r in discs for side in (-1, 1)]
-    law = _law(bodies)
+    coefficients = _coefficients(bodies)
     stand = {
         "axes": setting.page.tolist(),
         "floor": _floor(bodies, setting, [*([] if goal is None else [goal]), np.reshape(corners, (-1, 3))]),
         "obstacles": [[float(centre[0]), float(centre[1]), float(radius)] for centre, radius in discs],
-        **({} if law is None or not law.static > 0 else {"cone": float(law.static)}),
+        **({"cone": coefficients["static"]} if coefficients.get("static", 0.0) > 0 else {}),
         "camera": {"elevation": ELEVATION[planar], "azimuth": AZIMUTH[planar] + (0 if planar else setting.downhill)},
     }
     return Scene(
@@ -224,12 +224,12 @@ def _graphs(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
     if several:
         return graphs
     # The energy dissipated by sliding friction and by impacts, if any is, beside the energies.
-    histories = [one.trajectory.contact for one in bodies if one.trajectory.contact is not None]
-    dissipated = ([history.rubbed for history in histories], [history.struck for history in histories])
-    for one, amounts in zip(each(TAKEN, TAKEN.values(), "taken"), dissipated, strict=True):
+    taken = zip(*(dissipated(one.trajectory) for one in bodies), strict=True)
+    for one, amounts in zip(each(TAKEN, TAKEN.values(), "taken"), taken, strict=True):
         if any(np.any(without_rounding(np.nan_to_num(np.asarray(leaf)), sizes.energy)) for leaf in amounts):
             graphs[0]["series"].append(one)
-    return [*graphs, *_of_masses(bodies), *_of_joints(bodies)]
+    of_feedback = feedback_graphs([one.trajectory for one in bodies])
+    return [*graphs, *of_feedback, *_of_masses(bodies), *_of_joints(bodies)]
 
 
 def _of_masses(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
@@ -254,19 +254,19 @@ def _of_joints(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
     return [graph(f"Joints{joint_units(fullest)}", lines, 1.0)] if lines else []
 
 
-def _law(bodies: Sequence[Shown]) -> Contact | None:
-    """The law of contact of all bodies; None if they differ."""
-    histories = [one.trajectory.contact for one in bodies]
-    laws = [None if history is None else history.law for history in histories]
-    return laws[0] if all(eqx.tree_equal(law, laws[0]) for law in laws) else None
+def _coefficients(bodies: Sequence[Shown]) -> dict[str, float]:
+    """The coefficients of friction of all bodies; none if they differ."""
+    each_body = (one.trajectory.history.coefficients.items() for one in bodies)
+    first, *others = ({name: float(value) for name, value in items} for items in each_body)
+    return first if all(other == first for other in others) else {}
 
 
 def _levels(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
     """The coefficients of friction, if a law gives them."""
-    law = _law(bodies)
-    if law is None:
+    coefficients = _coefficients(bodies)
+    if not coefficients:
         return []
-    static, sliding = float(law.static), float(law.sliding)
+    static, sliding = coefficients["static"], coefficients["sliding"]
     named = {"μₛ": static, "μ": sliding} if static != sliding else {"μₛ = μ": static}
     return [{"name": name, "value": value} for name, value in named.items()]
 

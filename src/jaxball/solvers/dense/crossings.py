@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...numerics.bracketing import Sample, between, other_end
 from ...numerics.calculus import with_derivatives
-from ...numerics.masks import differentiated_where, without_derivatives
+from ...numerics.differentiation import differentiated_where, without_derivatives
 from .sampling import sampling
 from .steps import Field, Steps, Values
 

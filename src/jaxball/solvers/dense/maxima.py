@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ...numerics.batches import map_rows
-from ...numerics.masks import differentiated_where, without_derivatives
+from ...numerics.differentiation import differentiated_where, without_derivatives
 from .sampling import FINENESS, NARROWER, sampling
 from .steps import Steps, Values
 

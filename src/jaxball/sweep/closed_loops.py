@@ -1,0 +1,221 @@
+"""How the rows of a chunk are solved whose scenario has feedback: closed loops in vector lanes.
+
+Where rows differ in what the feedback depends on, such as its weights or the model, each has a feedback of its own;
+otherwise all share that of the first.
+"""
+
+import functools
+from collections.abc import Mapping
+from typing import Any, NamedTuple, cast
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .. import native
+from ..control.feedback import AbstractFeedback
+from ..control.loop import ClosedLoop, looped
+from ..control.weights import weight_matrix
+from ..ensemble import AbstractReduction
+from ..ensemble.reductions import Observed, values
+from ..interface.status import Status
+from ..numerics import programs
+from ..numerics.batches import in_threads, unpadded
+from ..scenario import RegulatorSettings, Scenario
+from ..scenario.closed_loop import sampled_of
+from ..scenario.feedback import sample_of
+from ..scenario.loop_numbers import LoopNumbers
+from ..simulation.variables import Variable
+
+BLOCK = 512  # rows at a time, as of ensembles
+LOOP = {
+    "largest_deviation": Variable((), "", "largest weighted deviation from the motion, at the samples"),
+    "final_deviation": Variable((), "", "weighted deviation from the motion at the end"),
+    "returned": Variable((), "", "1 if the final deviation is within the tolerance of the study", dtype="i1"),
+    "largest_input": Variable((), "", "largest magnitude of an input"),
+    "saturated": Variable((), "1", "share of samples at which an input is at its limit"),
+}
+OF_ESTIMATOR = {
+    "nis_per_reading": Variable((), "1", "mean normalised innovation squared by the number of readings"),
+    "nees_per_direction": Variable((), "1", "mean normalised estimation error squared by the uncertain directions"),
+    "largest_estimation_error": Variable((), "", "largest weighted error of the estimate, at the samples"),
+}
+
+
+class Sought(NamedTuple):
+    """What to find of each row.
+
+    - ``samples``: how many there are.
+    - ``longest``: the longest delay of a row.
+    - ``reductions``: by name, of what is at the samples.
+    - ``readings``: whether to find what sensors read.
+    """
+
+    samples: int
+    longest: int
+    reductions: tuple[tuple[str, AbstractReduction], ...]
+    readings: bool
+
+
+class Common(NamedTuple):
+    """What all rows have in common, as arrays.
+
+    - ``sample``, ``t0``: the time between samples, and that of the first.
+    - ``measure``: the weights of deviations, whose trace is 1.
+    - ``within``: how small a deviation must be in the end.
+    - ``feedback``: from the state, if it is common.
+    """
+
+    sample: Float[Array, ""]
+    t0: Float[Array, ""]
+    measure: Float[Array, "n n"]
+    within: Float[Array, ""]
+    feedback: AbstractFeedback | None
+
+
+def loop_variables(template: Scenario) -> dict[str, Variable]:
+    """The variables of a closed loop in the store of a study."""
+    return LOOP | (OF_ESTIMATOR if template.estimator is not None else {})
+
+
+def solve_loops(
+    template: Scenario,
+    numbers: LoopNumbers,
+    changes: Any,
+    sensors: Any,
+    within: float,
+    reductions: Mapping[str, AbstractReduction],
+    readings: bool,
+    most: int,
+    threads: int,
+) -> dict[str, np.ndarray]:
+    """The results of rows, by the names of variables; ``numbers`` and ``sensors`` have the rows as leading axis.
+
+    - ``changes``: which of the ``numbers`` differ from row to row.
+    - ``most``: the largest number of rows in any call of this study.
+    """
+    own, shared = eqx.partition(numbers, changes)
+    shared = jax.tree.map(lambda leaf: leaf[0], shared)
+    count, longest = len(numbers.start), int(np.max(numbers.delay))
+    sought = Sought(template.times.size - 1, longest, tuple(reductions.items()), readings)
+    common = _common(template, numbers, changes, within, sought.samples)
+    block = max(native.FEWEST, -(-min(most, BLOCK) // native.LANES)) * native.LANES
+
+    def call(rows: np.ndarray) -> Any:
+        given = sought, common, shared, jax.tree.map(lambda leaf: leaf[rows], (own, sensors if readings else None))
+        natively = cast(programs.Program, _one_by_one).natively(*given)
+        return _side_by_side(*given) if natively is None else natively()
+
+    return unpadded(in_threads(call, count, min(block, _padded(count)), threads), count)
+
+
+def _padded(rows: int) -> int:
+    """A number of rows that fills vectors."""
+    return max(native.FEWEST, -(-rows // native.LANES)) * native.LANES
+
+
+def _common(template: Scenario, numbers: LoopNumbers, changes: Any, within: float, samples: int) -> Common:
+    sampled = sampled_of(template)
+    settings = template.feedback
+    Q = settings.Q if isinstance(settings, RegulatorSettings) else 1.0
+    weights = np.asarray(weight_matrix("Q", Q, sampled.directions))
+    sample, t0 = jnp.asarray(sample_of(template.times)), jnp.asarray(float(template.times[0]))
+    feedback = None
+    if not any(jax.tree.leaves(changes.of_feedback)):
+        feedback = _feedback(jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), numbers), sample, t0, samples)
+    return Common(sample, t0, jnp.asarray(weights / np.trace(weights)), jnp.asarray(within), feedback)
+
+
+@programs.filter_jit
+def _feedback(numbers: LoopNumbers, sample: Array, t0: Array, samples: int) -> AbstractFeedback:
+    return numbers.feedback(sample, t0, samples)
+
+
+@programs.filter_jit
+def _one_by_one(sought: Sought, common: Common, shared: Any, rows: Any) -> Any:
+    return jax.lax.map(functools.partial(_row, sought, common, shared), rows)
+
+
+@programs.filter_jit
+def _side_by_side(sought: Sought, common: Common, shared: Any, rows: Any) -> Any:
+    return jax.vmap(functools.partial(_row, sought, common, shared))(rows)
+
+
+def _row(sought: Sought, common: Common, shared: Any, row: Any) -> dict[str, Array]:
+    """The closed loop of one row."""
+    own, sensors = row
+    numbers: LoopNumbers = eqx.combine(own, shared)
+    known = numbers.feedback(common.sample, common.t0, sought.samples) if common.feedback is None else common.feedback
+    feedback, plant, first = numbers.around(known)
+    found = looped(feedback, plant, first, sought.samples, numbers.delay, None, sought.longest)
+    times, states, u, du, xi, memory = found
+    loop = ClosedLoop(times, states, u, du, xi, feedback, plant, memory)
+    reached = jnp.sum(jnp.all(jnp.isfinite(loop.xi), axis=1)) - 1
+    results = {
+        "status": jnp.where(reached == sought.samples, int(Status.SUCCESS), int(Status.SOLVER_FAILED)),
+        "steps": jnp.asarray(sought.samples),
+        "rejected": jnp.asarray(0),
+        "reached": loop.times[reached],
+        **vars(loop.states),
+        **_of_loop(loop, common),
+        **_of_estimate(loop, common),
+        **_reduced(loop, sought.reductions),
+    }
+    if sought.readings:
+        results |= {f"measured_{name}": read for name, read in loop.run.measured(sensors).items()}
+    return results
+
+
+def _of_loop(loop: ClosedLoop, common: Common) -> dict[str, Array]:
+    along = _size(loop.xi, common)
+    return {
+        "largest_deviation": jnp.max(along),
+        "final_deviation": along[-1],
+        "returned": along[-1] < common.within,
+        "largest_input": jnp.max(jnp.abs(loop.u)),
+        "saturated": jnp.mean(jnp.any(loop.saturated, axis=1).astype(along.dtype)),
+    }
+
+
+def _of_estimate(loop: ClosedLoop, common: Common) -> dict[str, Array]:
+    estimate = loop.feedback.estimated(loop.times, loop.memory)
+    if estimate is None:
+        return {}
+    before = jax.tree.map(lambda leaf: leaf[:-1], loop.states)
+    now = jax.tree.map(lambda leaf: leaf[:-1], estimate)
+    known, dtype = now.read > 0, loop.xi.dtype
+    return {
+        "nis_per_reading": jnp.sum(jnp.where(known, now.nis, 0.0)) / jnp.sum(now.read).astype(dtype),
+        "nees_per_direction": jnp.sum(now.nees(before)) / jnp.sum(now.uncertain).astype(dtype),
+        "largest_estimation_error": jnp.max(_size(now.errors(before), common)),
+    }
+
+
+def _size(xi: Float[Array, "T n"], common: Common) -> Float[Array, " T"]:
+    """The deviations √(ξ·Q ξ / tr Q)."""
+    squared = jnp.sum((xi @ common.measure) * xi, axis=1)
+    return jnp.sqrt(jnp.maximum(squared, 0.0))
+
+
+def _reduced(loop: ClosedLoop, reductions: tuple[tuple[str, AbstractReduction], ...]) -> dict[str, Array]:
+    """What reductions report of the samples and the end, where the last input is still held."""
+    if not reductions:
+        return {}
+    quantities = tuple(dict.fromkeys(item.quantity for _, item in reductions))
+    u = jnp.concatenate([loop.u, loop.u[-1:]])
+
+    def seen(at: Any) -> Array:
+        t, state, u = at
+        return values(quantities, loop.plant.held(u).prepare(), t, state)
+
+    every, reports = jax.lax.map(seen, (loop.times, loop.states, u)), {}
+    for name, item in reductions:
+        own = every[:, quantities.index(item.quantity)]
+        places = [jnp.argmax(sign * own) for sign in item.signs]
+        extremes, times = tuple(own[k] for k in places), tuple(loop.times[k] for k in places)
+        area = jnp.sum(0.5 * (own[1:] + own[:-1]) * jnp.diff(loop.times))
+        observed = Observed(own[0], extremes, times, area)
+        reports |= {name + end: value for end, value in item.result(observed).items()}
+    return reports
