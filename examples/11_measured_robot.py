@@ -191,8 +191,8 @@ def draw(stands, steerings):
         ax.set(title=f"on the floor, run {index}{', identified' if index == 0 else ''}", xlabel="t in s")
     top[0].set_ylabel("rad")
     bottom[0].set_ylabel("rad")
-    for row, ax in zip(("upper", "lower"), (top[2], bottom[2]), strict=True):
-        figure.legend(handles=ax.lines, loc=f"outside {row} center", ncols=4, frameon=False)
+    figure.legend(handles=top[2].lines, loc="outside upper center", ncols=4, frameon=False)
+    figure.legend(handles=bottom[2].lines, loc="outside lower center", ncols=4, frameon=False)
     figure.savefig("measured_robot.png", dpi=150)
 
 
