@@ -249,7 +249,7 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
     (*_, finds), later = tried(
         lambda: table and template and _check_contact(table, template),
         lambda: table and template and _check_sensors(table, template),
-        lambda: table and axes and template and _check_paths(axes, scenario, template, table["readings"]),
+        lambda: axes and template and _check_paths(axes, scenario, template, document.get("readings") is True),
         lambda: template and read_finds(document.get("find", []), template),
     )
     raise_first([*errors, *later])
