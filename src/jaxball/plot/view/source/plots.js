@@ -187,7 +187,7 @@ export class Plot {
     };
     const left = this.curves.filter((curve) => !curve.earlier);
     while (left.length) {
-      const group = left.filter((curve) => near(left[0], curve));
+      const group = left.filter((curve) => curve === left[0] || near(left[0], curve)); // one of no numbers is near none
       group.forEach((curve) => left.splice(left.indexOf(curve), 1));
       const solid = group.filter((curve) => !curve.dash.length).length;
       if (group.length < 2 || (group.length === 2 && solid === 1)) continue;
