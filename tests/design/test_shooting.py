@@ -83,6 +83,7 @@ def test_optimum_on_a_constraint(method):
     assert found.merit.violation < 1e-6
 
 
+@pytest.mark.thorough
 def test_a_search_that_is_stopped_after_every_step_ends_where_it_would_have_ended(tmp_path):
     at, path = optimiser(rounds=3), tmp_path / "progress.npz"
     progress = at.begin()

@@ -402,6 +402,7 @@ def test_the_momentum_the_wanted_path_and_obstacles_are_switched(several):
         np.testing.assert_array_equal(picture(several), before)
 
 
+@pytest.mark.thorough
 def test_a_run_that_was_thinned_says_so(browser, ball_trajectory, tmp_path):
     document = view_document(ball_trajectory, room=0.0)
     browser.get(plot.View(document).save(tmp_path / "thin.html").as_uri())

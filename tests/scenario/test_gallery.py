@@ -130,6 +130,7 @@ def test_the_spin_of_a_gyroscopic_pendulum_is_the_impulse_of_its_motor():
     assert np.linalg.norm(trajectory.state.z[-1]) > 0.2
 
 
+@pytest.mark.thorough
 def test_moball_rests_where_the_sum_of_its_forces_points_down():
     """At rest κ θ_j = Q_j − m g Γ·n_j, and Σ m θ_j n_j points down. With Σ n_j n_j = 2·1, so does Σ Q_j n_j.
 

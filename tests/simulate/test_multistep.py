@@ -73,6 +73,7 @@ class TestOneRun:
         states = jax.vmap(packing.unpack)(t, solution.ys)
         jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=0, atol=2e-13), self.run(solver).state, states)
 
+    @pytest.mark.thorough
     def test_can_be_evaluated_at_any_time(self, solver):
         t = np.array([0.05, 0.15, 1.234])
         other = simulate(BALL, [0.0, *t, 3.0], rtol=1e-12, atol=1e-12, step_to_times=True, throw=True).state

@@ -81,6 +81,7 @@ def test_a_wobbling_hinge_goes_up_and_down_once_in_a_turn(chart):
     np.testing.assert_allclose(chart["least_normal_force"], (1.0 + WEIGHT) * GRAVITY, rtol=1e-8)
 
 
+@pytest.mark.thorough
 def test_the_picture_has_the_rates_and_a_line_between(chart):
     ax = stability_chart(chart, largest=0.1)
     mesh = ax.collections[0]
