@@ -38,14 +38,11 @@ def identity() -> list[str]:
     return [llvmlite.__version__, version, llvm.get_default_triple(), *_processor()]
 
 
-def object_code(text: str, quickly: bool = False) -> bytes:
-    """The machine code of a module of LLVM's IR, which :class:`Code` loads, in this process or in another one.
-
-    - ``quickly``: in a third of the time, as code that runs up to twice as long, with the same results to the last bit.
-    """
+def object_code(text: str) -> bytes:
+    """The machine code of a module of LLVM's IR, which :class:`Code` loads, in this process or in another one."""
     llvm = _llvm()
     with _lock:
-        machine, passes, builder = _pipeline(quickly)
+        machine, passes, builder = _pipeline()
         module = llvm.parse_assembly(text)
         module.triple, module.data_layout = machine.triple, str(machine.target_data)
         try:
@@ -130,11 +127,11 @@ def _processor() -> tuple[str, str]:
     return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
-def _machine(quickly: bool = False) -> Any:
+def _machine() -> Any:
     llvm = _llvm()
     name, features = _processor()
     target = llvm.Target.from_default_triple()
-    return target.create_target_machine(cpu=name, features=features, opt=0 if quickly else 2, jit=True)
+    return target.create_target_machine(cpu=name, features=features, opt=2, jit=True)
 
 
 @contextlib.contextmanager
@@ -158,15 +155,15 @@ def _in_proportion(llvm: Any, text: str) -> Iterator[None]:
 
 
 @functools.cache
-def _pipeline(quickly: bool) -> tuple[Any, Any, Any]:
+def _pipeline() -> tuple[Any, Any, Any]:
     """A machine, and passes that do as well as LLVM's levels 1 to 3, in less time, with the builder that they run by.
 
     Not LLVM's new GVN: in LLVM 22 it confused numbers of different loop iterations
     (``tests/native/test_reductions.py``, ``test_windows``). Common subexpressions were already found when writing.
 
-    One for all programs of a kind, because llvmlite gives back only a part of the memory of passes and builders.
+    One for all programs, because llvmlite gives back only a part of the memory of passes and builders.
     """
-    llvm, machine = _llvm(), _machine(quickly)
+    llvm, machine = _llvm(), _machine()
     passes = llvm.create_new_module_pass_manager()
     passes.add_sroa_pass()
     passes.add_simplify_cfg_pass()
