@@ -16,6 +16,7 @@ _NAME = r"[A-Za-z_][\w-]*"
 _STEP = re.compile(rf"\.?({_NAME})|\.'([^']*)'|\[(\d+)\]")
 _PATH = re.compile(rf"{_NAME}(\.{_NAME}|\.'[^']*'|\[\d+\])*")
 _WORD = re.compile(r"[A-Za-z][\w+-]*")
+EXACT = 2**53  # the largest number up to which float64 holds every whole one
 # These change what is compiled or how much is saved, and not the motion.
 _OF_ALL = (
     r"format|time\.saves|solve\.max_steps|.*\.balance\.masses\[\d+\]|actuation\.masses\[\d+\]|mechanisms.*\.(on|joint)"
@@ -74,14 +75,14 @@ def check_number(document: Mapping[str, Any], path: str, measured: bool = False)
 def with_numbers(document: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
     """A copy of the document with other numbers at the paths in ``values``, all of which it has.
 
-    What is a whole number in the document stays one, if it can.
+    What is a whole number in the document stays one, where float64 holds it exactly.
     """
     changed = copy.deepcopy(dict(document))
     for path, value in values.items():
         *above, last = steps(path)
         place = _at(changed, above)
-        is_whole = isinstance(place[last], int) and isinstance(value, float) and value.is_integer()
-        place[last] = int(value) if is_whole else value
+        stays_whole = isinstance(place[last], int) and isinstance(value, float) and value.is_integer()
+        place[last] = int(value) if stays_whole and abs(value) <= EXACT else value
     return changed
 
 
