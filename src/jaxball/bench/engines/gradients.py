@@ -57,6 +57,7 @@ def measure(out: Path, echo: Echo = print) -> list[Row]:
     **Raises:** :class:`~jaxball.results.OutputError` when a file cannot be written.
     """
     modes = {"forward": diffrax.ForwardMode(), "reverse": diffrax.RecursiveCheckpointAdjoint()}
+    echo("Derivatives by jaxball, which compiles two programs first.")
     # The exact one comes last, so that the first row has the first compilation.
     ours = {name: [(tolerance, own(mode, tolerance)) for tolerance in TOLERANCES] for name, mode in modes.items()}
     exact = own(modes["forward"], 1e-12).value
@@ -68,6 +69,7 @@ def measure(out: Path, echo: Echo = print) -> list[Row]:
     except ImportError:
         echo("Left out: MuJoCo, because it is not installed.")
     else:
+        echo("Derivatives of MuJoCo's runs, by differences.")
         models = [model_with_controls(engine, timestep) for timestep in TIMESTEPS]
         by_differences = [difference(engine, *one) for one in models]
         rows += _rows("MuJoCo, differences", zip(TIMESTEPS, by_differences, strict=True), exact, echo)
@@ -76,6 +78,7 @@ def measure(out: Path, echo: Echo = print) -> list[Row]:
         except ImportError:
             echo("Left out: MJX, because mujoco-mjx is not installed.")
         else:
+            echo("Derivatives by MJX, which compiles for about a minute first.")
             found = mjx.derivatives(models)
             rows += _rows("MJX, forward mode", zip(TIMESTEPS, found, strict=True), exact, echo)
     out.mkdir(parents=True, exist_ok=True)

@@ -2,7 +2,6 @@
 
 import argparse
 import dataclasses
-import os
 from pathlib import Path
 
 from ...interface.interruption import INTERRUPTED, STOPPED, interrupt_message
@@ -11,7 +10,6 @@ from ..jax_setup import set_up_jax
 from ..options import BadInputError, positive
 
 ENGINES = "engines"
-NO_CACHE = "JAXBALL_NO_CACHE"
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -42,7 +40,6 @@ def run(options: argparse.Namespace) -> int:
         check_folder(options.out, "--out")
     if options.gradients:
         _check_gradients(options)
-        os.environ[NO_CACHE] = "1"  # because compiling is measured
     set_up_jax()
     if options.problems[:1] == [ENGINES]:
         return _engines(options)
