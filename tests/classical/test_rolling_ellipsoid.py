@@ -19,10 +19,11 @@ E3 = np.array([0.0, 0.0, 1.0])
 RESISTING = Resistance(rolling=0.2, spinning=0.3, drag=0.1, rotational_drag=0.05, dry=0.04, smoothing=0.3)
 
 
+@pytest.mark.parametrize("gravity", [9.8, -9.8])
 @pytest.mark.parametrize("resistance", [None, RESISTING], ids=["alone", "resisted"])
-def test_with_equal_semiaxes_it_is_the_ball(resistance):
-    """Up to rounding, of which some tens add up in either."""
-    same = {"mass": 1.3, "inertia": (0.9, 1.0, 1.1), "offset": (0.1, -0.2, 0.15), "gravity": 9.8}
+def test_with_equal_semiaxes_it_is_the_ball(resistance, gravity):
+    """Up to rounding, of which some tens add up in either; also where the plane would have to pull."""
+    same = {"mass": 1.3, "inertia": (0.9, 1.0, 1.1), "offset": (0.1, -0.2, 0.15), "gravity": gravity}
     same["resistance"] = resistance
     ball, ellipsoid = Ball(radius=0.8, **same), RollingEllipsoid(semiaxes=(0.8, 0.8, 0.8), **same)
     rolling, state = BallState(Q, OMEGA), EllipsoidState(Q, OMEGA)
@@ -31,6 +32,7 @@ def test_with_equal_semiaxes_it_is_the_ball(resistance):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-13, atol=1e-13)
     R, force = ellipsoid.reaction(NOW, state), reaction(ball.prepare(), NOW, rolling)
     np.testing.assert_allclose([R[2], R[0] ** 2 + R[1] ** 2], [force.normal, force.friction_squared], rtol=1e-13)
+    assert np.sign(R[2]) == np.sign(gravity)
     power = jaxball.observe(ball, NOW, rolling).dissipation
     np.testing.assert_allclose(ellipsoid.dissipation(NOW, state), power, rtol=1e-13)
 

@@ -137,10 +137,8 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState]):
     def dissipation(self, t: Float[Array, ""], state: EllipsoidState) -> Float[Array, ""]:
         """The power that resistance takes, mass length²/time³: E decreases at this rate."""
         force, torque = self._resisting(state)
-        if self.resistance is not None:
-            dry = self.resistance.dry_torque(self._height(state.Gamma), state.Omega, state.Gamma)
-            if dry is not None:
-                torque = torque + dot(self._accelerations(state).reaction, state.Gamma) * dry
+        dry = self._accelerations(state).dry
+        torque = torque if dry is None else torque + dry
         return -dot(torque, state.Omega) - dot(force, self._velocity(state))
 
     def field(self, t: Float[Array, ""], state: EllipsoidState) -> EllipsoidState:
@@ -199,7 +197,7 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState]):
         """Newton's and Euler's laws about the contact; dry friction is proportional to the normal force N.
 
         With the friction N d, Ω̇ is Ω̇₀ + N a, a the acceleration by d, and N = N₀ + N m Γ·(s × a) is solved for N, which
-        is NaN where that has no solution, so that a run ends there.
+        is NaN where that has no solution, so that a run ends there. There is no friction where N₀ is negative.
         """
         Omega, Gamma, J = state.Omega, state.Gamma, self.J
         s, rest = self._moving(state)
@@ -213,13 +211,14 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState]):
             by_friction = apply(about_contact, dry)
             without = dot(Gamma, self.mass * (cross(s, Omegadot) + rest) - force)
             share = 1 - self.mass * dot(Gamma, cross(s, by_friction))
-            N = jnp.where(share > 0, without / share, jnp.nan)
-            Omegadot = Omegadot + N * by_friction
-        return _Accelerations(Omegadot, self.mass * (cross(s, Omegadot) + rest) - force)
+            N = jnp.maximum(without, 0.0) / jnp.where(share > 0, share, jnp.nan)
+            Omegadot, dry = Omegadot + N * by_friction, N * dry
+        return _Accelerations(Omegadot, self.mass * (cross(s, Omegadot) + rest) - force, dry)
 
 
 class _Accelerations(NamedTuple):
-    """Ω̇ and the force of the plane, body axes."""
+    """Ω̇, the force of the plane, and the torque of dry friction, None without; body axes."""
 
     Omegadot: Float[Array, "3"]
     reaction: Float[Array, "3"]
+    dry: Float[Array, "3"] | None
