@@ -124,9 +124,11 @@ def test_a_file_with_names_of_an_earlier_version_is_read_with_a_warning(disk, tm
     older = {"rejected": "rejected_steps", "friction_loss": "rubbed", "impact_loss": "struck"}
     with np.load(disk.save(tmp_path / "run.npz")) as saved:
         np.savez(tmp_path / "older.npz", **{older.get(name, name): saved[name] for name in saved.files})
-    with pytest.warns(FutureWarning, match="has names of an earlier version of jaxball; load it and save it again"):
+    words = "has names of an earlier version of jaxball; load it and save it again"
+    with pytest.warns(FutureWarning, match=words) as warned:
         run = load_run(tmp_path / "older.npz")
     assert_same(run, disk)
+    assert len(warned) == 1
     assert run.rejected == disk.rejected
     np.testing.assert_array_equal(run.contact.rubbed, disk.contact.friction_loss)
     np.testing.assert_array_equal(run.contact.struck, disk.contact.impact_loss)

@@ -32,13 +32,19 @@ def check_saved(path: Path) -> None:
 
 
 def saved_attributes(path: Path) -> Mapping[str, Any]:
-    """The attributes of a saved run.
+    """The attributes of a saved run, under today's names; a warning says where a file has older ones.
 
     **Raises:** :class:`RunError` where there is none, or one of another version of the format.
     """
     check_saved(path)
     with refused(path):
-        about = contents(path, arrays=False)
+        about = CONTENTS[path.suffix](path, arrays=False)
+    if OLDER.keys() & about.keys():
+        message = (
+            f'The run "{path}" has names of an earlier version of jaxball; load it and save it again for today\'s.'
+        )
+        warnings.warn(message, FutureWarning, stacklevel=3)
+        about = _of_today(about)
     number = attribute_of(path, about, "format", int)
     if number != FORMAT:
         raise RunError(
@@ -62,9 +68,17 @@ def attribute_of(path: Path, about: Mapping[str, Any], name: str, read: Callable
 def saved_text(path: Path) -> str:
     """The text of the scenario in a saved run.
 
-    **Raises:** :class:`RunError` where there is none, and as :func:`saved_attributes`.
+    **Raises:** as :func:`saved_attributes` and :func:`text_in`.
     """
-    text = str(saved_attributes(path).get("scenario", ""))
+    return text_in(path, saved_attributes(path))
+
+
+def text_in(path: Path, about: Mapping[str, Any]) -> str:
+    """The same, among the attributes of the run.
+
+    **Raises:** :class:`RunError` where there is none.
+    """
+    text = str(about.get("scenario", ""))
     if not text:
         raise RunError(
             f'The run "{path}" contains no scenario, because a file cannot hold some part of it, such as a Python '
@@ -107,13 +121,10 @@ def _of_npz(path: Path, arrays: bool) -> Mapping[str, Any]:
 CONTENTS: dict[str, Callable[..., Mapping[str, Any]]] = dict(zip(READ_BACK, (_of_netcdf, _of_npz), strict=True))
 
 
-def contents(path: Path, arrays: bool) -> Mapping[str, Any]:
-    """The arrays of a file, or its attributes, under today's names; a warning says where a file has older ones."""
-    saved = CONTENTS[path.suffix](path, arrays=arrays)
-    if not OLDER.keys() & saved.keys():
-        return saved
-    message = (
-        f'The run "{path}" has names of an earlier version of jaxball; load it and save it again for those of today.'
-    )
-    warnings.warn(message, FutureWarning, stacklevel=3)
+def saved_arrays(path: Path) -> Mapping[str, Any]:
+    """The arrays of a saved run, under today's names."""
+    return _of_today(CONTENTS[path.suffix](path, arrays=True))
+
+
+def _of_today(saved: Mapping[str, Any]) -> Mapping[str, Any]:
     return {OLDER.get(name, name): value for name, value in saved.items()}

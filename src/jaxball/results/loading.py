@@ -15,7 +15,7 @@ from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario, ScenarioError, read_scenario
 from ..simulation.trajectory import Trajectory
 from .feedback import INPUTS, read_feedback
-from .files import UNKNOWN_SOLVER, RunError, attribute_of, contents, no_run, refused, saved_attributes, saved_text
+from .files import UNKNOWN_SOLVER, RunError, attribute_of, no_run, refused, saved_arrays, saved_attributes, text_in
 from .variables import read_history
 
 DRIVEN_FIELDS = ("theta", "thetadot")  # left out of a file where no mass is driven
@@ -55,10 +55,10 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
     about = saved_attributes(path)
     scenario = None
     if system is None:
-        scenario = _scenario(path)
+        scenario = _scenario(path, about)
         system = scenario.system
     with refused(path):
-        arrays = contents(path, arrays=True)
+        arrays = saved_arrays(path)
     state = _state(arrays, system, path)
     under_feedback = INPUTS in about
     if scenario is not None and scenario.feedback is not None and under_feedback:
@@ -96,12 +96,13 @@ def saved_scenario(path: str | Path) -> Scenario:
 
     **Raises:** :class:`RunError` as :func:`load_run`.
     """
-    return _scenario(Path(path))
+    path = Path(path)
+    return _scenario(path, saved_attributes(path))
 
 
-def _scenario(path: Path) -> Scenario:
+def _scenario(path: Path, about: Mapping[str, Any]) -> Scenario:
     try:
-        return read_scenario(saved_text(path))
+        return read_scenario(text_in(path, about))
     except RunError:
         raise
     except ScenarioError as error:

@@ -53,7 +53,7 @@ def check_start(system: System, start: Any, state: BallState | DiskState) -> Non
     conditions; whether numbers are too far from 1 is left undecided for those that may be.
     """
     if any_traced((system, start, state)):
-        leave_open("body", lambda: jnp.asarray(True), lambda: ~_has_extremes((system, state)))
+        leave_open("body", lambda: jnp.asarray(True), lambda: jnp.asarray(~_has_extremes((system, state))))
     elif _has_extremes((system, state)):
         raise_first([_in_keys(problem) for problem in beyond_arithmetic(system, state, to_array(start))])
     rules = []
@@ -76,7 +76,7 @@ def _in_keys(problem: Problem) -> ScenarioError:
     return ScenarioError(problem.sentence("Key", key_of(problem.name)))
 
 
-def _has_extremes(tree: Any) -> Bool[Array | np.ndarray, ""]:
+def _has_extremes(tree: Any) -> Bool[Array, ""] | np.bool_:
     """Whether a number is so large or so small that products of a few may overflow or underflow."""
     xp = jnp if any_traced(tree) else np
     sizes = xp.concatenate([xp.abs(xp.ravel(leaf)).astype(float) for leaf in jax.tree.leaves(tree) if is_array(leaf)])
