@@ -40,7 +40,7 @@ def test_a_run_that_is_killed_at_random_moments_leaves_the_same_files(tmp_path):
 def test_the_command_stops_at_ctrl_c(tmp_path):
     (tmp_path / "study.toml").write_text(study_text(tmp_path, MANY, "chunk = 16"))
     with start(tmp_path, "a.zarr") as run:
-        wait_for_chunks(tmp_path / "a.zarr", 1)
+        wait_for_chunks(run, tmp_path / "a.zarr", 1)
         run.send_signal(signal.SIGINT)
         text = run.communicate(timeout=120)[1]
     assert run.returncode == 130
@@ -88,14 +88,16 @@ def test_workers_end_with_their_parent_however_it_ends(tmp_path, name):
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_the_command_killed_at_random_moments(tmp_path, workers):
-    (tmp_path / "study.toml").write_text(study_text(tmp_path, MANY, "chunk = 16"))
+    # More rows than five runs of a third of a second reach.
+    (tmp_path / "study.toml").write_text(study_text(tmp_path, MANY.replace("600", "6000"), "chunk = 16"))
     with start(tmp_path, "whole.zarr") as run:
         run.communicate(timeout=300)
     moments = random.Random(workers)
     for _ in range(5):
         with start(tmp_path, "killed.zarr", "--workers", workers) as run:
-            wait_for_chunks(tmp_path / "killed.zarr", chunks(tmp_path / "killed.zarr") + 1)
+            wait_for_chunks(run, tmp_path / "killed.zarr", chunks(tmp_path / "killed.zarr") + 1)
             time.sleep(moments.uniform(0.0, 0.3))
+            assert run.poll() is None
             os.killpg(run.pid, signal.SIGKILL)
     with start(tmp_path, "killed.zarr", "--workers", workers) as run:
         run.communicate(timeout=300)
@@ -132,9 +134,10 @@ def start(folder, store, *options):
     return subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True, start_new_session=True)
 
 
-def wait_for_chunks(store, wanted):
+def wait_for_chunks(run, store, wanted):
     deadline = time.monotonic() + 120
     while chunks(store) < wanted:
+        assert run.poll() is None
         assert time.monotonic() < deadline
         time.sleep(0.01)
 
