@@ -1,4 +1,4 @@
-"""These tests have folders of their own."""
+"""These tests have folders of their own, and programs that are optimised, of which there is one for each function."""
 
 import jax
 import pytest
@@ -12,10 +12,12 @@ def without_the_folders_of_all_tests(monkeypatch):
 
     monkeypatch.setenv("JAXBALL_NO_CACHE", "1")
     monkeypatch.delenv("JAXBALL_CACHE_DIR", raising=False)
-    folder = jax.config.jax_compilation_cache_dir
+    folder, unoptimised = jax.config.jax_compilation_cache_dir, jax.config.jax_disable_most_optimizations
+    jax.config.update("jax_disable_most_optimizations", False)
     jax.config.update("jax_compilation_cache_dir", None)
     reset_cache()
     with current.kept_in(None):
         yield
+    jax.config.update("jax_disable_most_optimizations", unoptimised)
     jax.config.update("jax_compilation_cache_dir", folder)
     reset_cache()

@@ -101,6 +101,26 @@ def test_programs_are_compiled_quickly_within_a_block_alone(in_process, contents
         jax.config.update(name, before)
 
 
+@pytest.mark.parametrize("compiler", ["native"], indirect=True)
+def test_code_made_quickly_gives_the_same_bits_and_is_used_until_there_is_optimised_code(in_process, contents):
+    disk = Disk(mass=1.0, inertia=0.5, masses=[PointMass(0.5, Fixed((0.5, 0.0, 0.0)))])
+
+    def run():
+        return in_process(simulate, disk, TIMES, DiskState(phidot=1.0))
+
+    with programs.compiled_quickly():
+        quick, _ = run()
+        again, store = run()
+    assert (len(contents), len(store.found)) == (1, 1)
+    same_bits(quick.state, again.state)
+    optimised, store = run()
+    assert (len(contents), store.found) == (2, [])
+    same_bits(quick.state, optimised.state)
+    with programs.compiled_quickly():
+        _, store = run()
+    assert (len(contents), len(store.found), store.missed) == (2, 1, [])
+
+
 def test_a_program_is_compiled_once_and_found_by_the_next_process(in_process, contents, monkeypatch):
     first, store = in_process(cross, A, B)
     assert (len(store.found), len(store.missed), len(contents)) == (0, 1, 1)

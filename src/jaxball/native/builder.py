@@ -26,14 +26,13 @@ from .elements import (
     written,
 )
 from .folding import COMPARED, FOLDED, read, simpler_float, simpler_integer, suffix
+from .machine import multiplies_and_adds
 from .module import ALIGNMENT, MOST_LINES, Module
 from .scopes import Scopes, Turn
 
 _ON_THE_STACK = 4096  # bytes of an array; larger ones are in the workspace
 
 INDEX, BOOL = np.dtype(np.int64), np.dtype(bool)
-
-_FLOAT = {"add": "fadd contract", "sub": "fsub contract", "mul": "fmul contract", "div": "fdiv"}
 
 
 class Builder:
@@ -52,6 +51,7 @@ class Builder:
         self._scopes = Scopes()
         self._ranges: dict[Name, tuple[int, int]] = {}  # of integers, the least and the greatest that they can be
         self._loaded: set[Name] = set()
+        self._products: dict[Name, tuple[Element, Element]] = {}  # the factors of each
         self._vectors: dict[Name, tuple[np.dtype, int]] = {}  # type and width of those whose lanes have names
 
     def function(self, head: str) -> str:
@@ -232,11 +232,41 @@ class Builder:
         if dtype.kind == "f":
             if simpler := simpler_float(operation, x, y):
                 return simpler
-            return self.apply(_FLOAT[operation], dtype, x, y)
+            if operation == "mul":
+                return self._product(dtype, x, y)
+            return self._fused(operation, dtype, x, y) or self.apply(f"f{operation}", dtype, x, y)
         simpler = simpler_integer(operation, dtype, x, y)
         if simpler is not None:
             return simpler
         return self.apply(operation, dtype, x, y)
+
+    def negative(self, dtype: np.dtype, x: Element) -> Element:
+        """−x of a float."""
+        return -x if is_known(x) else self.apply("fneg", dtype, x)
+
+    def _product(self, dtype: np.dtype, x: Element, y: Element) -> Name:
+        name = self.apply("fmul", dtype, x, y)
+        self._products[name] = x, y
+        return name
+
+    def _fused(self, operation: str, dtype: np.dtype, x: Element, y: Element) -> Name | None:
+        """A sum or a difference with a product as one term, rounded once; None without such a term.
+
+        LLVM may fuse them as well, but only when it optimises, and as what surrounds them suggests: written here, they
+        give the same bits however a program is compiled.
+        """
+        if operation == "div" or (isinstance(x, str) and x == y) or not multiplies_and_adds():
+            return None
+        for term, other in ((x, y), (y, x)):
+            if term not in self._products or width_of(term) != width_of(x, y):
+                continue
+            factor, number = self._products[term]
+            if operation == "sub" and term is x:
+                other = self.negative(dtype, other)
+            elif operation == "sub":
+                factor = self.negative(dtype, factor)
+            return self.call("llvm.fma", dtype, factor, number, other)
+        return None
 
     def compare(self, predicate: str, dtype: np.dtype, x: Element, y: Element) -> Element:
         """``predicate`` is LLVM's: ``olt``, ``une`` of floats, ``slt``, ``ult``, ``eq`` of integers."""

@@ -96,13 +96,15 @@ class Entry:
         self.text = SUPPORT + compiler.module.text()
 
 
-def compiled(module: Any, arguments: int, large: bool = True) -> Form:
-    """A StableHLO module of so many arguments, compiled; ``large``: even if its loops are over large arrays.
+def compiled(module: Any, arguments: int, large: bool = True, quickly: bool = False) -> Form:
+    """A StableHLO module of so many arguments, compiled.
+
+    - ``large``: even if its loops are over large arrays; ``quickly``: as of :func:`~.machine.object_code`.
 
     **Raises:** :class:`UnsupportedError`.
     """
     entry = written(module, arguments, large)
-    code, routines = object_code(entry.text), routines_in(entry.text)
+    code, routines = object_code(entry.text, quickly), routines_in(entry.text)
     return Form(code, tuple(entry.results), entry.size, entry.workspace, arguments, routines)
 
 

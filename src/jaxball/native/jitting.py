@@ -129,10 +129,11 @@ class Lowered:
             self._lowered = self._traced.lower()
 
     @seldom_collected()
-    def natively(self, large: bool = True) -> Program | Refusal:
+    def natively(self, large: bool = True, quickly: bool = False) -> Program | Refusal:
         """The program; a refusal if it contains something unsupported.
 
         - ``large``: whether it is compiled even if its loops are over large arrays, which XLA runs faster.
+        - ``quickly``: whether LLVM optimises it less.
         """
         from . import operations  # noqa: F401 (whose rules are entered)
         from .entry import compiled
@@ -144,7 +145,7 @@ class Lowered:
                 self._takes_keys,
                 tuple((aval.shape, _numpy_type(aval), aval.weak_type) for aval in gives),
                 self._keys,
-                compiled(self._lowered.compiler_ir("stablehlo"), len(takes), large),
+                compiled(self._lowered.compiler_ir("stablehlo"), len(takes), large, quickly),
             )
         except UnsupportedError as error:
             return Refusal(str(error))

@@ -14,6 +14,8 @@ from typing import Any
 # LLVM's context, in which modules are parsed, is shared by the process.
 _lock = threading.Lock()
 
+# Characters of a program of which quick code needs half a megabyte of stack, twice what optimised code does.
+MOST_QUICKLY = 8_000_000
 LONG = 2_000_000  # characters of a program above which LLVM's scheduler considers fewer instructions at a time
 
 # Declarations of routines, as linear_algebra.py writes them.
@@ -38,11 +40,14 @@ def identity() -> list[str]:
     return [llvmlite.__version__, version, llvm.get_default_triple(), *_processor()]
 
 
-def object_code(text: str) -> bytes:
-    """The machine code of a module of LLVM's IR, which :class:`Code` loads, in this process or in another one."""
+def object_code(text: str, quickly: bool = False) -> bytes:
+    """The machine code of a module of LLVM's IR, which :class:`Code` loads, in this process or in another one.
+
+    - ``quickly``: in a third of the time, as code that runs up to twice as long, with the same results to the last bit.
+    """
     llvm = _llvm()
     with _lock:
-        machine, passes, builder = _pipeline()
+        machine, passes, builder = _pipeline(quickly and len(text) <= MOST_QUICKLY)
         module = llvm.parse_assembly(text)
         module.triple, module.data_layout = machine.triple, str(machine.target_data)
         try:
@@ -127,11 +132,11 @@ def _processor() -> tuple[str, str]:
     return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
-def _machine() -> Any:
+def _machine(quickly: bool = False) -> Any:
     llvm = _llvm()
     name, features = _processor()
     target = llvm.Target.from_default_triple()
-    return target.create_target_machine(cpu=name, features=features, opt=2, jit=True)
+    return target.create_target_machine(cpu=name, features=features, opt=0 if quickly else 2, jit=True)
 
 
 @contextlib.contextmanager
@@ -155,19 +160,18 @@ def _in_proportion(llvm: Any, text: str) -> Iterator[None]:
 
 
 @functools.cache
-def _pipeline() -> tuple[Any, Any, Any]:
-    """A machine, and passes that do as well as LLVM's levels 1 to 3, in less time, with the builder that they run by.
+def _pipeline(quickly: bool) -> tuple[Any, Any, Any]:
+    """A machine, and the passes that pay for the time they take, with the builder that they run by.
 
-    Not LLVM's new GVN: in LLVM 22 it confused numbers of different loop iterations
-    (``tests/native/test_reductions.py``, ``test_windows``). Common subexpressions were already found when writing.
+    Common subexpressions and constants were found, and products and sums fused, when the program was written. None of
+    LLVM's other passes made the programs faster, and its new GVN, in LLVM 22, confused numbers of different loop
+    iterations (``tests/native/test_reductions.py``, ``test_windows``).
 
-    One for all programs, because llvmlite gives back only a part of the memory of passes and builders.
+    One for all programs of a kind, because llvmlite gives back only a part of the memory of passes and builders.
     """
-    llvm, machine = _llvm(), _machine()
+    llvm, machine = _llvm(), _machine(quickly)
     passes = llvm.create_new_module_pass_manager()
-    passes.add_sroa_pass()
-    passes.add_simplify_cfg_pass()
-    passes.add_instruction_combine_pass()
-    passes.add_simplify_cfg_pass()
+    if not quickly:
+        passes.add_sroa_pass()
     passes.add_dead_code_elimination_pass()
     return machine, passes, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2))

@@ -99,9 +99,10 @@ class Transition(NamedTuple):
     status: Int[Array, ""]
 
 
-def entry(which: Int[Array, ""], values: Float[Array, " k"]) -> Float[Array, ""]:
-    """One of several numbers; 0 for none. Not by indexing, which XLA's CPU compiler turns into slow loops."""
-    return jnp.sum(jnp.where(jnp.arange(values.shape[0]) == which, values, 0.0))
+def entry(which: Int[Array, ""], values: Float[Array, "k *rest"]) -> Float[Array, "*rest"]:
+    """One of several numbers or rows; 0 for none. Not by indexing, which XLA's CPU compiler turns into slow loops."""
+    chosen = jnp.expand_dims(jnp.arange(values.shape[0]) == which, tuple(range(1, values.ndim)))
+    return jnp.sum(jnp.where(chosen, values, 0.0), axis=0)
 
 
 def at_zero(

@@ -1,9 +1,11 @@
 """Where in a solve the mode of a system ends, and how the solve continues.
 
 Each step is checked as soon as it is taken. Where one of the guards, which are positive while the mode lasts, falls to
-zero within it, the step is rejected, and steps of other lengths follow until one ends there: by the secant method, on
-steps of the solver itself and not on its interpolation, so that the state is as exact as any other. The next step
-begins with the state after the reset.
+zero within it, the step is rejected, and steps of other lengths follow until one ends there. They are steps of the
+solver itself, and not of its interpolation, so that the state is as exact as any other. Where two of them end close to
+each other, the next one is that of the secant method; before, a step of Newton's method follows one that ended ahead of
+the zero, and one that ended behind it is shortened, so that the quartic through the guard's values within the step is
+more exact than the last one. The next step begins with the state after the reset.
 """
 
 import abc
@@ -14,6 +16,7 @@ from typing import Any, ClassVar, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
@@ -31,6 +34,8 @@ MOST_TRIES = 40
 LEAST = 8  # the length of a step, in units of rounding of the time
 ROOT_STEPS = 8  # of the Illinois method, to the zero of a quartic
 POWERS = sampling().powers.tolist()
+END_SLOPE = (np.arange(len(POWERS)) @ sampling().powers).tolist()  # of a quartic at the end of a step, by its samples
+ADJACENT = 0.1  # of the length of a step: between ends this close to each other, a guard is nearly linear
 GRAZING = 1e-6  # a guard that falls by less than this part of its size in a step touches zero
 CLOSE = 1e-9  # switches closer to each other than this part of a run are counted as crowded
 TOO_MANY = 64  # crowded switches
@@ -39,8 +44,8 @@ TOO_MANY = 64  # crowded switches
 class RootBracket(NamedTuple):
     """A zero of guard ``which`` between ``low`` and ``high``, that the next step is to meet at ``target``.
 
-    A guard that is zero as a step begins, and falls, has its event at the ``earliest`` end of a step. ``x``, ``f`` and
-    ``slope`` are those of the guard where it was evaluated last, and ``size`` its size in the step.
+    A guard that is zero as a step begins, and falls, has its event at the ``earliest`` end of a step. It was ``f`` at
+    ``x``, where the last step of the search ended; ``size`` is its size in the first.
     """
 
     on: Bool[Array, ""]
@@ -51,7 +56,6 @@ class RootBracket(NamedTuple):
     earliest: Float[Array, ""]
     x: Float[Array, ""]
     f: Float[Array, ""]
-    slope: Float[Array, ""]
     size: Float[Array, ""]
     tries: Int[Array, ""]
 
@@ -59,17 +63,16 @@ class RootBracket(NamedTuple):
     def none(cls, t: Float[Array, ""]) -> "RootBracket":
         """No zero."""
         no, first, zero = jnp.zeros_like(t, bool), jnp.zeros_like(t, int), jnp.zeros_like(t)
-        return cls(no, first, t, t, t, t, t, zero, zero, zero, first)
+        return cls(no, first, t, t, t, t, t, zero, zero, first)
 
-    def narrowed(self, x: Float[Array, ""], f: Float[Array, ""]) -> "RootBracket":
-        """The bracket after a step to ``x`` that found ``f`` there; halfway where a secant leads outside."""
+    def narrowed(self, x: Float[Array, ""], f: Float[Array, ""], target: Float[Array, ""]) -> "RootBracket":
+        """The bracket after a step to ``x`` that found ``f`` there; where the new ``target`` is outside, to its end, at
+        which there may be no zero after all, or halfway.
+        """
         low, high = jnp.where(f > 0, x, self.low), jnp.where(f > 0, self.high, x)
-        again = (self.tries > 0) & (x != self.x)
-        slope = jnp.where(again, (f - self.f) / jnp.where(again, x - self.x, 1.0), self.slope)
-        target = x - f / jnp.where(slope == 0, 1.0, slope)
-        inside = (target >= low) & (target <= high) & (slope != 0)
-        target = jnp.maximum(jnp.where(inside, target, 0.5 * (low + high)), self.earliest)
-        return self._replace(low=low, high=high, target=target, x=x, f=f, slope=slope, tries=self.tries + 1)
+        target = jnp.where((target >= low) & (target <= high), target, jnp.where(f > 0, high, 0.5 * (low + high)))
+        target = jnp.maximum(target, self.earliest)
+        return self._replace(low=low, high=high, target=target, x=x, f=f, tries=self.tries + 1)
 
 
 class Rows(NamedTuple):
@@ -411,19 +414,28 @@ def _bracketed(
     if guards.shape[0] == 0:
         return jnp.zeros_like(end, bool), none
     at_target = bracket.on & (end == bracket.target)
-    first = _first_zero(start, end, guards, jnp.where(at_target, bracket.which, NONE))
+    samples = entry(bracket.which, guards)
+    value, length = samples[-1], end - start
+    adjacent = (bracket.tries > 0) & (end != bracket.x) & (jnp.abs(end - bracket.x) < ADJACENT * length)
+    secant = (value - bracket.f) / jnp.where(adjacent, end - bracket.x, 1.0)
+    tangent = sum(part * sample for part, sample in zip(END_SLOPE, samples, strict=True)) / length
+    slope = jnp.where(adjacent, secant, tangent)
+    next_end = end - value / jnp.where(slope == 0, 1.0, slope)
+    width = jnp.maximum(NEAR * length, 4 * float(jnp.finfo(end.dtype).eps) * jnp.abs(end))
+    met = (jnp.abs(next_end - end) <= width) & (slope != 0) | (value == 0) | (value > 0) & (end >= bracket.high)
+    earlier = jnp.any(samples[1:-1] < 0)
+    met = met & ~earlier | (bracket.tries >= MOST_TRIES) | (end <= bracket.earliest)
+    behind = at_target & ~met & (earlier | ~adjacent & (value < 0))
+    first = _first_zero(start, end, guards, jnp.where(at_target & ~behind, bracket.which, NONE))
     # Two guards may fall to zero together; then either will do.
-    earlier = ~at_target | (first.target < end - TOGETHER * (end - start))
+    another = ~at_target | (first.which != bracket.which) & (first.target < end - TOGETHER * length)
     # The quartics may have spurious zeros, and then, in a shorter step, others.
     tries = jnp.where(at_target, bracket.tries + 1, 0)
-    first = first._replace(on=first.on & earlier & (tries < MOST_TRIES), tries=tries)
-    value = entry(bracket.which, guards[:, -1])
-    narrowed = bracket.narrowed(end, value)
-    width = jnp.maximum(NEAR * (end - start), 4 * float(jnp.finfo(end.dtype).eps) * jnp.abs(end))
-    met = (jnp.abs(narrowed.target - end) <= width) | (value == 0) | (bracket.tries >= MOST_TRIES)
-    met |= end <= bracket.earliest
-    rejected = first.on | at_target & ~met
-    return rejected, _where(rejected, _where(first.on, first, narrowed), none)
+    found = first.on & another & (tries < MOST_TRIES)
+    again = first._replace(x=end, f=value, size=bracket.size, tries=tries)
+    searched = _where(behind, again, bracket.narrowed(end, value, next_end))
+    rejected = found | at_target & ~met
+    return rejected, _where(rejected, _where(found, first._replace(tries=tries), searched), none)
 
 
 def _first_zero(
@@ -444,26 +456,24 @@ def _first_zero(
     places = jnp.min(jnp.where(over, index[None], last + 1), axis=1)
     place = jnp.min(places)
     which = jnp.min(jnp.where(places == place, jnp.arange(count), count))
-    samples = jnp.sum(jnp.where((jnp.arange(count) == which)[:, None], guards, 0.0), axis=0)
+    samples = entry(which, guards)
 
     def fraction(k: Int[Array, ""]) -> Float[Array, ""]:
         return jnp.sum(jnp.where(index == jnp.clip(k, 0, last), fractions, 0.0))
 
-    low, high = fraction(place - 2), fraction(place + 1)
-    root, slope = _root(samples, fraction(place - 1), fraction(place))
+    root = _root(samples, fraction(place - 1), fraction(place))
     length = end - start
     # A step has some length, even if a guard was below zero by rounding at its start.
     earliest = start + LEAST * float(jnp.finfo(end.dtype).eps) * jnp.maximum(jnp.abs(start), jnp.abs(end))
     return RootBracket(
         on=place <= last,
         which=which,
-        low=start + low * length,
-        high=jnp.minimum(start + high * length, end),
+        low=start,
+        high=jnp.minimum(start + fraction(place + 1) * length, end),
         target=jnp.minimum(jnp.maximum(start + root * length, earliest), end),
         earliest=earliest,
         x=start,
         f=jnp.zeros_like(end),
-        slope=slope / length,
         size=jnp.max(jnp.abs(samples)),
         tries=jnp.zeros_like(which),
     )
@@ -474,10 +484,8 @@ def _columns(dtype: Any) -> Float[Array, "nodes 1 fractions"]:
     return jnp.asarray(sampling().matrix, dtype).T[:, None, :]
 
 
-def _root(
-    samples: Float[Array, " nodes"], low: Float[Array, ""], high: Float[Array, ""]
-) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Where the quartic through the samples falls to zero between two fractions of a step, and its slope there."""
+def _root(samples: Float[Array, " nodes"], low: Float[Array, ""], high: Float[Array, ""]) -> Float[Array, ""]:
+    """Where the quartic through the samples falls to zero between two fractions of a step."""
     a0, a1, a2, a3, a4 = (sum(power * sample for power, sample in zip(row, samples, strict=True)) for row in POWERS)
 
     def at(u: Float[Array, ""]) -> Sample:
@@ -487,8 +495,7 @@ def _root(
         newest = at(between(*bracket))
         return other_end(*bracket, newest), newest
 
-    u = jax.lax.fori_loop(0, ROOT_STEPS, narrowed, (at(low), at(high)))[1].x
-    return u, a1 + u * (2 * a2 + u * (3 * a3 + u * 4 * a4))
+    return jax.lax.fori_loop(0, ROOT_STEPS, narrowed, (at(low), at(high)))[1].x
 
 
 def _where(condition: Bool[Array, ""], first: Any, second: Any) -> Any:

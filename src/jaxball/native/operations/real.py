@@ -100,7 +100,7 @@ def _divided(
 def negate(b: Builder, dtype: np.dtype, x: Element) -> Element:
     if dtype.kind != "f":
         return b.binary("sub", dtype, dtype.type(0), x)
-    return -x if is_known(x) else b.apply("fneg", dtype, x)
+    return b.negative(dtype, x)
 
 
 def absolute(b: Builder, dtype: np.dtype, x: Element) -> Element:

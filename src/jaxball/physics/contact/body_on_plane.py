@@ -101,8 +101,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         bodies = (None if given is None else given.body for given in (state, states))
         yield from self.body.breaches(times, *bodies)
 
-    # What a solve advances. A body is evaluated with a versor of length 1, because near the end of a slip small errors
-    # turn it far.
+    # What a solve advances. A body is evaluated with a versor of length 1: near the end of a slip small errors turn it
+    # far, and where a mode ends, the forces in it and in the next one must be those of the same attitude.
 
     def to_packed(self, t: Float[Array, ""], state: ContactState) -> ContactState:
         slip = slip_velocity(self.body, t, state.released)
@@ -111,11 +111,12 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         return eqx.tree_at(lambda x: x.V, state, jnp.where(state.is_in(Mode.FLIGHT), state.V, slip))
 
     def from_packed(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
+        packed = packed.projected()
         V = packed.V + released(self.body, t, packed.body).V
         return eqx.tree_at(lambda x: x.V, packed, jnp.where(packed.is_in(Mode.FLIGHT), packed.V, V))
 
     def packed_field(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
-        state = self.from_packed(t, packed.projected())
+        state = self.from_packed(t, packed)
         found, rolls = self.response(t, state), state.is_in(Mode.ROLLING)
         body, moved = state.body, self.field(t, state, found)
         speeds = jnp.concatenate([body.Omega, body.thetadot])
