@@ -9,10 +9,11 @@ from jax.experimental.compilation_cache.compilation_cache import reset_cache
 def without_the_folders_of_all_tests(monkeypatch):
     """JAX's own cache, beside which XLA's programs are not kept, and jaxball's."""
     from jaxball.cache import current
+    from jaxball.compat import settings
 
     monkeypatch.setenv("JAXBALL_NO_CACHE", "1")
     monkeypatch.delenv("JAXBALL_CACHE_DIR", raising=False)
-    folder, unoptimised = jax.config.jax_compilation_cache_dir, jax.config.jax_disable_most_optimizations
+    folder, unoptimised = jax.config.jax_compilation_cache_dir, settings()["jax_disable_most_optimizations"]
     jax.config.update("jax_disable_most_optimizations", False)
     jax.config.update("jax_compilation_cache_dir", None)
     reset_cache()
