@@ -42,7 +42,10 @@ TOO_MANY = 64  # crowded switches
 
 
 class RootBracket(NamedTuple):
-    """A zero of guard ``which`` between ``low`` and ``high``, that the next step is to meet at ``target``.
+    """A zero of guard ``which``, that the next step is to meet at ``target``.
+
+    It was positive at ``low``, and is presumably zero before ``high``, but certainly before ``below``, where a step has
+    ended below zero; that is infinite where none has.
 
     A guard that is zero as a step begins, and falls, has its event at the ``earliest`` end of a step. It was ``f`` at
     ``x``, where the last step of the search ended; ``size`` is its size in the first.
@@ -52,6 +55,7 @@ class RootBracket(NamedTuple):
     which: Int[Array, ""]
     low: Float[Array, ""]
     high: Float[Array, ""]
+    below: Float[Array, ""]
     target: Float[Array, ""]
     earliest: Float[Array, ""]
     x: Float[Array, ""]
@@ -63,16 +67,24 @@ class RootBracket(NamedTuple):
     def none(cls, t: Float[Array, ""]) -> "RootBracket":
         """No zero."""
         no, first, zero = jnp.zeros_like(t, bool), jnp.zeros_like(t, int), jnp.zeros_like(t)
-        return cls(no, first, t, t, t, t, t, zero, zero, first)
+        return cls(no, first, t, t, t, t, t, t, zero, zero, first)
 
-    def narrowed(self, x: Float[Array, ""], f: Float[Array, ""], target: Float[Array, ""]) -> "RootBracket":
-        """The bracket after a step to ``x`` that found ``f`` there; where the new ``target`` is outside, to its end, at
-        which there may be no zero after all, or halfway.
+    def narrowed(
+        self, start: Float[Array, ""], x: Float[Array, ""], f: Float[Array, ""], target: Float[Array, ""]
+    ) -> "RootBracket":
+        """The bracket after a step to ``x`` that found ``f`` there, with a new ``target`` if that is inside.
+
+        If not, it is halfway where the guard was below zero, else the presumed end; and behind that the mean, by orders
+        of magnitude of the lengths of steps, to where the guard certainly is below zero.
         """
-        low, high = jnp.where(f > 0, x, self.low), jnp.where(f > 0, self.high, x)
-        target = jnp.where((target >= low) & (target <= high), target, jnp.where(f > 0, high, 0.5 * (low + high)))
+        positive = f > 0
+        low, below = jnp.where(positive, x, self.low), jnp.where(positive, self.below, x)
+        high = jnp.where(positive & (x < self.high), self.high, below)
+        between = start + jnp.sqrt((x - start) * (below - start))
+        outside = jnp.where(positive, jnp.where(high < below, high, between), 0.5 * (low + high))
+        target = jnp.where((target >= low) & (target <= high), target, outside)
         target = jnp.maximum(target, self.earliest)
-        return self._replace(low=low, high=high, target=target, x=x, f=f, tries=self.tries + 1)
+        return self._replace(low=low, high=high, below=below, target=target, x=x, f=f, tries=self.tries + 1)
 
 
 class Rows(NamedTuple):
@@ -422,7 +434,8 @@ def _bracketed(
     slope = jnp.where(adjacent, secant, tangent)
     next_end = end - value / jnp.where(slope == 0, 1.0, slope)
     width = jnp.maximum(NEAR * length, 4 * float(jnp.finfo(end.dtype).eps) * jnp.abs(end))
-    met = (jnp.abs(next_end - end) <= width) & (slope != 0) | (value == 0) | (value > 0) & (end >= bracket.high)
+    met = (jnp.abs(next_end - end) <= width) & (slope != 0) | (value == 0)
+    met |= (value > 0) & (end >= bracket.high) & jnp.isinf(bracket.below)
     earlier = jnp.any(samples[1:-1] < 0)
     met = met & ~earlier | (bracket.tries >= MOST_TRIES) | (end <= bracket.earliest)
     behind = at_target & ~met & (earlier | ~adjacent & (value < 0))
@@ -433,7 +446,7 @@ def _bracketed(
     tries = jnp.where(at_target, bracket.tries + 1, 0)
     found = first.on & another & (tries < MOST_TRIES)
     again = first._replace(x=end, f=value, size=bracket.size, tries=tries)
-    searched = _where(behind, again, bracket.narrowed(end, value, next_end))
+    searched = _where(behind, again, bracket.narrowed(start, end, value, next_end))
     rejected = found | at_target & ~met
     return rejected, _where(rejected, _where(found, first._replace(tries=tries), searched), none)
 
@@ -470,6 +483,7 @@ def _first_zero(
         which=which,
         low=start,
         high=jnp.minimum(start + fraction(place + 1) * length, end),
+        below=jnp.where(samples[-1] <= 0, end, jnp.inf),
         target=jnp.minimum(jnp.maximum(start + root * length, earliest), end),
         earliest=earliest,
         x=start,
