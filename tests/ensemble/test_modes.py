@@ -84,8 +84,8 @@ def test_every_row_is_a_run_of_its_own():
         assert kind[k]
         one, row = single(rows, k), jax.tree.map(lambda leaf, k=k: leaf[k], many.trajectory)
         assert int(one.status) == int(row.status) == Status.SUCCESS
-        # An error that is its tolerance to the last bits may be kept here and rejected there; and those of a homogeneous
-        # ball in flight are rounding alone, which lengths of steps follow.
+        # An error that is its tolerance to the last bits may be kept here and rejected there; and those of a
+        # homogeneous ball in flight are rounding alone, which lengths of steps follow.
         assert abs(int(one.steps) - int(row.steps)) <= 4
         assert abs(int(one.rejected) - int(row.rejected)) <= 2
         for a, b in zip(jax.tree.leaves(one.state), jax.tree.leaves(row.state), strict=True):
