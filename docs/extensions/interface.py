@@ -43,7 +43,7 @@ CHAPTERS = {
     "rails": ("Rails and frames", ["physics.rails", "physics.frames"]),
     "schedules": (
         "Schedules, signals and laws",
-        ["physics.schedules", "physics.signals", "physics.feedback", "numerics.harmonics"],
+        ["physics.schedules", "physics.signals", "physics.feedback", "numerics.functions"],
     ),
     "mechanisms": ("Mechanisms", ["physics.mechanisms"]),
     "states": ("States and observables", ["physics.state", "physics.observables", "simulation.equilibrium"]),

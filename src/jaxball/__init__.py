@@ -53,7 +53,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
     )
     from .interface.status import SolveError as SolveError, Status as Status
     from .native import compiler as compiler
-    from .numerics.harmonics import HarmonicSeries as HarmonicSeries
+    from .numerics.functions import HarmonicSeries as HarmonicSeries
     from .numerics.users_programs import jit as jit
     from .paper import reference as reference, reproduce as reproduce
     from .physics.body import (

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.numerics.harmonics import HarmonicSeries
+from jaxball.numerics.functions import HarmonicSeries
 from jaxball.physics.motion import OnRail, Oscillating
 from jaxball.physics.rails import SplineRail, Tube
 from jaxball.physics.reach import largest_angle, reach

@@ -9,8 +9,7 @@ from jaxtyping import Array, Float
 from ..interface.arguments import require_function
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, a_number, default_dtype, require_shape, to_array
-from ..numerics.harmonics import HarmonicSeries
-from ..physics.functions import OfKinkedFunction
+from ..numerics.functions import HarmonicSeries, OfKinkedFunction
 
 
 class AbstractAxis(Printed):

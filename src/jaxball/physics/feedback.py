@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from ..interface.arguments import require_callable, require_each, traceable
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, default_dtype, numbers, require_shape
-from .functions import OfKinkedFunction
+from ..numerics.functions import OfKinkedFunction
 from .schedules import AbstractSchedule
 from .signals import AbstractSignal, as_signal
 from .state import State

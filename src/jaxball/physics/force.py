@@ -10,9 +10,8 @@ from jaxtyping import Array, Float
 from ..interface.arguments import require_callable, require_function, require_value
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, a_number, default_dtype, require_shape, to_array
-from ..numerics.harmonics import HarmonicSeries
+from ..numerics.functions import HarmonicSeries, OfKinkedFunction
 from ..numerics.vectors import apply
-from .functions import OfKinkedFunction
 
 
 class BodyMotion(NamedTuple):

@@ -17,8 +17,7 @@ from ..interface.arguments import require, require_function
 from ..interface.printing import Printed
 from ..numerics.arrays import a_number, default_dtype, numbers, require_shape
 from ..numerics.calculus import two_derivatives
-from ..numerics.harmonics import HarmonicSeries
-from .functions import OfKinkedFunction
+from ..numerics.functions import HarmonicSeries, OfKinkedFunction
 from .rails import AbstractRail
 from .schedules import AbstractSchedule
 

@@ -13,11 +13,10 @@ from ..interface.arguments import require, require_function
 from ..interface.printing import Printed
 from ..numerics.arrays import a_number, numbers
 from ..numerics.calculus import Furthest, furthest, two_derivatives
-from ..numerics.piecewise import PiecewisePolynomial, periodic_cubic_spline
+from ..numerics.functions import OfFunction, PiecewisePolynomial, periodic_cubic_spline
 from ..numerics.trigonometry import sine_cosine
 from ..numerics.vectors import dot
 from .frames import AbstractFrame, MatrixFrame
-from .functions import OfFunction
 
 
 class AbstractRail(Printed):

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..numerics.harmonics import HarmonicSeries
+from ..numerics.functions import HarmonicSeries
 from .confinement import is_bounded, rounding
 from .motion import AbstractMotion, Driven, OnRail, Oscillating
 from .parameters import BodyParameters

@@ -10,9 +10,7 @@ from ..interface.arguments import require_function
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, a_number, default_dtype, numbers, to_array
 from ..numerics.calculus import two_derivatives
-from ..numerics.harmonics import HarmonicSeries
-from ..numerics.piecewise import PiecewisePolynomial, clamped_cubic_spline
-from .functions import OfFunction
+from ..numerics.functions import HarmonicSeries, OfFunction, PiecewisePolynomial, clamped_cubic_spline
 
 
 class AbstractSchedule(Printed):

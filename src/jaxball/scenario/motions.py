@@ -9,7 +9,7 @@ import numpy as np
 from ..interface.arguments import require_function
 from ..interface.wording import counted
 from ..numerics.arrays import a_number
-from ..numerics.harmonics import HarmonicSeries
+from ..numerics.functions import HarmonicSeries
 from ..physics.force import HarmonicForce
 from ..physics.frames import AbstractFrame, MatrixFrame, SphericalFrame, VersorFrame
 from ..physics.motion import Oscillating

@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ...numerics import programs
 from ...numerics.arrays import Numbers, numbers, require_shape, to_array
-from ...numerics.piecewise import PiecewisePolynomial, clamped_cubic_spline
+from ...numerics.functions import PiecewisePolynomial, clamped_cubic_spline
 from .space import DesignError
 
 SAMPLES = 200

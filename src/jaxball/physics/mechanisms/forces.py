@@ -21,8 +21,8 @@ from ...numerics.arrays import (
     require_not_nan,
     to_array,
 )
+from ...numerics.functions import OfKinkedFunction
 from ..conditions import Condition
-from ..functions import OfKinkedFunction
 from ..schedules import AbstractSchedule
 from ..signals import AbstractIntegrableSignal, AbstractSignal, PiecewiseSignal, as_signal
 from ..state import State

@@ -1,0 +1,178 @@
+"""Functions in the forms that rails, schedules, motions, forces and laws share.
+
+A constant plus sinusoids and powers of the time, polynomials joined at breaks, and a function that a user gives.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PyTree
+
+from ..interface.printing import Printed
+from .arrays import Numbers, numbers, to_array
+from .trigonometry import sine_cosine
+
+
+class HarmonicSeries(Printed):
+    """f(t) = constant + Σ powers_j t^(j + 1) + Σ amplitude_k sin(frequency_k t + phase_k).
+
+    **Arguments:**
+
+    - ``constant``: of any shape and unit.
+    - ``amplitude``: in the same unit, one entry for each sinusoid, shape (terms, ...).
+    - ``frequency``: rad/time, shape (terms,).
+    - ``phase``: rad, shape (terms,); zero if not given.
+    - ``powers``: the coefficients of t, t², …, in the unit of ``constant`` over powers of time, shape (degree, ...);
+      none, at no cost, if not given.
+
+    **Raises:** ``ValueError`` when the shapes do not fit each other.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import HarmonicSeries
+    >>> series = HarmonicSeries((0.0, 0.0, 0.3), amplitude=[(0.2, 0.0, 0.0)], frequency=[2.0], phase=[jnp.pi / 2])
+    >>> series(jnp.array(0.0))
+    Array([0.2, 0. , 0.3], dtype=float64)
+    >>> fall = HarmonicSeries(1.0, powers=[0.0, -0.5])  # 1 − t²/2
+    >>> float(fall(jnp.array(2.0)))
+    -1.0
+    """
+
+    constant: Float[Array, "..."]
+    amplitude: Float[Array, "..."]
+    frequency: Float[Array, "*group terms"]
+    phase: Float[Array, "*group terms"]
+    powers: Float[Array, "..."] | None
+
+    def __init__(
+        self,
+        constant: Numbers,
+        amplitude: Numbers | None = None,
+        frequency: Numbers = (),
+        phase: Numbers | None = None,
+        powers: Numbers | None = None,
+    ):
+        self.constant = to_array(constant, "constant")
+        self.frequency = to_array(frequency, "frequency")
+        terms = self.frequency.shape[0] if self.frequency.ndim == 1 else None
+        shape = (terms, *self.constant.shape)
+        self.amplitude = (
+            jnp.zeros_like(self.constant, shape=(0, *shape[1:]))
+            if amplitude is None
+            else to_array(amplitude, "amplitude")
+        )
+        self.phase = jnp.zeros_like(self.frequency) if phase is None else to_array(phase, "phase")
+        if self.amplitude.shape != shape or self.phase.shape != self.frequency.shape:
+            raise ValueError(
+                "Arguments `amplitude`, `frequency` and `phase` must have one entry for each "
+                f"sinusoid, but their shapes are {self.amplitude.shape}, {self.frequency.shape} and "
+                f"{self.phase.shape}, beside a constant of shape {self.constant.shape}."
+            )
+        self.powers = None if powers is None else to_array(powers, "powers")
+        if self.powers is not None and (self.powers.ndim == 0 or self.powers.shape[1:] != shape[1:]):
+            raise ValueError(
+                "Argument `powers` must have one entry for each power of the time, each of the shape "
+                f"{self.constant.shape} of the constant, but its shape is {self.powers.shape}."
+            )
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "*shape"]:
+        waves, _ = sine_cosine(self.frequency * t + self.phase)
+        waves = waves.reshape(waves.shape + (1,) * self.constant.ndim)
+        value = self.constant + jnp.sum(self.amplitude * waves, axis=0)
+        if self.powers is None:
+            return value
+        polynomial = jnp.zeros_like(self.constant)
+        for row in self.powers[::-1]:  # by Horner's rule
+            polynomial = (polynomial + row) * t
+        return value + polynomial
+
+
+class PiecewisePolynomial(eqx.Module):
+    """Polynomials joined at ``breaks``; the first and the last extend to infinity.
+
+    Piece j is Σ_k coefficients[j, k] (x − origins[j])ᵏ and holds for breaks[j−1] ≤ x < breaks[j].
+    """
+
+    breaks: Float[Array, "*group breaks"]
+    origins: Float[Array, "*group pieces"]
+    coefficients: Float[Array, "..."]
+
+    def __call__(self, x: Float[Array, ""]) -> Float[Array, "*shape"]:
+        infinity = jnp.array([jnp.inf], dtype=self.breaks.dtype)
+        holds = (jnp.concatenate([-infinity, self.breaks]) <= x) & (x < jnp.concatenate([self.breaks, infinity]))
+        s = x - jnp.sum(jnp.where(holds, self.origins, 0.0))
+        mask = holds.reshape(holds.shape + (1,) * (self.coefficients.ndim - 1))
+        c = jnp.sum(jnp.where(mask, self.coefficients, 0.0), axis=0)
+        value = c[-1]
+        for k in range(c.shape[0] - 2, -1, -1):
+            value = value * s + c[k]
+        return value
+
+
+def periodic_cubic_spline(
+    knots: Float[Array, " n_plus_one"], values: Float[Array, "n *shape"]
+) -> Float[Array, "n 4 *shape"]:
+    """Coefficients of the twice continuously differentiable periodic cubic through ``values``.
+
+    ``knots`` has one entry more than ``values``: its last is where the first value comes again.
+    """
+    n = values.shape[0]
+    h = jnp.diff(knots)
+    step = h.reshape(h.shape + (1,) * (values.ndim - 1))
+    chord = (jnp.roll(values, -1, axis=0) - values) / step
+    before = jnp.roll(h, 1)
+    rows = jnp.arange(n)
+    matrix = jnp.zeros((n, n), dtype=values.dtype)
+    matrix = matrix.at[rows, rows].add(2 * (before + h))
+    matrix = matrix.at[rows, (rows - 1) % n].add(before)
+    matrix = matrix.at[rows, (rows + 1) % n].add(h)
+    right = 6 * (chord - jnp.roll(chord, 1, axis=0))
+    bend = jnp.linalg.solve(matrix, right.reshape(n, -1)).reshape(values.shape)
+    return _hermite_pieces(values, chord, bend, jnp.roll(bend, -1, axis=0), step)
+
+
+def clamped_cubic_spline(
+    knots: Float[Array, " n"],
+    values: Float[Array, "n *shape"],
+    end_slopes: Float[Array, "2 *shape"],
+) -> Float[Array, "n_minus_one 4 *shape"]:
+    """Coefficients of the twice continuously differentiable cubic through ``values`` with given end slopes."""
+    n = values.shape[0]
+    h = jnp.diff(knots)
+    step = h.reshape(h.shape + (1,) * (values.ndim - 1))
+    chord = jnp.diff(values, axis=0) / step
+    rows = jnp.arange(n)
+    zero = jnp.zeros((1,), dtype=h.dtype)
+    before, after = jnp.concatenate([zero, h]), jnp.concatenate([h, zero])
+    matrix = jnp.zeros((n, n), dtype=values.dtype)
+    matrix = matrix.at[rows, rows].add(2 * (before + after))
+    matrix = matrix.at[rows[1:], rows[:-1]].add(h)
+    matrix = matrix.at[rows[:-1], rows[1:]].add(h)
+    slopes = jnp.concatenate([end_slopes[:1], chord, end_slopes[1:]])
+    right = 6 * jnp.diff(slopes, axis=0)
+    bend = jnp.linalg.solve(matrix, right.reshape(n, -1)).reshape(values.shape)
+    return _hermite_pieces(values[:-1], chord, bend[:-1], bend[1:], step)
+
+
+def _hermite_pieces(values, chord, bend, next_bend, step):
+    slope = chord - step * (2 * bend + next_bend) / 6
+    return jnp.stack([values, slope, bend / 2, (next_bend - bend) / (6 * step)], axis=1)
+
+
+class OfFunction(Printed):
+    """A function of arguments that its subclass names, and of ``parameters``."""
+
+    function: Callable[..., Any] = eqx.field(static=True)
+    parameters: PyTree = None
+
+
+class OfKinkedFunction(OfFunction):
+    """The same of the time, with the times at which it jumps or has a kink."""
+
+    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=numbers("kink_times", ("kinks",)), default=())
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return self.kink_times
