@@ -9,7 +9,7 @@ import pytest
 import jaxball
 from jaxball import Status
 from jaxball.physics.packing import Packing
-from jaxball.simulation.step_size import by_tolerances, kinks_of, to_kinks
+from jaxball.simulation.loop import by_tolerances, kinks_of, to_kinks
 from tests.support.paper import paper_ball
 
 BALL = paper_ball()

@@ -13,7 +13,7 @@ from jaxball import Ball, BallState, Contact, Event, PointMass, ReleasedState, s
 from jaxball.paper import reference
 from jaxball.paper.reproduce.experiments import Counter, CountingSolver
 from jaxball.physics.packing import Packing
-from jaxball.simulation.step_size import by_tolerances, kinks_of, to_kinks
+from jaxball.simulation.loop import by_tolerances, kinks_of, to_kinks
 from jaxball.solvers import NDF, Adams, Projected
 from jaxball.solvers.base import approach_of
 from tests.support.paper import paper_ball

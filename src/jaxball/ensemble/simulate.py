@@ -22,8 +22,8 @@ from ..simulation.arguments import (
     checked_tolerances,
     require_dae,
     require_kind_of_state,
+    system_to_solve,
 )
-from ..simulation.contact import system_to_solve
 from ..simulation.events import AbstractEvent
 from ..simulation.simulate import Method
 from ..simulation.trajectory import Trajectory

@@ -93,7 +93,7 @@ class Scenario:
 
         **Raises:** ``TypeError`` for a law that the system has no equations for.
         """
-        from ..simulation.contact import system_to_solve  # here, as below
+        from ..simulation.arguments import system_to_solve  # here, as below
 
         return system_to_solve(self.system, self.contact)
 

@@ -136,7 +136,7 @@ def check_dae(
     """
     if not dae:
         return
-    from ..simulation.contact import system_to_solve  # here, because most files ask for no such form
+    from ..simulation.arguments import system_to_solve  # here, because most files ask for no such form
 
     if isinstance(system, Disk):
         raise ScenarioError(

@@ -1,4 +1,4 @@
-"""What the arguments of a solve must be, and their defaults."""
+"""What the arguments of a solve must be, their defaults, and the system that is solved: a body with its modes."""
 
 import functools
 import math
@@ -8,13 +8,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..interface.arguments import refusal, require
-from ..interface.wording import UserError
+from ..interface.arguments import described, refusal, require
+from ..interface.wording import UserError, all_of
 from ..numerics.arrays import Numbers, default_dtype, is_traced, require_numbers, to_array
+from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import BodyOnPlane
-from ..physics.contact.law import COEFFICIENTS
+from ..physics.contact.law import COEFFICIENTS, Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.dae import WITH_UNIT
+from ..physics.stick_slip import StickSlip
 from ..physics.system import AbstractState, AbstractSystem, require_one, require_state, shapes_of_state
 from ..simulation import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
 from ..solvers import NDF, TRBDF2, RadauIIA, Trapezoidal
@@ -209,3 +211,27 @@ def checked_tolerances(
         f"Arguments `rtol` and `atol` must not both be below {finest:.1e} in {dtype}, but they are {rtol} and {atol}; "
         f"{remedy}choose looser ones."
     )
+
+
+def system_to_solve(system: AbstractSystem, contact: Contact | None) -> AbstractSystem:
+    """The system that is solved: with a law of contact, the body on its plane; with joints that stick, their modes.
+
+    Everything else asks it, and not whether there is a law.
+
+    **Raises:** ``TypeError`` for a law that the system has no equations for.
+    """
+    if contact is None:
+        return StickSlip(system) if isinstance(system, AbstractBody) and system.sticking else system
+    require("contact", contact, Contact, "a Contact, such as Contact(sliding=0.3)")
+    if not isinstance(system, AbstractBody):
+        raise TypeError(
+            f"Argument `contact` must be None for a {type(system).__name__}, which is neither a Ball nor a Disk, but "
+            f"it is {described(contact)}."
+        )
+    if system.sticking:
+        have = "has" if len(system.sticking) == 1 else "have"
+        raise TypeError(
+            "Argument `contact` must be None for a body with joints that stick, because both have modes, which are not "
+            f"combined, but {all_of(system.sticking)} {have} a JointFriction; give that `smoothing`."
+        )
+    return BodyOnPlane(system, contact)

@@ -15,8 +15,8 @@ from ..physics.contact.reaction import reaction
 from ..physics.packing import Packing
 from ..physics.system import AbstractSystem
 from ..solvers import AbstractWrappingSolver
+from .loop import by_tolerances, kinks_of, to_kinks
 from .simulate import status_of
-from .step_size import by_tolerances, kinks_of, to_kinks
 
 Field = Callable[[Float[Array, ""], Float[Array, " size"], Any], Float[Array, " size"]]
 Normal = Callable[[Float[Array, " size"]], Float[Array, " size"]]

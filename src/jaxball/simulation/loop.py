@@ -1,4 +1,4 @@
-"""The time-stepping loop of a solve: where a step ends, what is saved of it, and when to stop.
+"""The time-stepping loop of a solve: how long its steps are, where they end, what is saved of them, and when to stop.
 
 diffrax prepares what the loop needs, and its solvers and controllers take the steps. Its own loop is not used, because
 the program of that is twice as large, and because diffrax checks the times at which to save by calling back to Python,
@@ -14,13 +14,16 @@ import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+import optimistix as optx
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from ..native import traced_natively
 from ..numerics.reverse_rules import CarryOut, at_once
+from ..physics.system import AbstractSystem
+from ..solvers import StepToKinks
 from ..solvers.dense.continuous import DenseOutput, has_one_tableau
 from ..solvers.explicit import depends_on_arguments_alone, with_first_slope, with_stages_pulled_back
-from ..solvers.multistep import AbstractMultistepController
+from ..solvers.multistep import AbstractMultistep, AbstractMultistepController
 from .adjoint import Parts, Recorded, while_loop
 from .observers import Observers, Step
 from .rows import put, put_while
@@ -318,3 +321,33 @@ def _stopped_by_event(state: Any, event: diffrax.Event, args: Any, start: Float[
 
 def _where(condition: Bool[Array, ""], first: Any, second: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), first, second)
+
+
+def by_tolerances(
+    rtol: Float[Array, ""],
+    atol: Float[Array, ""],
+    solver: diffrax.AbstractSolver | None = None,
+    norm: Callable[[PyTree], Float[Array, ""]] = optx.rms_norm,
+) -> diffrax.PIDController | AbstractMultistepController:
+    """Steps by the tolerances only, with the controller that ``solver`` needs. A step below 1e-30 ends the solve."""
+    if isinstance(solver, AbstractMultistep):
+        return solver.controller_cls(rtol, atol, norm, dtmin=1e-30)
+    return diffrax.PIDController(rtol=rtol, atol=atol, norm=norm, dtmin=1e-30, force_dtmin=False)
+
+
+def to_kinks(
+    controller: diffrax.AbstractAdaptiveStepSizeController, kinks: Float[Array, " kinks"]
+) -> diffrax.AbstractAdaptiveStepSizeController:
+    """The same, with steps that end at kinks."""
+    return StepToKinks(controller, kinks) if kinks.size else controller
+
+
+def kinks_of(system: AbstractSystem) -> Float[Array, " kinks"]:
+    """The kinks of motions and of what drives.
+
+    At the kinks of motions the field is continuous, so that moving the end of a step there moves nothing, and they
+    have no derivatives. One that coincides with a kink of what drives is left out, which would share its derivative.
+    """
+    smooth, driving = jax.lax.stop_gradient(system.motion_kinks()), system.driving_kinks()
+    shared = jnp.any(smooth[:, None] == jax.lax.stop_gradient(driving)[None], axis=1)
+    return jnp.concatenate([jnp.where(shared, jnp.inf, smooth), driving])

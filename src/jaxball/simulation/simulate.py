@@ -43,12 +43,11 @@ from .arguments import (
     checked_tolerances,
     require_dae,
     require_single,
+    system_to_solve,
 )
-from .contact import system_to_solve
 from .events import AbstractEvent
-from .loop import SolveLoop
+from .loop import SolveLoop, by_tolerances, kinks_of, to_kinks
 from .observers import Observation, Observers
-from .step_size import by_tolerances, kinks_of, to_kinks
 from .switching import NoSwitching, Switching
 from .trajectory import Interpolant, Trajectory
 from .watch import checked, locate, stop
