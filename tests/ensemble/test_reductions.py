@@ -7,7 +7,7 @@ import pytest
 
 from jaxball import contact_extremes
 from jaxball.ensemble import REDUCTIONS, Drift, Integral, Maximum, Minimum, simulate_ensemble
-from jaxball.solvers.dense.sampling import lobatto_weights, sampling
+from jaxball.solvers.dense.steps import lobatto_weights, sampling
 
 from .test_runs import disks, single
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxball.simulation.switching import RootBracket, _bracketed
-from jaxball.solvers.dense.sampling import sampling
+from jaxball.solvers.dense.steps import sampling
 
 bracketed = jax.jit(_bracketed)
 DENSE = np.linspace(0.0, 1.0, 20_001)[1:]

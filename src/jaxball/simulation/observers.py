@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..solvers.dense.sampling import last_within, lobatto_weights, place_of_largest, sampling
+from ..solvers.dense.steps import last_within, lobatto_weights, place_of_largest, sampling
 
 ROUNDS = 5
 # From a time and a vector to the vector of the state, and to quantities.

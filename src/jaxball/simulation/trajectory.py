@@ -20,7 +20,6 @@ from ..numerics import programs
 from ..numerics.arrays import Numbers, is_traced, to_array
 from ..numerics.batches import map_rows
 from ..numerics.differentiation import differentiated_where, with_unknown_derivatives
-from ..numerics.kinks import seen_from_before
 from ..physics.body import AbstractBody, System
 from ..physics.conditions import Problem
 from ..physics.contact.body_on_plane import ContactHistory
@@ -30,6 +29,7 @@ from ..physics.packing import Packing
 from ..physics.state import BallState, DiskState, ReducedState, State
 from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import find_problems, not_numbers
+from ..solvers.kinks import seen_from_before
 from .events import Occurrences
 
 if TYPE_CHECKING:

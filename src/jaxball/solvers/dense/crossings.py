@@ -12,8 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...numerics.bracketing import Sample, between, other_end
 from ...numerics.calculus import with_derivatives
 from ...numerics.differentiation import differentiated_where, without_derivatives
-from .sampling import sampling
-from .steps import Field, Steps, Values
+from .steps import Field, Steps, Values, sampling
 
 ITERATIONS = 20
 # How many steps are examined side by side.

@@ -9,8 +9,7 @@ from jaxtyping import Array, Float, Int
 
 from ...numerics.batches import map_rows
 from ...numerics.differentiation import differentiated_where, without_derivatives
-from .sampling import FINENESS, NARROWER, sampling
-from .steps import Steps, Values
+from .steps import FINENESS, NARROWER, Steps, Values, sampling
 
 # How many windows are examined in one turn.
 WIDTH = 8
