@@ -5,7 +5,6 @@ an :class:`AbstractClassicalState`. No integrator, no figures and no files are i
 """
 
 from ..interface.names import interface as _interface
-from .axis import AbstractAxis as AbstractAxis, FunctionAxis as FunctionAxis, HarmonicAxis as HarmonicAxis
 from .ellipsoid import (
     EllipsoidLaws as EllipsoidLaws,
     EllipsoidState as EllipsoidState,
@@ -26,6 +25,12 @@ from .state import (
     RigidBodyState as RigidBodyState,
     VakonomicState as VakonomicState,
 )
-from .suslov import SuslovLaws as SuslovLaws, SuslovProblem as SuslovProblem
+from .suslov import (
+    AbstractAxis as AbstractAxis,
+    FunctionAxis as FunctionAxis,
+    HarmonicAxis as HarmonicAxis,
+    SuslovLaws as SuslovLaws,
+    SuslovProblem as SuslovProblem,
+)
 
 __all__, __dir__ = _interface(globals())
