@@ -1,15 +1,22 @@
-"""Elements of XML and the numbers in their attributes."""
+"""Elements of MuJoCo's files: the numbers in their attributes, defaults of their classes, frames and inertias."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from ..interface.wording import UserError
 
 LEAST = 1e-15  # MuJoCo's mjMINVAL: the mass and the moments that it requires of a link that moves
+ORIENTATIONS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
+MAIN = "main"
+IN_BODIES = ("geom", "joint", "site")
+SHARED = ("ctrlrange", "ctrllimited", "forcerange", "forcelimited", "gear", "class")  # by all kinds of actuators
+Attributes = Mapping[str, str]
+Class = dict[str, dict[str, str]]  # the attributes by the tag
 
 
 class MJCFError(UserError):
@@ -86,3 +93,170 @@ def refuse_values(element: ET.Element, names: Iterable[str], why: str) -> None:
                 f"Attribute `{name}` of {called(element)} must be 0 or left out, because {why}, but it is "
                 f'"{element.get(name)}".'
             )
+
+
+class Frame(NamedTuple):
+    """A frame in another one: a point x of it is at ``turn`` x + ``shift``."""
+
+    turn: Float[np.ndarray, "3 3"]
+    shift: Float[np.ndarray, "3"]
+
+    def of_point(self, x: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+        return self.turn @ x + self.shift
+
+    def then(self, inner: "Frame") -> "Frame":
+        """The frame that is ``inner`` in this one."""
+        return Frame(self.turn @ inner.turn, self.of_point(inner.shift))
+
+
+class Angles(NamedTuple):
+    """The unit of angles in rad, and the sequence of Euler's angles as SciPy has it: rotating axes in capitals."""
+
+    unit: float
+    sequence: str
+
+
+class Inertial(NamedTuple):
+    """A mass, the frame of its principal axes at its centre, and its principal moments."""
+
+    mass: float
+    axes: Frame
+    moments: Float[np.ndarray, "3"]
+
+
+def frame_of(element: ET.Element, angles: Angles) -> Frame:
+    """The frame of an element in that of its parent; raises a :class:`MJCFError` for numbers that are not one."""
+    return Frame(_turn(element, angles), numbers(element, "pos", np.zeros(3)))
+
+
+def _turn(element: ET.Element, angles: Angles) -> Float[np.ndarray, "3 3"]:
+    given = [name for name in ORIENTATIONS if element.get(name) is not None]
+    if not given:
+        return np.eye(3)
+    if len(given) > 1:
+        raise MJCFError(
+            f"Element {called(element)} must have one orientation, but it has `{given[0]}` and `{given[1]}`."
+        )
+    name, count = given[0], {"quat": 4, "axisangle": 4, "xyaxes": 6}.get(given[0], 3)
+    values = numbers(element, name, count=count)
+    if name == "quat" and np.any(values != 0):
+        return Rotation.from_quat(np.roll(values, -1)).as_matrix() if np.any(values[1:] != 0) else np.eye(3)
+    if name == "axisangle" and np.any(values[:3] != 0):
+        axis = values[:3] / np.linalg.norm(values[:3])
+        return Rotation.from_rotvec(axis * values[3] * angles.unit).as_matrix()
+    if name == "euler":
+        return Rotation.from_euler(angles.sequence, values * angles.unit).as_matrix()
+    if name == "xyaxes":
+        x = values[:3] / np.linalg.norm(values[:3])
+        y = values[3:] - (values[3:] @ x) * x
+        return np.column_stack([x, y / np.linalg.norm(y), np.cross(x, y / np.linalg.norm(y))])
+    raise MJCFError(
+        f"Attribute `{name}` of {called(element)} must be a `quat`, `axisangle`, `xyaxes` or `euler` that is not 0, "
+        f'but it is "{element.get(name)}".'
+    )
+
+
+def stated_inertial(body: ET.Element, angles: Angles) -> Inertial | None:
+    """The inertia that a body states, in its own frame; None if it states none."""
+    element = body.find("inertial")
+    if element is None:
+        return None
+    frame, mass = frame_of(element, angles), number(element, "mass")
+    if element.get("fullinertia") is None:
+        return Inertial(mass, frame, numbers(element, "diaginertia", np.zeros(3)))
+    xx, yy, zz, xy, xz, yz = numbers(element, "fullinertia", count=6)
+    moments, axes = principal(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    return Inertial(mass, Frame(frame.turn @ axes, frame.shift), moments)
+
+
+def principal(inertia: Float[np.ndarray, "3 3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
+    """The principal moments of an inertia, and its principal axes as the columns of a rotation."""
+    if np.array_equal(inertia, np.diag(np.diag(inertia))):
+        return np.diag(inertia), np.eye(3)
+    moments, axes = np.linalg.eigh(inertia)
+    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    return moments, axes
+
+
+def apply_defaults(root: ET.Element) -> None:
+    """Gives the elements of a file the attributes of their classes, and removes the classes.
+
+    A ``<joint type="free">`` becomes the ``<freejoint>`` that it is.
+
+    **Raises:** :class:`MJCFError` for a class that is not there, and for an actuator whose class has the numbers of
+    actuators of another kind.
+    """
+    classes: dict[str, Class] = {MAIN: {}}
+    for element in root.findall("default"):
+        _collect(element, MAIN, classes[MAIN], classes)
+        root.remove(element)
+    for world in root.findall("worldbody"):
+        _apply_in(world, None, classes)
+    for actuators in root.findall("actuator"):
+        for element in actuators:
+            _complete(element, _of_actuator(element, _class_of(element, None, classes)))
+
+
+def _collect(element: ET.Element, otherwise: str | None, inherited: Class, classes: dict[str, Class]) -> None:
+    """Adds the classes of a ``<default>`` and those within it, which inherit from it."""
+    name = element.get("class", otherwise)
+    if name is None:
+        raise MJCFError(f"Element {called(element)} within another one must have a `class`, but it has none.")
+    own = {tag: dict(attributes) for tag, attributes in inherited.items()}
+    for child in element:
+        if child.tag != "default":
+            own[child.tag] = own.get(child.tag, {}) | child.attrib
+    classes[name] = own
+    if otherwise is not None:
+        classes[MAIN] = own
+    for child in element.findall("default"):
+        _collect(child, None, own, classes)
+
+
+def _apply_in(body: ET.Element, childclass: str | None, classes: Mapping[str, Class]) -> None:
+    childclass = body.get("childclass", childclass)
+    for element in body:
+        if element.tag == "body":
+            _apply_in(element, childclass, classes)
+        elif element.tag in IN_BODIES:
+            _complete(element, _class_of(element, childclass, classes).get(element.tag, {}))
+            if element.tag == "joint" and element.get("type") == "free":
+                _make_free(element)
+
+
+def _class_of(element: ET.Element, childclass: str | None, classes: Mapping[str, Class]) -> Class:
+    name = element.get("class", childclass or MAIN)
+    if name not in classes:
+        raise MJCFError(f'Attribute `class` of {called(element)} must be a class of <default>, but it is "{name}".')
+    return classes[name]
+
+
+def _of_actuator(element: ET.Element, found: Class) -> Attributes:
+    """The defaults of an actuator, of which MuJoCo has one set for all kinds."""
+    given: dict[str, str] = {}
+    for tag in ("general", "motor", "position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion"):
+        for name, value in found.get(tag, {}).items():
+            if tag != element.tag and name not in SHARED:
+                raise MJCFError(
+                    f"Attribute `{name}` of <{tag}> in <default> must be left out, because {called(element)} is an "
+                    f"actuator of another kind; give it to each <{tag}>."
+                )
+            given[name] = value
+    return given
+
+
+def _complete(element: ET.Element, defaults: Attributes) -> None:
+    """Sets the attributes that an element lacks; one orientation replaces another, as ends do a place."""
+    given = set(element.attrib)
+    turned = any(name in given for name in (*ORIENTATIONS, "fromto"))
+    for name, value in defaults.items():
+        if name not in given and not (turned and name in (*ORIENTATIONS, "fromto")):
+            element.set(name, value)
+    element.attrib.pop("class", None)
+
+
+def _make_free(joint: ET.Element) -> None:
+    refuse_values(
+        joint, ("damping", "armature", "frictionloss", "stiffness"), "nothing holds the shell but the plane here"
+    )
+    joint.tag = "freejoint"

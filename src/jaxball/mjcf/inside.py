@@ -21,8 +21,7 @@ from ..physics.mechanisms import (
 from ..physics.motion import Fixed
 from ..physics.parameters import PointMass
 from .drives import read_springs
-from .elements import LEAST, MJCFError, called, numbers, refuse_others, refuse_values
-from .frames import Frame, frame_of
+from .elements import LEAST, Frame, MJCFError, called, frame_of, numbers, refuse_others, refuse_values
 from .sensors import Site
 from .shapes import Inertias
 

@@ -16,10 +16,20 @@ from ..physics.ground import Ground
 from ..physics.resistance import Resistance
 from ..physics.state import BallState, DiskState
 from ..scenario import Scenario
-from .defaults import apply_defaults
 from .drives import read_actuators
-from .elements import MJCFError, called, number, numbers, refuse_others, refuse_values
-from .frames import Angles, Frame, Inertial, frame_of
+from .elements import (
+    Angles,
+    Frame,
+    Inertial,
+    MJCFError,
+    apply_defaults,
+    called,
+    frame_of,
+    number,
+    numbers,
+    refuse_others,
+    refuse_values,
+)
 from .inside import IN_BODY, Inside, read_inside, touches
 from .sensors import read_sensors
 from .shapes import Inertias

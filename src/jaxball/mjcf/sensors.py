@@ -10,8 +10,7 @@ from jaxtyping import Float
 
 from ..physics.frames import MatrixFrame
 from ..sensors import AbstractSensor, Accelerometer, Encoder, Gyroscope, Position, Tachometer
-from .elements import MJCFError, add, called, refuse_values
-from .frames import Frame
+from .elements import Frame, MJCFError, add, called, refuse_values
 
 Shift = Float[np.ndarray, "3"]
 AT_SITES = {Accelerometer: "accelerometer", Gyroscope: "gyro", Position: "framepos"}

@@ -8,8 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from .elements import MJCFError, called, number, numbers
-from .frames import Angles, Frame, Inertial, frame_of, principal, stated_inertial
+from .elements import Angles, Frame, Inertial, MJCFError, called, frame_of, number, numbers, principal, stated_inertial
 
 DENSITY = 1000.0
 Size = Float[np.ndarray, " n"]
