@@ -7,28 +7,29 @@ adapters to what libraries of reinforcement learning take. No figures, no files 
 """
 
 from ..interface.names import interface as _interface
+from ..numerics.batches import in_lanes as in_lanes
 from .brax_state import BraxEnvironment as BraxEnvironment, BraxState as BraxState
-from .distributions import (
-    AbstractDistribution as AbstractDistribution,
-    Factor as Factor,
-    Normal as Normal,
-    Uniform as Uniform,
-)
 from .environment import Environment as Environment, Episode as Episode, Transition as Transition
-from .goals import (
-    AbstractGoal as AbstractGoal,
-    FollowPath as FollowPath,
-    HoldSpeed as HoldSpeed,
-    ReachPoint as ReachPoint,
-)
 from .gymnasium_adapters import gymnasium_env as gymnasium_env, gymnasium_vector_env as gymnasium_vector_env
-from .lanes import in_lanes as in_lanes
-from .moment import Moment as Moment
 from .observations import (
     AbstractObservation as AbstractObservation,
     ObservedSensors as ObservedSensors,
     ObservedState as ObservedState,
 )
-from .rewards import AbstractReward as AbstractReward, QuadraticReward as QuadraticReward
+from .randomisation import (
+    AbstractDistribution as AbstractDistribution,
+    Factor as Factor,
+    Normal as Normal,
+    Uniform as Uniform,
+)
+from .tasks import (
+    AbstractGoal as AbstractGoal,
+    AbstractReward as AbstractReward,
+    FollowPath as FollowPath,
+    HoldSpeed as HoldSpeed,
+    Moment as Moment,
+    QuadraticReward as QuadraticReward,
+    ReachPoint as ReachPoint,
+)
 
 __all__, __dir__ = _interface(globals())

@@ -24,12 +24,9 @@ from ..physics.system import require_one_state
 from ..sensors import AbstractSensor
 from ..sensors.errors import random_key
 from ..simulation.simulate import at_rest
-from .distributions import AbstractDistribution
-from .goals import AbstractGoal
-from .moment import Moment
 from .observations import AbstractObservation, ObservedState, observation_of
-from .parameters import directions_by_name, require_numbers_of, with_numbers
-from .rewards import AbstractReward, QuadraticReward
+from .randomisation import AbstractDistribution, directions_by_name, require_numbers_of, with_numbers
+from .tasks import AbstractGoal, AbstractReward, Moment, QuadraticReward
 
 TOLERANCE = 1e-6  # of the solve of a sample, far below what a policy could tell
 

@@ -9,9 +9,9 @@ from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from ..numerics.batches import in_lanes
 from ..numerics.users_programs import jit
 from .environment import Environment, Transition
-from .lanes import in_lanes
 
 SEEDS = 2**31  # of random keys that Gymnasium's generator gives
 

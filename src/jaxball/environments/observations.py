@@ -24,7 +24,7 @@ from ..physics.state import DiskState
 from ..sensors import AbstractSensor
 from ..sensors.base import require_sensors
 from ..sensors.errors import key_of
-from .moment import Moment
+from .tasks import Moment
 
 
 class AbstractObservation(Printed):

@@ -1,8 +1,10 @@
-"""Batches of a fixed size, so that a program is compiled for one number of rows and called for any.
+"""Functions of many rows: side by side, or in batches of a fixed size, for which a program is compiled once.
 
-The last batch is padded by repeating the last row, and the results of the padding are cut off.
+A program for batches can be called for any number of rows. The last batch is padded by repeating the last row, and the
+results of the padding are cut off.
 """
 
+import functools
 import itertools
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -14,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Int
 
 from .. import native
+from ..interface.arguments import refusal
 
 
 def batches(rows: int, size: int) -> list[Int[np.ndarray, " size"]]:
@@ -91,6 +94,39 @@ def of_rows(function: Callable[..., Any], *rows: Any) -> Any:
     """
     if len(jax.tree.leaves(rows)[0]) == 1:
         return jax.tree.map(lambda leaf: leaf[None], function(*jax.tree.map(lambda leaf: leaf[0], rows)))
+    return _side_by_side(function, rows)
+
+
+def in_lanes(function: Callable[..., Any]) -> Callable[..., Any]:
+    """``function`` of each row of arrays, like ``jax.vmap(function)``: in vector lanes if ``jaxball.jit`` compiles it.
+
+    **Arguments:**
+
+    - ``function``: a pure function of PyTrees of arrays, such as ``environment.step``. All arguments of what is
+      returned have the rows as leading axis.
+
+    Compiled by ``jaxball.jit`` the rows are computed several at a time, each in a lane of the processor's vectors, and
+    what all share once. Elsewhere it is ``jax.vmap``.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> import jaxball
+    >>> from jaxball.environments import in_lanes
+    >>> jaxball.jit(in_lanes(lambda x, y: x * y))(jnp.arange(3.0), jnp.arange(3.0))
+    Array([0., 1., 4.], dtype=float64)
+    """
+    if isinstance(function, type) or not callable(function):
+        raise refusal("function", "a function of PyTrees of arrays", function)
+
+    @functools.wraps(function)
+    def of_each(*rows: Any) -> Any:
+        return _side_by_side(function, rows)
+
+    return of_each
+
+
+def _side_by_side(function: Callable[..., Any], rows: tuple[Any, ...]) -> Any:
     if native.traced_natively():
         return jax.lax.map(lambda row: function(*row), rows)
     return jax.vmap(function)(*rows)

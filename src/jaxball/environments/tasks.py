@@ -1,19 +1,78 @@
-"""What the robot is to do, which may change with time: reach a point, follow a path, hold a speed."""
+"""Tasks: what the robot is to do, which may change with time, and what is rewarded, at each moment of an episode.
+
+The goals here are to reach a point, to follow a path and to hold a speed.
+"""
 
 import abc
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from ..control.sampled import PlacedState
 from ..interface.arguments import require
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, number_or_none, numbers, to_array
+from ..numerics.vectors import dot, root
+from ..physics.body import System
 from ..physics.schedules import AbstractSchedule
 from ..physics.signals import AbstractSignal, ConstantSignal
-from .distributions import AbstractDistribution
-from .moment import Moment
+from ..physics.state import DiskState, centre_velocity
+from .randomisation import AbstractDistribution
+
+UPRIGHT = 1e-12  # the square of the horizontal part of a body axis that has no direction on the plane
+
+
+class Moment(NamedTuple):
+    """A moment of an episode.
+
+    - ``t``: the time since the reset.
+    - ``system``: the body with the inputs that act, and the parameters that were drawn.
+    - ``state``: its state.
+    - ``u``: the inputs that act, shape (m,).
+    """
+
+    t: Float[Array, ""]
+    system: System
+    state: PlacedState
+    u: Float[Array, " m"]
+
+    @property
+    def place(self) -> Float[Array, " d"]:
+        """The position of the centre on the plane, d = 2, or of a disk on its line, d = 1."""
+        return self._in_plane(self.state.in_space().z)
+
+    @property
+    def velocity(self) -> Float[Array, " d"]:
+        """The velocity of the centre, space axes."""
+        system, state = self.system, self.state
+        drift = system.drift(self.t, state.in_space())
+        return self._in_plane(centre_velocity(state.Lambda, state.Omega, system.radius, drift))
+
+    @property
+    def spin(self) -> Float[Array, ""]:
+        """Ω·Γ, the angular velocity about the vertical."""
+        return dot(self.state.Omega, self.state.Gamma)
+
+    @property
+    def heading(self) -> Float[Array, "2"]:
+        """The direction in which the body rolls about its axis E2: horizontal, of length 1; 0 where E2 is vertical."""
+        axis = self.state.Lambda[:2, 1]
+        size = root(jnp.sum(axis**2), UPRIGHT)
+        ahead = jnp.stack([axis[1], -axis[0]])
+        return jnp.where(size > 0, ahead / jnp.where(size > 0, size, 1.0), 0.0)
+
+    def ahead(self, vector: Float[Array, "*rows d"]) -> Float[Array, "*rows d"]:
+        """Horizontal vectors by their components ahead and to the left, for a disk as they are."""
+        if vector.shape[-1] == 1:
+            return vector
+        c, s = self.heading
+        x, y = vector[..., 0], vector[..., 1]
+        return jnp.stack([c * x + s * y, c * y - s * x], axis=-1)
+
+    def _in_plane(self, vector: Float[Array, "2"]) -> Float[Array, " d"]:
+        return vector[:1] if isinstance(self.state, DiskState) else vector
 
 
 class AbstractGoal(Printed):
@@ -154,3 +213,47 @@ def _row(name: str, given: Numbers) -> Float[Array, " d"]:
 
 def _require_distribution(name: str, given: Any) -> None:
     require(name, given, (AbstractDistribution, type(None)), "a distribution, such as Uniform(-1.0, 1.0), or None")
+
+
+class AbstractReward(Printed):
+    """The reward of a step.
+
+    A kind of reward implements ``__call__``, which is traced, for one robot.
+    """
+
+    @abc.abstractmethod
+    def __call__(self, misses: Float[Array, " misses"], moment: Moment) -> Float[Array, ""]:
+        """The reward per time, at the end of a step, by what the goal is missed by there."""
+
+
+class QuadraticReward(AbstractReward):
+    """−(Σ w m² + Σ v u²): less, the more the goal is missed and the larger the inputs are.
+
+    **Arguments:**
+
+    - ``misses``: the weights w, a number for all, or shape (misses,).
+    - ``inputs``: the weights v, a number for all, or shape (m,).
+
+    **Example:**
+
+    >>> from jaxball.environments import QuadraticReward
+    >>> QuadraticReward(misses=(1.0, 1.0, 0.1, 0.1), inputs=0.01)
+    QuadraticReward(misses=(1.0, 1.0, 0.1, 0.1), inputs=0.01)
+    """
+
+    misses: Float[Array, "..."] = eqx.field(converter=lambda x: _weights("misses", x), default=1.0)
+    inputs: Float[Array, "..."] = eqx.field(converter=lambda x: _weights("inputs", x), default=0.0)
+
+    def __call__(self, misses, moment):
+        return -jnp.sum(_for(self.misses, misses) * misses**2) - jnp.sum(_for(self.inputs, moment.u) * moment.u**2)
+
+
+def _weights(name: str, given: Numbers) -> Float[Array, "..."]:
+    array = to_array(given, name)
+    if array.ndim > 1:
+        raise ValueError(f"Argument `{name}` must be a number or a row of numbers, but its shape is {array.shape}.")
+    return array
+
+
+def _for(weights: Float[Array, "..."], values: Float[Array, " k"]) -> Float[Array, " k"]:
+    return jnp.broadcast_to(weights, values.shape)
