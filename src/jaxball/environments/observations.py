@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..estimation.measurement import Measurement
 from ..interface.arguments import require_flags
 from ..interface.printing import Printed
 from ..numerics.arrays import concatenated
@@ -22,7 +21,7 @@ from ..physics.moments import kinematics
 from ..physics.motion import Driven
 from ..physics.state import DiskState
 from ..sensors import AbstractSensor
-from ..sensors.base import require_sensors
+from ..sensors.base import Measurement, require_sensors
 from ..sensors.errors import key_of
 from .tasks import Moment
 

@@ -26,11 +26,10 @@ from ..numerics.arrays import Numbers, default_dtype, is_traced, to_array
 from ..physics.body import Ball, Disk, System
 from ..physics.system import require_one_state
 from ..sensors import AbstractSensor
+from ..sensors.base import Measurement, PlacedState, measurement_of
 from ..sensors.errors import CLOSE
 from ..simulation import DEFAULT_TOLERANCE
-from .belief import Belief, symmetric
-from .estimate import Estimate, Filtered
-from .measurement import Measurement, PlacedState, measurement_of
+from .estimate import Belief, Estimate, Filtered, symmetric
 
 
 class Reading(NamedTuple):

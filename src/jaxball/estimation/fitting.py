@@ -28,10 +28,10 @@ from ..physics.body import Ball, Disk, System
 from ..physics.state import PlacedState
 from ..physics.system import require_one_state
 from ..sensors import AbstractSensor
+from ..sensors.base import measurement_of
 from ..simulation import DEFAULT_TOLERANCE
 from ..simulation.simulate import simulate
 from .filter import require_not_negative
-from .measurement import measurement_of
 
 Robot = Callable[[dict[str, Array]], System]
 KNOWN = 1e-3  # of a direction, by which an unknown may be part of what is not determined

@@ -19,8 +19,7 @@ from ..numerics.arrays import Numbers, default_dtype
 from ..physics.body import System
 from ..sensors import AbstractSensor
 from ..sensors.errors import with_errors
-from .belief import Belief
-from .estimate import Followed, LoopEstimate
+from .estimate import Belief, Followed, LoopEstimate
 from .filter import ErrorStateFilter, Reading, samples_late, taken
 
 

@@ -16,11 +16,11 @@ from ..control.track import factors_of, tracked
 from ..control.weights import by_name, weight_matrix
 from ..estimation import ErrorStateFilter, OutputFeedback
 from ..estimation.filter import samples_late, wanders
-from ..estimation.measurement import Measurement
 from ..numerics.arrays import is_traced, to_array
 from ..physics.body import System
 from ..physics.state import PlacedState
 from ..sensors import AbstractSensor
+from ..sensors.base import Measurement
 from .feedback import (
     AbstractFeedbackSettings,
     EstimatorSettings,

@@ -1,17 +1,21 @@
-"""The contract of sensors."""
+"""The contract of sensors, and what several of them read of a state at one moment, as one vector."""
 
 import abc
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..interface.arguments import refusal, require
 from ..interface.printing import Printed
 from ..interface.wording import did_you_mean
-from ..physics.body import AbstractBody
-from ..physics.observables import Movement
+from ..numerics.arrays import is_traced
+from ..physics.body import AbstractBody, System
+from ..physics.observables import Movement, movement
+from ..physics.state import PlacedState, RotationState
 from .errors import SensorErrors
 
 
@@ -62,3 +66,41 @@ def require_sensors(sensors: Any, system: Any) -> None:
         must = "a SensorErrors, or None"
         require(f"sensors[{name!r}].errors", sensor.errors, (SensorErrors, type(None)), must)
         sensor.require_on(system, f"sensors[{name!r}]")
+
+
+class Measurement(Printed):
+    """The readings of sensors one after the other, in the order of their names.
+
+    - ``sensors``: by name.
+    """
+
+    sensors: dict[str, AbstractSensor]
+
+    def parts(self, system: System, t: Float[Array, ""], state: PlacedState) -> dict[str, Float[Array, "..."]]:
+        """The exact reading of each sensor."""
+        prepared = system.prepare()
+        moves = movement(prepared, t, state.in_space() if isinstance(state, RotationState) else state)
+        return {name: sensor.reading(prepared, t, moves) for name, sensor in self.sensors.items()}
+
+    def __call__(self, system: System, t: Float[Array, ""], state: PlacedState) -> Float[Array, " m"]:
+        """All exact readings."""
+        return jnp.concatenate([jnp.ravel(part) for part in self.parts(system, t, state).values()])
+
+
+def measurement_of(sensors: Mapping[str, AbstractSensor], system: System) -> Measurement:
+    """The measurement of sensors whose noise is known.
+
+    **Raises:** ``TypeError`` for anything but sensors by name; ``ValueError`` for none, for one that does not fit the
+    body, and for one without noise.
+    """
+    require_sensors(sensors, system)
+    if not sensors:
+        raise ValueError("Argument `sensors` must have one sensor or more, but it is empty.")
+    for name, sensor in sensors.items():
+        noise = None if sensor.errors is None else sensor.errors.noise
+        if noise is None or not (is_traced(noise) or np.asarray(noise) > 0):
+            raise ValueError(
+                f"Argument `sensors[{name!r}]` must have noise, because a filter weighs readings by it, but it has "
+                "none; give it errors=SensorErrors(noise=...)."
+            )
+    return Measurement(dict(sorted(sensors.items())))  # as JAX orders dictionaries

@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..estimation.measurement import Measurement
 from ..physics.contact.body_on_plane import BodyOnPlane, ContactHistory
 from ..physics.contact.modes import Mode
 from ..physics.contact.released import ReleasedState
@@ -20,6 +19,7 @@ from ..physics.state import BallState, DiskState
 from ..physics.system import AbstractSystem
 from ..results.variables import labels, of_classical_state
 from ..scenario import Scenario
+from ..sensors.base import Measurement
 from ..simulation.variables import EXTREMES, HISTORY, RUN, RUN_SWITCHES, STATE, Variable
 from .axes import Axis, Designed, FromFile, Ranged, Zipped
 from .errors import StudyError
