@@ -10,13 +10,12 @@ no files: :mod:`jaxball.plot` draws the results.
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:  # for type checkers and editors, the same interface
+    from ..physics.force import Push as Push
     from .basins import Basin as Basin, basin as basin
     from .feedback import AbstractFeedback as AbstractFeedback, Feedforward as Feedforward
-    from .history import FeedbackHistory as FeedbackHistory
-    from .loop import ClosedLoop as ClosedLoop, closed_loop as closed_loop
+    from .loop import ClosedLoop as ClosedLoop, FeedbackHistory as FeedbackHistory, closed_loop as closed_loop
     from .nominal import NominalMotion as NominalMotion
     from .prediction import PredictiveControl as PredictiveControl, mpc as mpc
-    from .push import Push as Push
     from .sampled import Linear as Linear, SampledSystem as SampledSystem
     from .track import Track as Track, tvlqr as tvlqr
 else:

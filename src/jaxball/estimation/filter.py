@@ -15,8 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..control.controllability import in_words, reached, unreached_by
-from ..control.sampled import SampledSystem
+from ..control.sampled import SampledSystem, in_words, reached, unreached_by
 from ..control.weights import by_name
 from ..interface.arguments import refusal, require
 from ..interface.printing import Printed

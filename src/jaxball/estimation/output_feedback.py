@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..control.feedback import AbstractFeedback
-from ..control.history import until_end
-from ..control.loop import plant_of
+from ..control.loop import plant_of, until_end
 from ..control.nominal import NominalMotion
 from ..control.sampled import SampledSystem
 from ..interface.arguments import require

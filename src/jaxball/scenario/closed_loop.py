@@ -12,10 +12,10 @@ from jaxtyping import Float
 
 from ..control.inputs import recorded
 from ..control.loop import ClosedLoop, closed_loop, limits_of
-from ..control.push import Push, Wrenches
 from ..control.sampled import SampledSystem
 from ..estimation import OutputFeedback
 from ..physics.body import System
+from ..physics.force import Push, Wrenches
 from ..simulation.trajectory import Trajectory
 from .errors import ScenarioError
 from .feedback import AbstractFeedbackSettings, in_keys, sample_of

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from jaxtyping import Array
 
-from ..control.push import Push
 from ..physics.body import System
+from ..physics.force import Push
 from ..sensors import AbstractSensor
 from .errors import ScenarioError, each_of, key_error, shown
 from .paths import check_number, with_numbers
