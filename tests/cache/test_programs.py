@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from jaxball import Disk, DiskState, Fixed, PointMass, contact_extremes, simulate
-from jaxball.cache import current, surroundings
+from jaxball.cache import current, store as module
 from jaxball.native import choice, machine, operations  # noqa: F401 (whose rules are entered)
 from jaxball.native.rules import RULES
 from jaxball.numerics import programs, vectors
@@ -193,25 +193,25 @@ def test_other_surroundings_have_programs_of_their_own(in_process, contents):
 
 
 def test_a_changed_file_of_jaxball_is_seen(tmp_path, monkeypatch):
-    monkeypatch.setattr(surroundings, "OWN", tmp_path)
+    monkeypatch.setattr(module, "OWN", tmp_path)
     seen = []
     for name, text in (("a.py", "x = 1\n"), ("a.py", "x = 2\n"), ("b.py", ""), ("b.py", "x = 2\n")):
         (tmp_path / name).write_text(text)
-        seen.append(surroundings.sources())
+        seen.append(module.sources())
     (tmp_path / "a.py").rename(tmp_path / "c.py")
-    seen.append(surroundings.sources())
+    seen.append(module.sources())
     assert len(set(seen)) == len(seen)
-    assert len({surroundings.identity(digest) for digest in seen}) == len(seen)
+    assert len({module.identity(digest) for digest in seen}) == len(seen)
 
 
 @pytest.mark.parametrize("variable", ["XLA_FLAGS", "EQX_ON_ERROR", "JAX_ENABLE_X64"])
 def test_variables_are_seen(monkeypatch, variable):
-    surroundings.identity.cache_clear()
-    before = surroundings.identity("")
+    module.identity.cache_clear()
+    before = module.identity("")
     monkeypatch.setenv(variable, "something else")
-    surroundings.identity.cache_clear()
-    assert surroundings.identity("") != before
-    surroundings.identity.cache_clear()
+    module.identity.cache_clear()
+    assert module.identity("") != before
+    module.identity.cache_clear()
 
 
 @pytest.mark.parametrize(

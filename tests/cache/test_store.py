@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.cache import current, surroundings
+from jaxball.cache import current, store as module
 from jaxball.cache.folder import Folder
 from jaxball.cache.store import FolderStore
 from jaxball.numerics import programs
@@ -57,7 +57,7 @@ def test_what_is_expected_in_vain_does_no_harm(command, tmp_path):
 
 def test_nothing_is_kept_when_files_changed_since_they_were_looked_at(command, monkeypatch):
     def changing():
-        monkeypatch.setattr(surroundings, "sources", lambda: "other")
+        monkeypatch.setattr(module, "sources", lambda: "other")
         return cross(A, B)
 
     result, store = command(changing)
@@ -66,8 +66,8 @@ def test_nothing_is_kept_when_files_changed_since_they_were_looked_at(command, m
 
 
 def test_a_library_without_files_shares_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr(surroundings, "OWN", tmp_path)
-    assert surroundings.sources() != surroundings.sources()
+    monkeypatch.setattr(module, "OWN", tmp_path)
+    assert module.sources() != module.sources()
 
 
 COMPILES = """

@@ -1,15 +1,30 @@
-"""The folder as a store of programs, which loads those of a command early."""
+"""The folder as a store of programs, which loads those of a command early.
+
+Besides by itself and JAX's settings, how a program is compiled is determined by sources, versions, flags and processor.
+"""
 
 import concurrent.futures
 import contextlib
 import functools
 import hashlib
+import importlib
+import importlib.util
 import os
+import platform
+import sys
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 from .current import LIST
 from .folder import Folder
+
+OWN = Path(__file__).parents[1]
+COMPILERS = ("jax", "jaxlib", "numpy")
+# Python packages that may be installed in editable form.
+LIBRARIES = ("equinox", "diffrax", "optimistix", "lineax", "jaxtyping")
+VARIABLES = ("XLA_", "JAX_", "EQX_", "TF_XLA_")
+PROCESSOR = ("model name", "flags", "Features", "CPU implementer", "CPU part")
 
 
 class FolderStore:
@@ -29,15 +44,11 @@ class FolderStore:
 
     @functools.cached_property
     def _sources(self) -> str:
-        from . import surroundings
-
-        return surroundings.sources()
+        return sources()
 
     def identity(self) -> str:
         """The same as long as the store is in use."""
-        from . import surroundings
-
-        return surroundings.identity(self._sources)
+        return identity(self._sources)
 
     def read(self, key: str) -> bytes | None:
         """The content that was written, if it is intact."""
@@ -48,9 +59,7 @@ class FolderStore:
 
     def write(self, key: str, content: bytes) -> None:
         """Keeps the content, unless jaxball's files have changed since they were checked."""
-        from . import surroundings
-
-        if surroundings.sources() == self._sources:
+        if sources() == self._sources:
             self.folder.write(key, content)
             self._used[key] = None
 
@@ -93,3 +102,54 @@ class FolderStore:
         # Names of files, too, which need not be text.
         named = b"\0".join(map(os.fsencode, ("a command", self.identity(), *self._arguments)))
         return hashlib.blake2b(named, digest_size=20).hexdigest()
+
+
+@functools.cache
+def identity(sources: str) -> str:
+    """A digest of all of these; ``sources`` is that of jaxball's own files."""
+    parts = [
+        sys.version,
+        platform.platform(),
+        *(f"{name} {importlib.import_module(name).__version__}" for name in COMPILERS),
+        *(f"{variable}={value}" for variable, value in sorted(os.environ.items()) if variable.startswith(VARIABLES)),
+        *_processor(),
+        sources,
+    ]
+    for library in LIBRARIES:
+        spec = importlib.util.find_spec(library)
+        if spec is not None and spec.origin is not None:
+            parts.extend(_dates(Path(spec.origin).parent))
+    return hashlib.blake2b(os.fsencode("\n".join(parts)), digest_size=20).hexdigest()
+
+
+def sources() -> str:
+    """A digest of jaxball's own files; a different one each time if they cannot be read."""
+    digest = hashlib.blake2b(digest_size=20)
+    try:
+        paths = sorted(OWN.rglob("*.py"))
+        for path in paths:
+            content = path.read_bytes()
+            digest.update(f"{path.relative_to(OWN)} {len(content)}\n".encode())
+            digest.update(content)
+    except OSError:
+        paths = []
+    return digest.hexdigest() if paths else os.urandom(20).hex()
+
+
+def _dates(package: Path) -> Iterator[str]:
+    """The size and modification time of each file."""
+    yield str(package)
+    for path in sorted(package.rglob("*.py")):
+        with contextlib.suppress(OSError):
+            status = path.stat()
+            yield f"{path} {status.st_size} {status.st_mtime_ns}"
+
+
+def _processor() -> list[str]:
+    """The model and the instructions of the processor; if they cannot be read, the name of the machine."""
+    try:
+        text = Path("/proc/cpuinfo").read_text()
+    except OSError:
+        return [platform.processor(), platform.node()]
+    lines = [line for line in text.split("\n\n")[0].splitlines() if line.startswith(PROCESSOR)]
+    return [platform.machine(), *lines] if lines else [platform.machine(), platform.node()]
