@@ -1,12 +1,16 @@
-"""Times, errors and work of contenders that solve one problem."""
+"""Times, errors and work of contenders that solve one problem, and the machine on which they are measured."""
 
 import functools
+import importlib.metadata
 import itertools
 import math
+import os
+import platform
 import statistics
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -21,6 +25,11 @@ Echo = Callable[[str], None]
 ROUNDS = 5
 FEWEST, MOST = 3, 50
 COLD = 0.05  # seconds, compared with which the effect of cold caches on a call is negligible
+PACKAGES = (
+    "jaxball", "jax", "jaxlib", "diffrax", "equinox", "optimistix", "numpy",
+    "scipy", "numba", "numbalsoda", "heyoka", "casadi",
+)  # fmt: skip
+VECTOR_UNITS = ("sse4_2", "avx", "avx2", "fma", "avx512f", "avx512dq", "asimd", "sve")
 
 
 @dataclass(frozen=True)
@@ -219,3 +228,41 @@ def power(x: float, digits: int = 1) -> str:
     """``x`` with an exponent without leading zeros: 1e-8."""
     mantissa, _, exponent = f"{x:.{digits - 1}e}".partition("e")
     return f"{mantissa}e{int(exponent)}"
+
+
+def description() -> dict[str, object]:
+    """The machine, the settings of XLA, and the versions of Python and of the installed packages."""
+    return {"machine": machine(), "XLA_FLAGS": os.environ.get("XLA_FLAGS", ""), "versions": versions(PACKAGES)}
+
+
+def machine() -> dict[str, object]:
+    """The processor, its vector units as far as the system lists them, its cores, and the system."""
+    info = _processor()
+    flags = info.get("flags", info.get("Features", "")).split()
+    return {
+        "cpu": info.get("model name") or platform.processor() or platform.machine(),
+        "vector_units": [unit for unit in VECTOR_UNITS if unit in flags],
+        "cores": os.cpu_count(),
+        "system": platform.platform(),
+    }
+
+
+def versions(packages: tuple[str, ...]) -> dict[str, str]:
+    """The versions of Python and of those ``packages`` that are installed."""
+    known = {"python": platform.python_version()}
+    for package in packages:
+        try:
+            known[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return known
+
+
+def _processor() -> dict[str, str]:
+    """What Linux says about the first processor; empty elsewhere."""
+    path = Path("/proc/cpuinfo")
+    if not path.exists():
+        return {}
+    first, _, _ = path.read_text(encoding="utf-8").partition("\n\n")
+    pairs = (line.partition(":") for line in first.splitlines())
+    return {key.strip(): value.strip() for key, _, value in pairs}

@@ -12,8 +12,7 @@ from ..interface.output import replacing
 from ..interface.wording import counted, nearest
 from . import problems, report
 from .contenders import ALL, FAMILIES, Contender
-from .machine import description
-from .measure import Echo, Measured, Row, Settings, measure, power, seconds
+from .measure import Echo, Measured, Row, Settings, description, measure, power, seconds
 from .problem import Problem
 
 FULL = Settings(tuple(10.0**-k for k in range(4, 14)), budget=0.2, limit=5.0)

@@ -24,8 +24,7 @@ from ...interface.output import write_text
 from ...mjcf import to_mjcf
 from ...numerics import programs
 from ...simulation.simulate import simulate
-from ..machine import machine, versions
-from ..measure import Echo, power, seconds
+from ..measure import Echo, machine, power, seconds, versions
 from . import MUJOCO
 from .cases import CASES, pendulum_robot
 from .contract import Derivative, timed

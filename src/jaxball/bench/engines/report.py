@@ -1,10 +1,15 @@
-"""Tables of the rows: the smallest error of each engine within a time, and its convergence."""
+"""Tables of the rows and work–precision diagrams: the error of each engine over its time, and its convergence."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from ...interface.output import replacing
+from ...plot import palette, style
 from ..measure import power, seconds
 from .contract import Case
 
@@ -19,6 +24,10 @@ ABOUT = (
     "of slip in √(g r) and of the energy in M g r, and the order at which the error of the path decreases with the "
     "step, between the smallest step and ten times it."
 )
+SIZE = (7.2, 4.4)
+# Okabe and Ito's colours (2008), which colour-blind readers can distinguish.
+COLOURS = {"jaxball": "#D55E00", "MuJoCo": "#0072B2", "Drake": "#009E73", "PyBullet": "#CC79A7"}
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "h")
 
 
 def markdown(cases: Sequence[Case], rows: Sequence["Row"]) -> str:
@@ -79,3 +88,46 @@ def _line(cells: Sequence[str]) -> str:
 
 def _rule(right: int) -> str:
     return "|:--|" + "--:|" * right
+
+
+def draw(case: Case, rows: Sequence["Row"], folder: Path) -> Path:
+    """Writes the diagram of one case as PNG to ``folder``, and returns its path."""
+    path = folder / f"engines-{case.name}.png"
+    with replacing(path) as beside:
+        diagram(case, rows).savefig(beside, dpi=160)
+    return path
+
+
+def diagram(case: Case, rows: Sequence["Row"]) -> Figure:
+    """The diagram of one case: a line for each setting of each engine."""
+    ax = style.plane_axes(None, SIZE)
+    for engine in dict.fromkeys(row.engine for row in rows):
+        settings = dict.fromkeys(row.setting for row in rows if row.engine == engine)
+        for place, setting in enumerate(settings):
+            _curve(ax, engine, setting, MARKERS[place % len(MARKERS)], rows)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.grid(True, color=palette.FAINT, linewidth=0.4)
+    ax.set_axisbelow(True)
+    style.label_axes(ax, "processor time for a unit of simulated time [s]", "largest error of the path [radii]")
+    ax.set_title(f"{case.title[0].upper()}{case.title[1:]}", fontproperties=style.LABEL, loc="left")
+    ax.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), frameon=False, prop=style.SMALL)
+    figure = ax.figure
+    assert isinstance(figure, Figure)
+    return figure
+
+
+def _curve(ax: Axes, engine: str, setting: str, marker: str, rows: Sequence["Row"]) -> None:
+    own = [row for row in rows if (row.engine, row.setting) == (engine, setting) and row.path and row.time]
+    if own:
+        width = 1.9 if engine == "jaxball" else 0.9
+        times, paths = [row.time or 0.0 for row in own], [row.path or 0.0 for row in own]
+        ax.plot(
+            times,
+            paths,
+            label=f"{engine}, {setting}",
+            color=COLOURS.get(engine, "0.4"),
+            linewidth=width,
+            marker=marker,
+            markersize=3.5,
+        )

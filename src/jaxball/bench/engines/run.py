@@ -12,10 +12,9 @@ from typing import Any, NamedTuple
 
 from ...interface.output import write_text
 from ...scenario import Scenario
-from ..machine import machine, versions
-from ..measure import Echo
+from ..measure import Echo, machine, power, versions
 from ..run import SelectionError
-from . import CASES, ENGINES, Case, Engine, Setting, report
+from . import CASES, ENGINES, Case, Engine, Setting
 from .errors import Errors, Exact, errors, exact, of_run
 
 TIMESTEPS = (0.02, 0.01, 0.005, 0.002, 0.001, 0.0005)
@@ -91,7 +90,7 @@ def measure(plan: Plan, out: Path, echo: Echo = print) -> list[Row]:
 
     **Raises:** :class:`~jaxball.results.OutputError` when a file cannot be written.
     """
-    from . import figures  # here, because matplotlib takes longer to import than to list names
+    from . import report  # here, because matplotlib takes longer to import than to list names
 
     out.mkdir(parents=True, exist_ok=True)
     present = []
@@ -106,7 +105,7 @@ def measure(plan: Plan, out: Path, echo: Echo = print) -> list[Row]:
         echo(case.title)
         found = measure_case(case, present, plan.timesteps, echo)
         rows += found
-        figures.draw(case, found, out)
+        report.draw(case, found, out)
         _write(out, plan, rows)
     echo(f"In {out}: engines.json, engines.md and a diagram for each robot.")
     return rows
@@ -121,7 +120,7 @@ def measure_case(case: Case, engines: Sequence[Engine], timesteps: Sequence[floa
         for setting in engine.settings:
             found = _of_setting(case, scenario, true, engine, setting, timesteps)
             rows += found
-            echo(f"  {engine.family.name}, {setting.name}: {found[-1].failure or report.power(found[-1].path or 0.0)}")
+            echo(f"  {engine.family.name}, {setting.name}: {found[-1].failure or power(found[-1].path or 0.0)}")
     return rows
 
 
@@ -160,6 +159,8 @@ def _row(case: Case, engine: str, setting: str, step: float, found: Errors, seco
 
 
 def _write(out: Path, plan: Plan, rows: Sequence[Row]) -> None:
+    from . import report  # here, as above
+
     settings = {
         engine.family.name: {setting.name: {"source": setting.source, **setting.values} for setting in engine.settings}
         for engine in plan.engines
