@@ -12,7 +12,6 @@ from .reductions import (
     Maximum as Maximum,
     Minimum as Minimum,
 )
-from .result import Ensemble as Ensemble
-from .simulate import simulate_ensemble as simulate_ensemble
+from .simulate import Ensemble as Ensemble, simulate_ensemble as simulate_ensemble
 
 __all__, __dir__ = _interface(globals())

@@ -1,4 +1,4 @@
-"""The entry point for many runs: from systems that differ in numbers to trajectories."""
+"""Many runs: from systems that differ in numbers to their trajectories, as one result."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -7,9 +7,13 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.arguments import require, require_flags
+from ..interface.printing import Printed, shown
+from ..interface.status import Status
 from ..numerics.arrays import Numbers, is_traced, to_numpy
+from ..physics.contact.body_on_plane import ContactHistory
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem
@@ -30,10 +34,88 @@ from ..simulation.trajectory import Trajectory
 from ..simulation.watch import checked
 from .program import Settings, solved, solved_in_blocks
 from .reductions import AbstractReduction
-from .result import Ensemble
 
 FORWARD = diffrax.ForwardMode()
 LANES = 64
+
+
+class Ensemble(Printed):
+    """Many runs, with the runs as leading axis; ``ensemble[k]`` is the trajectory of run k.
+
+    - ``trajectory``: as ``jax.vmap`` of :func:`jaxball.simulate` gives it.
+    - ``reductions``: the results of reductions for each run, by name.
+    - ``executed``: the steps of all lanes, including idle ones.
+    - ``system``, ``times``, ``state``, ``reached``, ``status``, ``steps``, ``rejected``, ``start``, ``contact``: those
+      of ``trajectory``.
+    """
+
+    trajectory: Trajectory[Any, Any]
+    reductions: dict[str, Float[Array | np.ndarray, " runs"]]
+    executed: Int[Array | np.ndarray, ""]
+
+    def __repr__(self) -> str:
+        lines = [repr(self.trajectory)]
+        for name, values in self.reductions.items():
+            if is_traced(values):
+                lines.append(f"  {name} {shown(values)}")
+                continue
+            finite = np.asarray(values)[np.isfinite(values)]
+            span = f"from {np.min(finite):.6g} to {np.max(finite):.6g}" if finite.size else "not finite in any run"
+            lines.append(f"  {name} {span}")
+        return "\n".join(lines)
+
+    def __len__(self) -> int:
+        return len(self.trajectory.status)
+
+    def __getitem__(self, run: int) -> Trajectory[Any, Any]:
+        """The trajectory of one run, with its ``observables``, ``plot()`` and so on."""
+        return jax.tree.map(lambda leaf: jnp.asarray(leaf[run]), self.trajectory)
+
+    @property
+    def system(self) -> Any:
+        return self.trajectory.system
+
+    @property
+    def times(self) -> Float[Array | np.ndarray, "runs T"]:
+        return self.trajectory.times
+
+    @property
+    def state(self) -> Any:
+        return self.trajectory.state
+
+    @property
+    def reached(self) -> Float[Array, " runs"]:
+        return self.trajectory.reached
+
+    @property
+    def status(self) -> Int[Array, " runs"]:
+        return self.trajectory.status
+
+    @property
+    def steps(self) -> Int[Array, " runs"]:
+        return self.trajectory.steps
+
+    @property
+    def rejected(self) -> Int[Array, " runs"]:
+        return self.trajectory.rejected
+
+    @property
+    def start(self) -> Any:
+        return self.trajectory.start
+
+    @property
+    def contact(self) -> ContactHistory | None:
+        return self.trajectory.contact
+
+    @property
+    def ok(self) -> Bool[Array, " runs"]:
+        """Whether each solve reached its end, or a terminal event."""
+        return (self.status == Status.SUCCESS) | (self.status == Status.EVENT)
+
+    @property
+    def efficiency(self) -> Float[Array, ""]:
+        """The share of the executed steps that belong to a run."""
+        return jnp.sum(self.trajectory.steps) / self.executed
 
 
 def simulate_ensemble(
