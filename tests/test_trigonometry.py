@@ -8,7 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from jaxball.numerics.trigonometry import HALF_PI, sine_cosine
+from jaxball.numerics.vectors import HALF_PI, sine_cosine
 
 
 def worst(x):

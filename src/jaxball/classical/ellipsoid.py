@@ -8,8 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..numerics.arrays import Numbers, numbers
-from ..numerics.trigonometry import sine_cosine
-from ..numerics.vectors import apply, cross, dot, inverse, outer
+from ..numerics.vectors import apply, cross, dot, inverse, outer, sine_cosine
 from ..numerics.versor import derivative
 from ..physics.conditions import Condition, positive, positive_inertia, real_inertia
 from ..physics.resistance import AbstractResistance

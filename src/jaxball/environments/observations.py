@@ -13,8 +13,7 @@ from jaxtyping import Array, Float
 from ..interface.arguments import require_flags
 from ..interface.printing import Printed
 from ..numerics.arrays import concatenated
-from ..numerics.trigonometry import sine_cosine
-from ..numerics.vectors import apply, cross
+from ..numerics.vectors import apply, cross, sine_cosine
 from ..physics.body import System
 from ..physics.mechanisms import Hinge, Mechanism
 from ..physics.moments import kinematics

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, PyTree
 
 from ..interface.printing import Printed
 from .arrays import Numbers, numbers, to_array
-from .trigonometry import sine_cosine
+from .vectors import sine_cosine
 
 
 class HarmonicSeries(Printed):

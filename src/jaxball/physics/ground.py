@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from ..interface.arguments import require
 from ..interface.printing import Printed
 from ..numerics.arrays import concatenated, namespace_of, numbers
-from ..numerics.trigonometry import sine_cosine
+from ..numerics.vectors import sine_cosine
 from .conditions import Condition
 from .motion import AbstractPrescribedMotion
 from .schedules import AbstractSchedule

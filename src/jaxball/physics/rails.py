@@ -14,8 +14,7 @@ from ..interface.printing import Printed
 from ..numerics.arrays import a_number, numbers
 from ..numerics.calculus import Furthest, furthest, two_derivatives
 from ..numerics.functions import OfFunction, PiecewisePolynomial, periodic_cubic_spline
-from ..numerics.trigonometry import sine_cosine
-from ..numerics.vectors import dot
+from ..numerics.vectors import dot, sine_cosine
 from .frames import AbstractFrame, MatrixFrame
 
 

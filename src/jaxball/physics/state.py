@@ -13,8 +13,7 @@ from jaxtyping import Array, Float
 
 from ..numerics import versor
 from ..numerics.arrays import Numbers, numbers, to_array
-from ..numerics.trigonometry import sine_cosine
-from ..numerics.vectors import cross, dot, hat
+from ..numerics.vectors import cross, dot, hat, sine_cosine
 from .conditions import UNIT, Condition
 from .system import AbstractState, AnyState
 

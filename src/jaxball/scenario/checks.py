@@ -14,10 +14,9 @@ from ..numerics.arrays import to_array
 from ..physics.body import System
 from ..physics.breaches import breaches
 from ..physics.conditions import Problem, all_hold
-from ..physics.confinement import confined
+from ..physics.confinement import confined, surely_stay
 from ..physics.coupling import moved_masses
 from ..physics.dynamics import solvable_friction
-from ..physics.reach import surely_stay
 from ..physics.state import BallState, DiskState
 from ..physics.validity import beyond_arithmetic
 from .errors import raise_first

@@ -11,8 +11,7 @@ from jaxtyping import Array, Float
 from ...interface.arguments import require
 from ...interface.printing import Printed
 from ...numerics.arrays import AnyArray, namespace_of, numbers
-from ...numerics.trigonometry import sine_cosine
-from ...numerics.vectors import apply, dot, hat, outer
+from ...numerics.vectors import apply, dot, hat, outer, sine_cosine
 from ..conditions import Condition
 from ..rails import AbstractRail
 from ..schedules import AbstractSchedule
