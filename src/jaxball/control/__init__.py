@@ -12,9 +12,12 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:  # for type checkers and editors, the same interface
     from ..physics.force import Push as Push
     from .basins import Basin as Basin, basin as basin
-    from .feedback import AbstractFeedback as AbstractFeedback, Feedforward as Feedforward
+    from .feedback import (
+        AbstractFeedback as AbstractFeedback,
+        Feedforward as Feedforward,
+        NominalMotion as NominalMotion,
+    )
     from .loop import ClosedLoop as ClosedLoop, FeedbackHistory as FeedbackHistory, closed_loop as closed_loop
-    from .nominal import NominalMotion as NominalMotion
     from .prediction import PredictiveControl as PredictiveControl, mpc as mpc
     from .sampled import Linear as Linear, SampledSystem as SampledSystem
     from .track import Track as Track, tvlqr as tvlqr

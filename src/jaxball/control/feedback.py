@@ -1,13 +1,174 @@
-"""The contract of feedback on a motion, and feedforward alone."""
+"""Feedback on a motion: the nominal motion of a simulated run, at each sample, the contract, and feedforward alone."""
 
 import abc
 from typing import Any
 
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ..interface.arguments import require
 from ..interface.printing import Printed
-from .nominal import NominalMotion
+from ..numerics import programs
+from ..numerics.arrays import Numbers, default_dtype, is_traced
+from ..physics.body import Ball, Disk, System
+from ..physics.motion import OnRail
+from ..physics.observables import Observables
+from ..physics.schedules import AbstractSchedule
+from ..physics.state import BallState, DiskState, RotationState
+from ..simulation.simulate import simulate
+from ..simulation.trajectory import Trajectory
+from .inputs import Place, kept_drive
 from .sampled import PlacedState, SampledSystem
+
+GAUSS = (0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5)  # of a sample
+LEAST = 1e-9  # of a sample, by which a run may be shorter than a whole number of them
+
+
+class NominalMotion(Printed):
+    """A motion of a sampled system. After its end, the last state and the last input are held.
+
+    - ``times``: of the samples, and the end, shape (N + 1,).
+    - ``states``: those at ``times``.
+    - ``u``: the inputs held over each sample, shape (N, m).
+    """
+
+    times: Float[Array, " samples_and_end"]
+    states: PlacedState
+    u: Float[Array, "samples m"]
+
+    @property
+    def samples(self) -> int:
+        """The number N of samples."""
+        return self.u.shape[0]
+
+    def state(self, k: Int[Array, ""] | int) -> PlacedState:
+        """The state at sample ``k``."""
+        return jax.tree.map(lambda leaf: leaf[jnp.minimum(k, self.samples)], self.states)
+
+    def input(self, k: Int[Array, ""] | int) -> Float[Array, " m"]:
+        """The inputs of sample ``k``."""
+        return self.u[jnp.minimum(k, self.samples - 1)]
+
+
+def require_motion(run: Any) -> None:
+    """Refuses anything but one finished run of a body that rolls, from a full state.
+
+    **Raises:** ``TypeError`` for anything else, ``ValueError`` for several runs and one of a reduced state or with a
+    law of contact, and :class:`~jaxball.SolveError` for one that failed.
+    """
+    require("run", run, Trajectory, "a trajectory, as simulate(...) returns")
+    require("run.system", run.system, (Ball, Disk), "a Ball or a Disk")
+    if not isinstance(run.state, BallState | RotationState | DiskState):
+        raise ValueError(
+            f"Argument `run` must have full states, but it is a run of a {type(run.state).__name__}, which does not "
+            "contain the position of the ball; simulate with a BallState."
+        )
+    if run.history.coefficients:
+        raise ValueError(
+            "Argument `run` must be one of a body that rolls, but it has a law of contact; simulate without `contact`."
+        )
+    if not is_traced(run.status):
+        run.raise_if_failed()
+
+
+def samples_in(times: Float[Array | np.ndarray, " T"], sample: float) -> int:
+    """The number of whole samples in a run with these times.
+
+    **Raises:** ``ValueError`` for a sample that is not positive or longer than the run.
+    """
+    length = float(times[-1] - times[0])
+    if not sample > 0:
+        raise ValueError(f"Argument `sample` must be a positive time, but it is {sample:g}.")
+    count = int(np.floor(length / sample + LEAST))
+    if count < 1:
+        raise ValueError(
+            f"Argument `sample` must be no longer than the motion, which takes {length:g}, but it is {sample:g}; "
+            "simulate a longer motion, or sample faster."
+        )
+    return count
+
+
+def nominal_of(run: Trajectory[Any, Any], sampled: SampledSystem, samples: int) -> NominalMotion:
+    """The states of a run at each sample, and the inputs that give its motion.
+
+    Each input is the mean over its sample, by Gauss's rule of two points, of the effort or acceleration in the run; so
+    the motion misses its next state by what is of third order in the sample. The run is solved again for this.
+    """
+    start = jax.tree.map(lambda leaf: leaf[0], run.state)
+    return nominal_from(run.system, run.times[0], start, sampled, samples)
+
+
+def nominal_from(system: System, t0: Numbers, start: Any, sampled: SampledSystem, samples: int) -> NominalMotion:
+    """The same of the run of a body from a start at ``t0``; traceable."""
+    t0 = jnp.asarray(t0, default_dtype())
+    shares = np.append(np.arange(samples)[:, None] + np.array([[0.0, *GAUSS]]), samples)
+    times = t0 + sampled.sample * jnp.asarray(shares, default_dtype())
+    settings: dict[str, Any] = {"rtol": sampled.rtol, "atol": sampled.atol, "adjoint": diffrax.ForwardMode()}
+    again = simulate(system, times, start, inside=False, **settings)
+    if not is_traced(again.status):
+        again.raise_if_failed()
+    states, inputs = _moving(system, sampled.system, sampled.places, times, again.state, again.observables)
+    every = len(GAUSS) + 1
+    u = 0.5 * (inputs[1::every] + inputs[2::every])
+    return NominalMotion(times[::every], jax.tree.map(lambda leaf: leaf[::every], states), u)
+
+
+@programs.filter_jit
+def _moving(
+    system: System, controlled: System, places: tuple[Place, ...], times: Array, states: Any, seen: Observables
+) -> tuple[Any, Float[Array, "T m"]]:
+    """States of the controlled system, and its inputs, at all times of a run."""
+    at = _Coordinates(system, times, states, seen)
+    theta, thetadot, _ = zip(*(at.of(name) for name in controlled.coordinates), strict=True)
+    whole = type(states)(**{**vars(states), "theta": jnp.stack(theta, -1), "thetadot": jnp.stack(thetadot, -1)})
+    return whole, jnp.stack([at.input(place) for place in places], axis=-1)
+
+
+class _Coordinates:
+    """θ, θ̇ and θ̈ of masses and joints along a run, by name, and what moves them."""
+
+    def __init__(self, system: System, times: Float[Array, " T"], states: Any, seen: Observables):
+        self._system, self._times, self._states, self._seen = system, times, states, seen
+        self._masses, self._mechanisms = system.point_masses, system.mechanisms
+        names = [(i, a) for i, mechanism in enumerate(self._mechanisms) for a in range(mechanism.n_joints)]
+        self._joints = {f"mechanisms[{i}].joints[{a}]": (k, i, a) for k, (i, a) in enumerate(names)}
+        driven = [system.coordinates[slot] for slot in system.accelerated]
+        if system.law is not None:
+            law = system.law.prepare()
+            given = jax.vmap(lambda t, state: law.among(system.accelerated, t, state))(times, states)
+            self._by_law = {name: given[:, k] for k, name in enumerate(driven)}
+
+    def of(self, name: str) -> tuple[Array, Array, Array | None]:
+        """θ, θ̇ and, where it is given, θ̈."""
+        if name in self._joints:
+            k = self._joints[name][0]
+            return self._seen.joint_angles[:, k], self._seen.joint_rates[:, k], None
+        motion = self._masses[int(name.removeprefix("masses[").removesuffix("]"))].motion
+        if isinstance(motion, OnRail):
+            return _along(motion.schedule, self._times)
+        slot = self._system.coordinates.index(name)
+        return self._states.theta[:, slot], self._states.thetadot[:, slot], self._by_law[name]
+
+    def input(self, place: Place) -> Float[Array, " T"]:
+        """The input at a place: an effort less that of the forces that stay, or an acceleration."""
+        if not place.is_effort:
+            acceleration = self.of(place.name)[2]
+            return self._by_law[place.name] if acceleration is None else acceleration
+        k, i, a = self._joints[place.name]
+        effort, theta, thetadot = (
+            values[:, k] for values in (self._seen.joint_efforts, self._seen.joint_angles, self._seen.joint_rates)
+        )
+        drive = self._mechanisms[i].drives[a]
+        kept = None if isinstance(drive, AbstractSchedule) else kept_drive(drive)
+        return effort if kept is None else effort - jax.vmap(kept)(self._times, theta, thetadot, self._states)
+
+
+def _along(schedule: AbstractSchedule, times: Float[Array, " T"]) -> tuple[Array, Array, Array]:
+    theta, thetadot, thetaddot = jax.vmap(schedule.prepare().derivatives)(times)
+    return theta, thetadot, thetaddot
 
 
 class AbstractFeedback(Printed):

@@ -15,8 +15,7 @@ from ..numerics import programs
 from ..numerics.arrays import AnyArray, Numbers, default_dtype, is_traced, to_numpy
 from ..simulation import DEFAULT_TOLERANCE
 from ..simulation.trajectory import Trajectory
-from .feedback import AbstractFeedback
-from .nominal import NominalMotion, nominal_of, require_motion, samples_in
+from .feedback import AbstractFeedback, NominalMotion, nominal_of, require_motion, samples_in
 from .riccati import Regulator, regulator, stationary
 from .sampled import Linear, SampledSystem, uncontrollable
 from .weights import Weights, factor, require_positive, weight_matrix

@@ -9,9 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..control.feedback import AbstractFeedback
+from ..control.feedback import AbstractFeedback, NominalMotion
 from ..control.loop import plant_of, until_end
-from ..control.nominal import NominalMotion
 from ..control.sampled import SampledSystem
 from ..interface.arguments import require
 from ..numerics.arrays import Numbers, default_dtype

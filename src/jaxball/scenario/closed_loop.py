@@ -1,30 +1,50 @@
-"""Runs of scenarios with feedback: the motion of the model, the closed loop along it, and the robot of a saved run."""
+"""Closed loops of scenarios: the motion of the model, the loop along it, and the robot of a saved run.
+
+The numbers of a loop that a study may change from row to row are all arrays.
+"""
 
 import dataclasses
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float, Int
 
+from ..control.feedback import AbstractFeedback, Feedforward, nominal_from
 from ..control.inputs import recorded
-from ..control.loop import ClosedLoop, closed_loop, limits_of
+from ..control.loop import ClosedLoop, closed_loop, limits_of, plant_of
+from ..control.prediction import limited_inputs, predictive
 from ..control.sampled import SampledSystem
-from ..estimation import OutputFeedback
+from ..control.track import factors_of, tracked
+from ..control.weights import by_name, weight_matrix
+from ..estimation import ErrorStateFilter, OutputFeedback
+from ..estimation.filter import samples_late, wanders
+from ..numerics.arrays import is_traced, to_array
 from ..physics.body import System
 from ..physics.force import Push, Wrenches
+from ..physics.state import PlacedState
+from ..sensors import AbstractSensor
+from ..sensors.base import Measurement
 from ..simulation.trajectory import Trajectory
 from .errors import ScenarioError
-from .feedback import AbstractFeedbackSettings, in_keys, sample_of
-from .files import read_document, write_scenario
+from .feedback import (
+    AbstractFeedbackSettings,
+    EstimatorSettings,
+    PredictiveSettings,
+    RegulatorSettings,
+    document_of_model,
+    in_keys,
+    sample_of,
+)
+from .files import Contents, read_contents, read_document, write_scenario
 from .paths import with_numbers
 from .table import keeping_defaults
+from .values import require
 
 if TYPE_CHECKING:
-    from ..control.feedback import AbstractFeedback
     from .scenario import Scenario
 
 
@@ -54,13 +74,13 @@ def nominal_run(scenario: "Scenario") -> Trajectory[Any, Any]:
     return model_of(scenario).simulate()
 
 
-def feedback_along(scenario: "Scenario", run: Trajectory[Any, Any]) -> "AbstractFeedback":
+def feedback_along(scenario: "Scenario", run: Trajectory[Any, Any]) -> AbstractFeedback:
     """The feedback of a scenario along a run of its model, from its state."""
     with in_keys():
         return settings_of(scenario).along(run, sample_of(scenario.times), scenario.rtol, scenario.atol)
 
 
-def with_estimator(scenario: "Scenario", feedback: "AbstractFeedback") -> "AbstractFeedback":
+def with_estimator(scenario: "Scenario", feedback: AbstractFeedback) -> AbstractFeedback:
     """The same feedback from what the sensors of the scenario read, if it has an estimator."""
     estimator = scenario.estimator
     if estimator is None:
@@ -96,7 +116,7 @@ def with_pushes(system: Any, pushes: Sequence[Push]) -> System:
     return eqx.tree_at(lambda s: s.force, system, whole, is_leaf=lambda x: x is None)
 
 
-def loop_along(scenario: "Scenario", feedback: "AbstractFeedback", start: Any = None) -> ClosedLoop:
+def loop_along(scenario: "Scenario", feedback: AbstractFeedback, start: Any = None) -> ClosedLoop:
     """The closed loop of a scenario, from ``start`` beside its motion or else from its own."""
     settings = settings_of(scenario)
     with in_keys():
@@ -128,3 +148,155 @@ def settings_of(scenario: "Scenario") -> AbstractFeedbackSettings:
             '"tvlqr", Q = 1.0, R = 1.0 }`.'
         )
     return scenario.feedback
+
+
+class EstimatorNumbers(eqx.Module):
+    """The numbers of an estimator.
+
+    - ``sensors``: those that are read, by name.
+    - ``spread``, ``process``: of the local coordinates.
+    - ``biases``: the standard deviations of biases that are estimated, by the names of sensors.
+    - ``late``: by how many samples each sensor is late, with its name.
+    """
+
+    sensors: dict[str, AbstractSensor]
+    spread: Float[Array, " n"]
+    process: Float[Array, " n"]
+    biases: dict[str, Float[Array, ""]]
+    late: tuple[tuple[str, int], ...] = eqx.field(static=True)
+
+    def around(self, feedback: AbstractFeedback, plant: SampledSystem) -> OutputFeedback:
+        """Feedback from what the sensors read of a robot; traceable."""
+        sensors = Measurement(dict(sorted(self.sensors.items())))
+        known = ErrorStateFilter(feedback.sampled, sensors, self.process, dict(sorted(self.biases.items())))
+        return OutputFeedback.made(feedback, known, plant, self.spread, dict(self.late))
+
+
+class LoopNumbers(eqx.Module):
+    """The numbers that determine a closed loop, besides its times.
+
+    - ``robot``: the robot that is simulated, with the pushes on it.
+    - ``model``, ``state``: the robot that feedback knows, and the start of its motion.
+    - ``rtol``, ``atol``: tolerances.
+    - ``limits``: the largest magnitudes of inputs; None for those of the motors.
+    - ``start``: by how much the run starts beside the motion, in local coordinates.
+    - ``delay``: in samples.
+    - ``W``, ``S``: factors of the weights of a sample and at the end, of :func:`jaxball.control.tvlqr`; W is None
+      without feedback, and S without weights at the end.
+    - ``friction``, ``penalty``: of predictive control, or None.
+    - ``estimator``: its numbers, or None for feedback of the state.
+    - ``inputs``: their names, None for all.
+    - ``horizon``: of predictive control, or None.
+    - ``limited``: the inputs that predictive control bounds.
+    """
+
+    robot: System
+    model: System
+    state: Any
+    rtol: Any
+    atol: Any
+    limits: Float[Array, " m"] | None
+    start: Float[Array, " n"]
+    delay: Int[Array, ""]
+    W: Float[Array, "rows n_plus_m"] | None
+    S: Float[Array, "rows_at_end n_plus_one"] | None
+    friction: Float[Array, ""] | None
+    penalty: Float[Array, ""] | None
+    estimator: EstimatorNumbers | None
+    inputs: tuple[str, ...] | None = eqx.field(static=True)
+    horizon: int | None = eqx.field(static=True)
+    limited: tuple[int, ...] = eqx.field(static=True)
+
+    @property
+    def of_feedback(self) -> tuple[Any, ...]:
+        """The numbers on which the motion, and the feedback from its state, depend."""
+        of_limits = None if self.horizon is None else self.limits
+        return self.model, self.state, self.rtol, self.atol, of_limits, self.W, self.S, self.friction, self.penalty
+
+    def feedback(self, sample: Any, t0: Any, samples: int) -> AbstractFeedback:
+        """The feedback from the state along the motion; traceable."""
+        sampled = SampledSystem.of(self.model, sample, self.inputs, self.rtol, self.atol)
+        nominal = nominal_from(self.model, t0, self.state, sampled, samples)
+        if self.W is None:
+            return Feedforward(sampled, nominal)
+        track = tracked(sampled, nominal, self.W, self.S)
+        if self.horizon is None or self.penalty is None:
+            return track
+        most = sampled.limits if self.limits is None else self.limits
+        return predictive(track, self.horizon, most, self.friction, self.penalty, self.limited)
+
+    def around(self, feedback: AbstractFeedback) -> tuple[AbstractFeedback, SampledSystem, PlacedState]:
+        """The feedback from sensors, if there is an estimator, the robot and its start; traceable."""
+        first = feedback.nominal.state(0).retract(self.start)
+        plant = plant_of(feedback, self.robot, self.limits, None)
+        if self.estimator is None:
+            return feedback, plant, first
+        return self.estimator.around(feedback, plant), plant, first
+
+
+def loop_numbers(contents: Contents, document: Mapping[str, Any], sample: float) -> LoopNumbers:
+    """Those of a file with feedback, whose numbers may be traced.
+
+    **Raises:** :class:`~jaxball.scenario.ScenarioError` as where the file is read.
+    """
+    feedback, system, solve = contents.feedback, contents.system, contents.solve
+    assert feedback is not None
+    known = contents
+    if feedback.model:
+        known = read_contents(document_of_model(feedback.model, document))
+    model: Any = known.system
+    sampled = SampledSystem.of(model, sample, feedback.inputs)
+    limits = None if feedback.limits is None else limits_of(sampled, feedback.limits)
+    W, S = _weights(feedback, sampled, sample)
+    predictive_control = isinstance(feedback, PredictiveSettings)
+    return LoopNumbers(
+        robot=with_pushes(system, feedback.pushes),
+        model=model,
+        state=known.state,
+        rtol=jnp.asarray(solve["rtol"]),
+        atol=jnp.asarray(solve["atol"]),
+        limits=limits,
+        start=to_array(by_name("start", feedback.start, sampled.directions)),
+        delay=jnp.asarray(feedback.delay, int),
+        W=W,
+        S=S,
+        friction=to_array(feedback.friction) if predictive_control and feedback.friction is not None else None,
+        penalty=to_array(feedback.penalty) if predictive_control else None,
+        estimator=None if contents.estimator is None else _of_estimator(contents.estimator, contents.sensors, sampled),
+        inputs=feedback.inputs,
+        horizon=feedback.horizon if predictive_control else None,
+        limited=limited_inputs(sampled.limits if limits is None else limits) if predictive_control else (),
+    )
+
+
+def _weights(feedback: AbstractFeedbackSettings, sampled: SampledSystem, sample: float) -> tuple[Any, Any]:
+    """Factors of the weights; conditions on those that are traced are kept."""
+    if not isinstance(feedback, RegulatorSettings):
+        return None, None
+    of_state, of_inputs = sampled.directions, sampled.inputs
+    for name, given, names, holds in (
+        ("Q", feedback.Q, of_state, lambda least: least >= 0),
+        ("R", feedback.R, of_inputs, lambda least: least > 0),
+        ("Qf", feedback.Qf, of_state, lambda least: least >= 0),
+    ):
+        matrix = None if given is None else weight_matrix(name, given, names)
+        if is_traced(matrix):
+            least = jnp.linalg.eigvalsh(matrix)[0]
+            require(holds(least), f"feedback.{name}", "weights that are not negative", lambda: "")
+    return factors_of(sample, sampled, feedback.Q, feedback.R, feedback.Qf)
+
+
+def _of_estimator(
+    estimator: EstimatorSettings, sensors: Mapping[str, AbstractSensor], sampled: SampledSystem
+) -> EstimatorNumbers:
+    def of(name: str, given: Any) -> Float[Array, " n"]:
+        return to_array(by_name(name, given, sampled.directions))
+
+    chosen = estimator.chosen(sensors)
+    for name, sensor in chosen.items():
+        if sensor.errors is not None and is_traced(sensor.errors.noise):
+            require(sensor.errors.noise > 0, f"sensors.{name}.errors.noise", "a positive number", lambda: "")
+    spreads = {name: 0.0 for name, sensor in chosen.items() if wanders(sensor)} | dict(estimator.biases)
+    biases = {name: to_array(value) for name, value in spreads.items()}
+    late = tuple((name, samples_late(name, sensor, sampled)) for name, sensor in chosen.items())
+    return EstimatorNumbers(chosen, of("spread", estimator.spread), of("process", estimator.process), biases, late)

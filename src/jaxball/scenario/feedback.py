@@ -84,8 +84,7 @@ class FeedforwardSettings(AbstractFeedbackSettings):
     """The inputs of the motion alone, without feedback: arguments as of :class:`AbstractFeedbackSettings`."""
 
     def along(self, run, sample, rtol, atol):
-        from ..control.feedback import Feedforward
-        from ..control.nominal import nominal_of, samples_in
+        from ..control.feedback import Feedforward, nominal_of, samples_in
         from ..control.sampled import SampledSystem
 
         sampled = SampledSystem.of(run.system, sample, self.inputs, rtol, atol)

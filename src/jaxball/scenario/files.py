@@ -66,7 +66,7 @@ from .table import Key, keys_of, read_table, write_table
 from .values import Choice, Conditions, Integer, ScenarioError, Text, namespace, traced_conditions, unread
 
 if TYPE_CHECKING:
-    from .loop_numbers import LoopNumbers
+    from .closed_loop import LoopNumbers
 
 FORMAT = 1
 
@@ -340,7 +340,7 @@ class Parts(NamedTuple):
         """Those of a file, of which ``document`` is the whole."""
         solve, loop = contents.solve, None
         if contents.feedback is not None:
-            from .loop_numbers import loop_numbers  # which reads the model as another file
+            from .closed_loop import loop_numbers  # which reads the model as another file
 
             times = contents.times
             loop = loop_numbers(contents, document, (times.end - times.start) / (times.count - 1))

@@ -11,8 +11,7 @@ from ..numerics.arrays import numbers
 from ..numerics.vectors import apply
 from ..physics.body import AbstractBody
 from ..physics.observables import Movement
-from .base import AbstractSensor
-from .mount import mount, mounts
+from .base import AbstractSensor, mount, mounts
 
 
 class Position(AbstractSensor):

@@ -13,8 +13,7 @@ from ..physics.energy import accelerations_of_masses
 from ..physics.frames import AbstractFrame, MatrixFrame
 from ..physics.motion import Kinematics
 from ..physics.observables import Movement
-from .base import AbstractSensor
-from .mount import Mount, mount, mounts
+from .base import AbstractSensor, Mount, mount, mounts
 
 
 class Accelerometer(AbstractSensor):

@@ -9,8 +9,7 @@ from ..interface.arguments import require
 from ..physics.body import AbstractBody
 from ..physics.motion import Driven, OnRail
 from ..physics.observables import Movement
-from .base import AbstractSensor
-from .mount import joint_rates, parts
+from .base import AbstractSensor, joint_rates, parts
 
 
 class _OfJoint(AbstractSensor):

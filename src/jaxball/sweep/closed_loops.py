@@ -24,9 +24,8 @@ from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.batches import in_threads, unpadded
 from ..scenario import RegulatorSettings, Scenario
-from ..scenario.closed_loop import sampled_of
+from ..scenario.closed_loop import LoopNumbers, sampled_of
 from ..scenario.feedback import sample_of
-from ..scenario.loop_numbers import LoopNumbers
 from ..simulation.variables import Variable
 
 BLOCK = 512  # rows at a time, as of ensembles
