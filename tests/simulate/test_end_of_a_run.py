@@ -29,8 +29,8 @@ from jaxball import (
 )
 from jaxball.design.problem.run import Run
 from jaxball.ensemble import simulate_ensemble
+from jaxball.numerics.functions import seen_from_before
 from jaxball.plot.coordinates import accelerations
-from jaxball.solvers.kinks import seen_from_before
 
 END, LITTLE = 1.0, 1e-9
 SHELL = {"mass": 1.0, "inertia": (0.5, 0.6, 0.7)}

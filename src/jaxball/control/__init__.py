@@ -17,7 +17,8 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         Feedforward as Feedforward,
         NominalMotion as NominalMotion,
     )
-    from .loop import ClosedLoop as ClosedLoop, FeedbackHistory as FeedbackHistory, closed_loop as closed_loop
+    from .history import FeedbackHistory as FeedbackHistory
+    from .loop import ClosedLoop as ClosedLoop, closed_loop as closed_loop
     from .prediction import PredictiveControl as PredictiveControl, mpc as mpc
     from .sampled import Linear as Linear, SampledSystem as SampledSystem
     from .track import Track as Track, tvlqr as tvlqr

@@ -1,10 +1,7 @@
-"""A robot under sampled feedback: measured at each sample, with inputs that are limited, delayed and held.
-
-A run records the motion that it holds, the inputs and the estimates, besides its states.
-"""
+"""A robot under sampled feedback: measured at each sample, with inputs that are limited, delayed and held."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 import diffrax
 import equinox as eqx
@@ -20,51 +17,14 @@ from ..numerics import programs
 from ..numerics.arrays import Numbers, is_traced, to_array
 from ..physics.body import System
 from ..physics.force import AbstractWrench, Wrenches
-from ..physics.hybrid import NO_HISTORY, AbstractHistory, Switches
+from ..physics.hybrid import NO_HISTORY
 from ..physics.system import require_one_state
 from ..simulation.trajectory import Trajectory
 from .feedback import AbstractFeedback
+from .history import FeedbackHistory, until_end
 from .inputs import recorded
 from .sampled import PlacedState, SampledSystem
 from .weights import by_name
-
-
-class FeedbackHistory(AbstractHistory):
-    """The history of a run under feedback, at its saved times, which are the samples.
-
-    - ``switches``: those of no system, because the body rolls throughout.
-    - ``nominal``: the states of the motion that is held.
-    - ``u``: the inputs from each time on; NaN at the end, after which there are none, shape (T, m).
-    - ``estimate``: the :class:`~jaxball.estimation.LoopEstimate` of a feedback from sensors; else None.
-    - ``inputs``: the names of the inputs.
-    """
-
-    described: ClassVar[str] = "feedback, between whose samples it is not known"
-
-    switches: Switches
-    nominal: PlacedState
-    u: Float[Array, "T m"]
-    estimate: Any
-    inputs: tuple[str, ...] = eqx.field(static=True)
-
-    @property
-    def directions(self) -> tuple[str, ...]:
-        """The names of the local coordinates."""
-        return jax.tree.map(lambda leaf: leaf[0], self.nominal).directions
-
-    def deviations(self, states: PlacedState) -> Float[Array, "T n"]:
-        """ξ: the local coordinates of the ``states`` of the run around those of the motion."""
-        return jax.vmap(lambda nominal, state: nominal.difference(state))(self.nominal, states)
-
-    @property
-    def lines(self) -> list[str]:
-        sees = "of its state" if self.estimate is None else "of what its sensors read"
-        return [f"under feedback {sees}, by {', '.join(self.inputs)}"]
-
-    def at_rows(self, rows: slice) -> "FeedbackHistory":
-        arrays, names = eqx.partition((self.nominal, self.u, self.estimate), eqx.is_array)
-        nominal, u, estimate = eqx.combine(jax.tree.map(lambda leaf: leaf[rows], arrays), names)
-        return FeedbackHistory(self.switches, nominal, u, estimate, self.inputs)
 
 
 class ClosedLoop(Printed):
@@ -316,9 +276,3 @@ def whole_number(name: str, given: Any, least: int) -> int:
     if given < least:
         raise ValueError(f"Argument `{name}` must be {least} or more, but it is {given}.")
     return int(given)
-
-
-def until_end(rows: Float[Array, "samples ..."], count: int) -> Float[Array, "samples_and_end ..."]:
-    """The first ``count`` rows, and NaN where there are fewer."""
-    missing = jnp.full((max(count - rows.shape[0], 0), *rows.shape[1:]), jnp.nan, rows.dtype)
-    return jnp.concatenate([rows[:count], missing])

@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..control.feedback import AbstractFeedback, NominalMotion
-from ..control.loop import plant_of, until_end
+from ..control.history import until_end
+from ..control.loop import plant_of
 from ..control.sampled import SampledSystem
 from ..interface.arguments import require
 from ..numerics.arrays import Numbers, default_dtype

@@ -10,13 +10,13 @@ from matplotlib.axes import Axes
 
 from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array
+from ..numerics.functions import seen_from_before
 from ..physics.body import System
 from ..physics.dynamics import given_angles
 from ..physics.mechanisms import Carriage, Hinge, Slider
 from ..physics.motion import Driven, OnRail
 from ..physics.rails import AbstractRail, FunctionRail, Tube
 from ..simulation.trajectory import Trajectory, times_looked_at
-from ..solvers.kinks import seen_from_before
 from .modes import NO_MODES, draw_modes, modes_of
 from .over_time import Series, over_run, sizes_of, tell_apart
 from .palette import INK, mass_look

@@ -7,7 +7,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from ..control.loop import FeedbackHistory
+from ..control.history import FeedbackHistory
 from ..estimation.estimate import Followed, LoopEstimate
 from ..numerics.arrays import to_array
 from ..physics.hybrid import NO_HISTORY, AbstractHistory

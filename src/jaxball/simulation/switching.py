@@ -21,11 +21,11 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
 from ..numerics.bracketing import Sample, between, other_end
+from ..numerics.functions import before_kink
 from ..numerics.reverse_rules import CarryOut, pulled_by_forward_mode
 from ..physics.hybrid import NONE, START, Accuracy, GuardedStep, Record, Transition, entry
 from ..physics.packing import Packing
 from ..solvers.dense.steps import sampling
-from ..solvers.kinks import before_kink
 from .rows import put
 
 NEAR = 1e-10  # of the length of a step: where it ends so close to a zero of a guard, one step of Newton's is exact

@@ -20,6 +20,7 @@ from ..numerics import programs
 from ..numerics.arrays import Numbers, is_traced, to_array
 from ..numerics.batches import map_rows
 from ..numerics.differentiation import differentiated_where, with_unknown_derivatives
+from ..numerics.functions import seen_from_before
 from ..physics.body import AbstractBody, System
 from ..physics.conditions import Problem
 from ..physics.contact.body_on_plane import ContactHistory
@@ -29,7 +30,6 @@ from ..physics.packing import Packing
 from ..physics.state import BallState, DiskState, ReducedState, State
 from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import find_problems, not_numbers
-from ..solvers.kinks import seen_from_before
 from .events import Occurrences
 
 if TYPE_CHECKING:

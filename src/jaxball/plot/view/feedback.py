@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from ...control.loop import FeedbackHistory
+from ...control.history import FeedbackHistory
 from ...simulation.trajectory import Trajectory
 from ..floor import Setting
 from ..palette import DASHED, Line

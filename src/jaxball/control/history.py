@@ -1,0 +1,55 @@
+"""What a run under feedback records besides its states: the motion that it holds, the inputs, and estimates."""
+
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..physics.hybrid import AbstractHistory, Switches
+from ..physics.state import PlacedState
+
+
+class FeedbackHistory(AbstractHistory):
+    """The history of a run under feedback, at its saved times, which are the samples.
+
+    - ``switches``: those of no system, because the body rolls throughout.
+    - ``nominal``: the states of the motion that is held.
+    - ``u``: the inputs from each time on; NaN at the end, after which there are none, shape (T, m).
+    - ``estimate``: the :class:`~jaxball.estimation.LoopEstimate` of a feedback from sensors; else None.
+    - ``inputs``: the names of the inputs.
+    """
+
+    described: ClassVar[str] = "feedback, between whose samples it is not known"
+
+    switches: Switches
+    nominal: PlacedState
+    u: Float[Array, "T m"]
+    estimate: Any
+    inputs: tuple[str, ...] = eqx.field(static=True)
+
+    @property
+    def directions(self) -> tuple[str, ...]:
+        """The names of the local coordinates."""
+        return jax.tree.map(lambda leaf: leaf[0], self.nominal).directions
+
+    def deviations(self, states: PlacedState) -> Float[Array, "T n"]:
+        """ξ: the local coordinates of the ``states`` of the run around those of the motion."""
+        return jax.vmap(lambda nominal, state: nominal.difference(state))(self.nominal, states)
+
+    @property
+    def lines(self) -> list[str]:
+        sees = "of its state" if self.estimate is None else "of what its sensors read"
+        return [f"under feedback {sees}, by {', '.join(self.inputs)}"]
+
+    def at_rows(self, rows: slice) -> "FeedbackHistory":
+        arrays, names = eqx.partition((self.nominal, self.u, self.estimate), eqx.is_array)
+        nominal, u, estimate = eqx.combine(jax.tree.map(lambda leaf: leaf[rows], arrays), names)
+        return FeedbackHistory(self.switches, nominal, u, estimate, self.inputs)
+
+
+def until_end(rows: Float[Array, "samples ..."], count: int) -> Float[Array, "samples_and_end ..."]:
+    """The first ``count`` rows, and NaN where there are fewer."""
+    missing = jnp.full((max(count - rows.shape[0], 0), *rows.shape[1:]), jnp.nan, rows.dtype)
+    return jnp.concatenate([rows[:count], missing])
