@@ -13,7 +13,7 @@ from ..grid import grid_of
 from ..interface.arguments import require_callable, traceable
 from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array
-from ..physics.phase_space import normal_of, phase_point
+from ..physics.packing import normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem
 from ..simulation.arguments import checked_solver, checked_tolerances
 from ..simulation.deviations import Steps

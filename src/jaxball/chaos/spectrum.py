@@ -13,8 +13,7 @@ from ..interface.arguments import refusal, require_callable, traceable
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.arrays import Numbers, numbers, to_array, to_numpy
-from ..physics.packing import Packing
-from ..physics.phase_space import dimension, normal_of, phase_point
+from ..physics.packing import Packing, dimension, normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import possible_start
 from ..simulation.arguments import DEFAULT_TOLERANCE, checked_solver, checked_steps, checked_tolerances

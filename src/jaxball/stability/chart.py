@@ -12,7 +12,7 @@ from ..grid import grid_of
 from ..interface.arguments import require_callable, traceable
 from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array
-from ..physics.phase_space import phase_point
+from ..physics.packing import phase_point
 from ..physics.system import AbstractState, AbstractSystem
 from ..simulation.arguments import checked_steps, checked_tolerances
 from .periodic import DEFAULT_TOLERANCE, equations_of, multipliers_of

@@ -9,7 +9,7 @@ from ..interface.printing import Printed, shown
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array, to_numpy
-from ..physics.phase_space import dimension, normal_of, phase_point
+from ..physics.packing import dimension, normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem
 from ..simulation.arguments import checked_steps, checked_tolerances
 from ..simulation.deviations import generic_vectors

@@ -11,8 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.linear import least_squares
-from ..physics.packing import Packing
-from ..physics.phase_space import normal_of
+from ..physics.packing import Packing, normal_of
 from ..physics.state import AbstractBodyState, BallState, DiskState
 from ..physics.system import AbstractState, AbstractSystem, vector_field
 from ..physics.validity import possible_start

@@ -18,7 +18,7 @@ from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..numerics.vectors import cross
 from ..physics.body import Ball, System
 from ..physics.moments import moments
-from ..physics.phase_space import normal_of, phase_point
+from ..physics.packing import normal_of, phase_point
 from ..physics.state import ReducedState, State
 from ..physics.system import vector_field
 

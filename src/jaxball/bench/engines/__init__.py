@@ -6,8 +6,7 @@ Nothing here imports an engine: its own file, which does, is imported when it ta
 from typing import Any
 
 from ..contenders import Family
-from .cases import CASES as CASES
-from .contract import Case as Case, Engine as Engine, Motion as Motion, Setting as Setting
+from .contract import CASES as CASES, Case as Case, Engine as Engine, Motion as Motion, Setting as Setting
 
 _ELLIPTIC = {"cone": "elliptic", "impratio": 100.0}
 _STIFF = {"solref steps": 2.0, "solimp": (0.99, 0.9999, 0.001, 0.5, 2.0), "tolerance": 1e-12}

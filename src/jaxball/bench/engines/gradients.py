@@ -26,8 +26,7 @@ from ...numerics import programs
 from ...simulation.simulate import simulate
 from ..measure import Echo, machine, power, seconds, versions
 from . import MUJOCO
-from .cases import CASES, pendulum_robot
-from .contract import Derivative, timed
+from .contract import CASES, Derivative, pendulum_robot, timed
 
 CASE = CASES["pendulum"]
 STIFF = next(setting for setting in MUJOCO.settings if setting.name == "RK4, stiff")

@@ -135,7 +135,7 @@ def _poincare(options: argparse.Namespace) -> int:
     document = scenario_document(options)
     set_up_jax()
     from ...chaos import poincare_map
-    from ...physics.phase_space import phase_point
+    from ...physics.packing import phase_point
     from ...scenario.body import rolling_state
     from ..files import report
 
