@@ -8,7 +8,7 @@ import pytest
 import jaxball
 from jaxball import design
 from jaxball.design import control
-from jaxball.physics.imbalance import imbalance
+from jaxball.simulation.equilibrium import imbalance
 
 END, PLACE = 6.0, -1.0
 SLOPE, MASS, LENGTH = np.radians(5.0), 0.8, 0.6

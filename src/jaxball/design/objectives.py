@@ -13,7 +13,7 @@ from ..interface.arguments import require_value
 from ..numerics import programs
 from ..numerics.arrays import number_or_none, numbers
 from ..numerics.vectors import ROUNDING, norm
-from ..physics.imbalance import imbalance
+from ..simulation.equilibrium import imbalance
 from .problem.plane import AbstractCurve, along, off_e1, place, places
 from .problem.requirements import AbstractObjective, AbstractRunningObjective, OfFunction, Requirement
 from .problem.run import Run

@@ -1,8 +1,12 @@
-"""Where the masses must be for the body to rest: its centre of mass is on the vertical through the contact point."""
+"""Equilibrium: what would set a body at rest in motion, and where its masses must be for it to rest.
+
+It rests where its centre of mass is on the vertical through the contact point, and nothing moves its free joints.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,10 +19,14 @@ from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..numerics.vectors import apply, cross, dot
 from ..physics.body import Ball, Disk, PointMass, System, with_masses
+from ..physics.coupling import joined, joint_forces, with_free_joints
 from ..physics.dynamics import given_angles
-from ..physics.moments import kinematics, point_mass_values
+from ..physics.linkage import linkages
+from ..physics.load import load
+from ..physics.moments import kinematics, point_mass_values, velocity_moments
 from ..physics.motion import Driven, OnRail
-from ..physics.state import DiskState, State
+from ..physics.parameters import BodyParameters
+from ..physics.state import BallState, DiskState, RotationState, State
 
 STARTS = 256
 SAME = 1e-6
@@ -280,4 +288,55 @@ def _message(found, theta, miss, height, above, sloping) -> str:
     return (
         f"No angles of these masses put the centre of mass {goal}; the angles ({angles}) leave it {miss:.3g} from the "
         f"vertical, {side} the centre."
+    )
+
+
+class Imbalance(NamedTuple):
+    """What would set a body at rest in motion; all of it is 0 in equilibrium.
+
+    - ``torque``: of the load about the contact point, space axes, mass length²/time².
+    - ``efforts``: on each free joint, its force minus that which would hold up its masses; 0 for joints that a law
+      drives.
+    - ``p``, ``weight``: Λp = Σ m Λχ, and γ, what a unit of mass weighs, upward; space axes.
+    - ``M``: the whole mass.
+    """
+
+    torque: Float[Array, "3"]
+    efforts: Float[Array, " coordinates"]
+    p: Float[Array, "3"]
+    weight: Float[Array, "3"]
+    M: Float[Array, ""]
+
+    @property
+    def beside(self) -> Float[Array, "2"]:
+        """The horizontal distance of the centre of mass from where it could rest; on a level plane, from the centre."""
+        turned = jnp.stack([self.torque[1], -self.torque[0]])
+        return turned / (self.M * self.weight[2])
+
+    @property
+    def below(self) -> Float[Array, ""]:
+        """How far the centre of mass is below the geometric centre, along the vertical, length."""
+        size = jnp.sqrt(jnp.sum(self.weight**2))
+        return -jnp.sum(self.p * self.weight) / (self.M * size)
+
+
+def imbalance(system: BodyParameters, t: Float[Array, ""], state: BallState | RotationState | DiskState) -> Imbalance:
+    """The imbalance of a body in the configuration of ``state``, with all velocities 0; ``system`` is prepared."""
+    still = eqx.tree_at(lambda s: s.thetadot, state, jnp.zeros_like(state.thetadot))
+    still = still.with_Omega(jnp.zeros_like(state.Omega))
+    angles = (still.theta, still.thetadot, still.thetadot)
+    links = linkages(system, t, angles)
+    at, acting = velocity_moments(system, t, angles[:2], links), load(system, t, still)
+    weight = acting.weight
+    efforts = []
+    for link, Q in zip(with_free_joints(links), joint_forces(t, still, links), strict=True):
+        moments = jnp.sum(link.m[:, None, :, None] * link.partial, axis=2)
+        efforts.append(Q - jnp.sum(moments * weight[None, None], axis=-1))
+    Lambda = state.Lambda
+    return Imbalance(
+        torque=apply(Lambda, acting.about_contact(at, system.radius)),
+        efforts=joined(still.thetadot, links, efforts),
+        p=apply(Lambda, at.p),
+        weight=apply(Lambda, weight),
+        M=at.M,
     )

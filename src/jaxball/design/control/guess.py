@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from ...numerics import programs, versor
 from ...numerics.vectors import apply, cross
-from ...physics.imbalance import imbalance
 from ...physics.load import load
 from ...physics.moments import velocity_moments
 from ...physics.momentum import contact_momentum, contact_momentum_rate
 from ...physics.state import BallState, DiskState
+from ...simulation.equilibrium import imbalance
 from ...solvers.tableau import gauss
 from ..objectives import FollowTrajectory
 from ..problem.space import DesignError

@@ -15,11 +15,11 @@ from ...interface.wording import all_of
 from ...numerics.arrays import Numbers, to_array
 from ...physics.body import System
 from ...physics.force import AbstractForce
-from ...physics.imbalance import Imbalance, imbalance
 from ...physics.packing import Packing
 from ...physics.schedules import AbstractSchedule
 from ...physics.signals import AbstractSignal
 from ...physics.state import BallState, DiskState
+from ...simulation.equilibrium import Imbalance, imbalance
 from ..objectives import FollowTrajectory
 from ..problem.requirements import AbstractRunningConstraint, AbstractRunningObjective, require_reachable
 from ..problem.run import Run

@@ -12,11 +12,11 @@ from jaxtyping import Array, Float
 from ...numerics import programs
 from ...numerics.batches import map_rows
 from ...physics.body import Ball, Disk, System
-from ...physics.imbalance import imbalance
 from ...physics.schedules import PiecewiseAcceleration
 from ...physics.signals import PiecewiseSignal
 from ...scenario import Scenario
 from ...scenario.initial import starting_angles
+from ...simulation.equilibrium import imbalance
 from ..problem.run import Run
 from .inputs import with_free_joints
 from .rolling import Rolling, rolling
