@@ -10,8 +10,18 @@ import diffrax
 
 from ... import paper, solvers
 from ...interface.wording import all_of, counted
-from .experiments import EXPERIMENTS, Experiment, Measurement, ball_experiment, check_names, measure
-from .table import STEPS, Column, Table, agreement
+from .experiments import (
+    EXPERIMENTS,
+    STEPS,
+    Column,
+    Experiment,
+    Measurement,
+    Table,
+    agreement,
+    ball_experiment,
+    check_names,
+    measure,
+)
 
 
 class Counterpart(NamedTuple):

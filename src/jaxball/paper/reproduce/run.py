@@ -9,8 +9,18 @@ from ... import paper
 from ...interface.wording import counted
 from ...numerics.programs import compiled_quickly
 from ...simulation.simulate import simulate
-from .experiments import EXPERIMENTS, SOLVERS, Experiment, Measurement, check_names, measure
-from .table import STEPS, Column, Table, agreement
+from .experiments import (
+    EXPERIMENTS,
+    SOLVERS,
+    STEPS,
+    Column,
+    Experiment,
+    Measurement,
+    Table,
+    agreement,
+    check_names,
+    measure,
+)
 
 TABLE: Table[Measurement] = Table(
     name="table",
