@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.numerics.reverse_rules import pulled_by_forward_mode
+from jaxball.numerics.reverse_rules import pulled_by_forward_mode, put, put_while
 from jaxball.simulation.adjoint import Parts, Recorded, while_loop
-from jaxball.simulation.rows import put, put_while
 
 STEPS, ROOM = 11, 16
 

@@ -8,9 +8,13 @@ adapters to what libraries of reinforcement learning take. No figures, no files 
 
 from ..interface.names import interface as _interface
 from ..numerics.batches import in_lanes as in_lanes
-from .brax_state import BraxEnvironment as BraxEnvironment, BraxState as BraxState
+from .adapters import (
+    BraxEnvironment as BraxEnvironment,
+    BraxState as BraxState,
+    gymnasium_env as gymnasium_env,
+    gymnasium_vector_env as gymnasium_vector_env,
+)
 from .environment import Environment as Environment, Episode as Episode, Transition as Transition
-from .gymnasium_adapters import gymnasium_env as gymnasium_env, gymnasium_vector_env as gymnasium_vector_env
 from .observations import (
     AbstractObservation as AbstractObservation,
     ObservedSensors as ObservedSensors,

@@ -1,4 +1,7 @@
-"""Functions with rules of their own for reverse mode, which are told what varies and need not compute anything else."""
+"""Functions with rules of their own for reverse mode, which are told what varies and need not compute anything else.
+
+Among them are loops that write rows of arrays.
+"""
 
 import functools
 from collections.abc import Callable, Sequence
@@ -7,13 +10,15 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array
+from jaxtyping import Array, Bool, Int
 
+from ..compat import evaluate, unvmap_any
 from .batches import map_rows
 
 Forward = Callable[[Any], tuple[Any, Any]]
 Pull = Callable[[Any, Any, Any], Any]
 CarryOut = Callable[[Callable[[Any], Any], Pull, Any], Any]  # a function, a pull of it, and operands: the results
+Index = Int[Array, ""]
 
 
 def at_once(function: Callable[[Any], Any], pull: Pull, operands: Any) -> Any:
@@ -103,3 +108,64 @@ def or_zeros(cotangent: Array | None, like: Any) -> Array:
 def added(one: Sequence[Array], other: Sequence[Array]) -> list[Array]:
     """The sums of arrays one by one."""
     return [x + y for x, y in zip(one, other, strict=True)]
+
+
+def put(buffer: Array, index: Index, row: Array, counts: Bool[Array, ""]) -> Array:
+    """``buffer`` with one more row, if that ``counts``. Nothing of it is read, so that it can be written in place."""
+    return buffer.at[jnp.where(counts, index, buffer.shape[0])].set(row, mode="drop")
+
+
+def put_while(
+    due: Callable[[Index], Bool[Array, ""]],
+    row_of: Callable[[Index], Array],
+    buffer: Array,
+    first: Index,
+    *,
+    reverse: bool,
+) -> tuple[Array, Index]:
+    """``buffer`` with more rows from ``first`` on, as long as they are ``due``, and the index of the next.
+
+    - ``reverse``: whether derivatives are those of reverse mode, or else those of forward mode.
+    """
+    if not reverse:
+        return _written(due, row_of, buffer, first)
+    condition, row = jax.make_jaxpr(due)(first), jax.make_jaxpr(row_of)(first)
+
+    def forward(operands: tuple[list[Any], list[Any], Array, Index]) -> tuple[Array, Index]:
+        conditions, constants, buffer, first = operands
+
+        def due(k: Index) -> Array:
+            return evaluate(condition, conditions, [k])[0]
+
+        return _written(due, lambda k: evaluate(row, constants, [k])[0], buffer, first)
+
+    def kept(operands: tuple[list[Any], list[Any], Array, Index]) -> tuple[Any, Any]:
+        _, constants, _, first = operands
+        written, stop = forward(operands)
+        return (written, stop), (constants, first, stop)
+
+    def pull(kept: Any, cotangents: Any, varies: Any) -> Any:
+        (constants, first, stop), (cotangent, _), (_, which, _, _) = kept, cotangents, varies
+        moving = chosen(constants, which)
+
+        def back(at: tuple[Index, list[Array]]) -> tuple[Index, list[Array]]:
+            k, summed = at
+            _, pull = jax.vjp(lambda moving: evaluate(row, replaced(constants, which, moving), [k])[0], moving)
+            return k + 1, added(summed, pull(jnp.where(k < stop, cotangent[k], 0.0))[0])
+
+        summed = [jnp.zeros_like(x) for x in moving]
+        if cotangent is not None:
+            _, summed = jax.lax.while_loop(lambda at: unvmap_any(at[0] < stop), back, (first, summed))
+        nothing = [None] * len(condition.consts)
+        return nothing, replaced([None] * len(constants), which, summed), cotangent, None
+
+    return with_rule(forward, kept, pull)((list(condition.consts), list(row.consts), buffer, first))
+
+
+def _written(due: Callable, row_of: Callable, buffer: Array, first: Index) -> tuple[Array, Index]:
+    def write(at: tuple[Array, Index]) -> tuple[Array, Index]:
+        buffer, k = at
+        counts = due(k)
+        return put(buffer, k, row_of(k), counts), k + jnp.where(counts, 1, 0)
+
+    return jax.lax.while_loop(lambda at: unvmap_any(due(at[1])), write, (buffer, first))

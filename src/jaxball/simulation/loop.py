@@ -18,7 +18,7 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from ..native import traced_natively
-from ..numerics.reverse_rules import CarryOut, at_once
+from ..numerics.reverse_rules import CarryOut, at_once, put, put_while
 from ..physics.system import AbstractSystem
 from ..solvers import StepToKinks
 from ..solvers.dense.continuous import DenseOutput, has_one_tableau
@@ -26,7 +26,6 @@ from ..solvers.explicit import depends_on_arguments_alone, with_first_slope, wit
 from ..solvers.multistep import AbstractMultistep, AbstractMultistepController
 from .adjoint import Parts, Recorded, while_loop
 from .observers import Observers, Step
-from .rows import put, put_while
 from .switching import AbstractSwitching, NextStep, Taken
 
 # A step that would end this close to the end of the run, relative to it, ends there.

@@ -22,11 +22,10 @@ from jaxtyping import Array, Bool, Float, Int
 from ..interface.status import Status
 from ..numerics.bracketing import Sample, between, other_end
 from ..numerics.functions import before_kink
-from ..numerics.reverse_rules import CarryOut, pulled_by_forward_mode
+from ..numerics.reverse_rules import CarryOut, pulled_by_forward_mode, put
 from ..physics.hybrid import NONE, START, Accuracy, GuardedStep, Record, Transition, entry
 from ..physics.packing import Packing
 from ..solvers.dense.steps import sampling
-from .rows import put
 
 NEAR = 1e-10  # of the length of a step: where it ends so close to a zero of a guard, one step of Newton's is exact
 TOGETHER = 1e-6  # of the length of a step: zeros of guards this close to each other are one event
