@@ -7,10 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.simulation.switching import RootBracket, _bracketed
+from jaxball.simulation import mode_ends
+from jaxball.simulation.mode_ends import RootBracket
 from jaxball.solvers.dense.steps import sampling
 
-bracketed = jax.jit(_bracketed)
+bracketed = jax.jit(mode_ends.bracketed)
 DENSE = np.linspace(0.0, 1.0, 20_001)[1:]
 CLOSE = 1e-9  # of the time: ten times what the search allows, relative to the step
 
