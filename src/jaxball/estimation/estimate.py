@@ -1,4 +1,7 @@
-"""What is known at one moment, and what a filter has found: estimates, how sure they are, and if they deserve it."""
+"""What a filter has found: the estimates, how sure they are, and whether they deserve it.
+
+At one moment that is a belief: a state, biases of sensors, and the covariance of the errors of both.
+"""
 
 import abc
 from typing import NamedTuple

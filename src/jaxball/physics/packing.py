@@ -1,4 +1,7 @@
-"""States as vectors: the one that a solver advances, and the phase space, on whose points the motion depends alone."""
+"""States as vectors: the one that a solver advances, and the phase space of a system.
+
+The phase space is the part of a state that the motion depends on.
+"""
 
 import functools
 from collections.abc import Callable
