@@ -86,7 +86,8 @@ def test_every_row_is_a_run_of_its_own():
         assert int(one.status) == int(row.status) == Status.SUCCESS
         # An error that is its tolerance to the last bits may be kept here and rejected there; and those of a
         # homogeneous ball in flight are rounding alone, which lengths of steps follow.
-        assert abs(int(one.steps) - int(row.steps)) <= 4
+        is_homogeneous = not np.any(rows[0][k])
+        assert abs(int(one.steps) - int(row.steps)) <= (4 if is_homogeneous else 2)
         assert abs(int(one.rejected) - int(row.rejected)) <= 2
         for a, b in zip(jax.tree.leaves(one.state), jax.tree.leaves(row.state), strict=True):
             np.testing.assert_allclose(a, b, rtol=0, atol=5e-8)

@@ -7,8 +7,11 @@ from jaxball.native import Lowered, Refusal
 from jaxball.native.elements import UnsupportedError
 
 
-def native(f, *args):
-    """The result of a function, compiled natively whatever it contains; an operation that is not known raises."""
+def native(f, *args, quickly=False):
+    """The result of a function, compiled natively whatever it contains; an operation that is not known raises.
+
+    - ``quickly``: whether LLVM optimises it less.
+    """
     leaves, structure = jax.tree.flatten(args)
     results = []
 
@@ -17,7 +20,7 @@ def native(f, *args):
         results.append(result)
         return arrays
 
-    program = Lowered(of_leaves, leaves, "program").natively()
+    program = Lowered(of_leaves, leaves, "program").natively(quickly=quickly)
     if isinstance(program, Refusal):
         raise UnsupportedError(program.reason)
     return results[-1].unflatten(program(leaves))

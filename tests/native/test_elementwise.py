@@ -1,11 +1,15 @@
 """Operations on single numbers: each of every type against XLA's, on special numbers and on random ones."""
 
+from fractions import Fraction
+
 import jax
 import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
 from jax import lax
+
+from jaxball.native import builder, machine
 
 from .comparison import agree, native, same, special
 
@@ -256,3 +260,25 @@ def test_special_functions(dtype):
     eps = np.finfo(dtype).eps
     for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
         np.testing.assert_allclose(one, other, rtol=500 * eps, atol=500 * eps)
+
+
+def test_a_sum_with_a_product_is_rounded_once():
+    """Where the processor can do that; the exact value is that of fractions."""
+    x, y, z = (np.random.default_rng(k).normal(size=50) for k in range(3))
+    signs = {(1, 1): lambda x, y, z: x * y + z, (1, -1): lambda x, y, z: x * y - z, (-1, 1): lambda x, y, z: z - x * y}
+    for (of_product, of_other), f in signs.items():
+        exact = [
+            of_product * Fraction(a) * Fraction(b) + of_other * Fraction(c) for a, b, c in zip(x, y, z, strict=True)
+        ]
+        once = np.array([float(number) for number in exact])
+        if machine.multiplies_and_adds():
+            np.testing.assert_array_equal(native(f, x, y, z), once)
+        else:
+            np.testing.assert_array_equal(native(f, x, y, z), f(x, y, z))
+    assert native(lambda x, y: x * y - x * y, x[0], y[0]) == 0.0  # one product, and no rounding of another
+
+
+def test_without_the_instruction_products_and_sums_are_rounded_each(monkeypatch):
+    monkeypatch.setattr(builder, "multiplies_and_adds", lambda: False)
+    x, y, z = (np.random.default_rng(k).normal(size=50) for k in range(3))
+    np.testing.assert_array_equal(native(lambda x, y, z: x * y + z, x, y, z), x * y + z)

@@ -174,3 +174,16 @@ def test_programs_agree_in_lanes(everything_in_lanes, program, length):
 @given(steps(1), st.sampled_from([4, 70]))
 def test_small_programs_agree_in_lanes(everything_in_lanes, program, length):
     in_lanes(program, length)
+
+
+@settings(max_examples=6)
+@given(steps(1), st.sampled_from([4, 70]))
+def test_quick_code_gives_the_same_bits(everything_in_lanes, program, length):
+    rows = tuple(np.random.default_rng(2).uniform(-1, 1, (19, length)) for _ in range(3))
+
+    def f(rows):
+        alone = follow(program, [array[0] for array in rows], 1)
+        return alone, lax.map(lambda arrays: follow(program, arrays, 1), rows)
+
+    quick, optimised = (jax.tree.leaves(native(f, rows, quickly=quickly)) for quickly in (True, False))
+    assert [np.asarray(array).tobytes() for array in quick] == [np.asarray(array).tobytes() for array in optimised]
