@@ -84,10 +84,10 @@ def test_every_row_is_a_run_of_its_own():
         assert kind[k]
         one, row = single(rows, k), jax.tree.map(lambda leaf, k=k: leaf[k], many.trajectory)
         assert int(one.status) == int(row.status) == Status.SUCCESS
-        # An error that is its tolerance to the last bits may be kept here and rejected there; and those of a
-        # homogeneous ball in flight are rounding alone, which lengths of steps follow.
-        is_homogeneous = not np.any(rows[0][k])
-        assert abs(int(one.steps) - int(row.steps)) <= (4 if is_homogeneous else 2)
+        # An error that is its tolerance to the last bits may be kept here and rejected there. In flight errors are near
+        # rounding: where Ω differs by 1e-12 of itself, the run that flies takes 40 to 43 steps.
+        flies = kind is kinds[0]
+        assert abs(int(one.steps) - int(row.steps)) <= (4 if flies else 2)
         assert abs(int(one.rejected) - int(row.rejected)) <= 2
         for a, b in zip(jax.tree.leaves(one.state), jax.tree.leaves(row.state), strict=True):
             np.testing.assert_allclose(a, b, rtol=0, atol=5e-8)
