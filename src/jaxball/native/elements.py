@@ -5,6 +5,7 @@ of a complex type, a :class:`Pair` of such. An index is an ``int`` or a name. Wh
 side, a name of :class:`Lanes` stands for one number of each.
 """
 
+import functools
 import re
 from collections.abc import Mapping
 from typing import Any, TypeAlias
@@ -66,6 +67,7 @@ def llvm_type(dtype: np.dtype) -> str:
     return "i1" if dtype.kind == "b" else f"i{8 * dtype.itemsize}"
 
 
+@functools.cache
 def vector_type(dtype: np.dtype, width: int = LANES) -> str:
     """LLVM's type of one number for each lane; of a single number where there is none."""
     return f"<{width} x {llvm_type(dtype)}>" if width else llvm_type(dtype)
@@ -73,7 +75,10 @@ def vector_type(dtype: np.dtype, width: int = LANES) -> str:
 
 def width_of(*elements: Element) -> int:
     """How many lanes those of the elements have that are vectors; 0 where none is."""
-    return next((element.width for element in elements if isinstance(element, Lanes)), 0)
+    for element in elements:
+        if isinstance(element, Lanes):
+            return element.width
+    return 0
 
 
 def part_of(dtype: np.dtype) -> np.dtype:
@@ -83,17 +88,17 @@ def part_of(dtype: np.dtype) -> np.dtype:
 
 def in_lanes(*elements: Element) -> bool:
     """Whether any of the elements has one number for each lane."""
-    return any(
-        in_lanes(element.real, element.imag) if isinstance(element, Pair) else isinstance(element, Lanes)
-        for element in elements
-    )
+    for element in elements:
+        if isinstance(element, Lanes) or (isinstance(element, Pair) and in_lanes(element.real, element.imag)):
+            return True
+    return False
 
 
 def is_known(element: Element) -> bool:
     """Whether an element's number is known while compiling."""
-    if isinstance(element, Pair):
-        return is_known(element.real) and is_known(element.imag)
-    return not isinstance(element, str)
+    if isinstance(element, str):
+        return False
+    return not isinstance(element, Pair) or (is_known(element.real) and is_known(element.imag))
 
 
 def written(element: Element) -> str:

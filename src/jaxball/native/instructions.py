@@ -151,7 +151,7 @@ class Instructions:
 
     def vector_of(self, lane: Element) -> Lanes | None:
         """The vector of which a name is that of a lane."""
-        vector = written(lane).partition(".")[0]
+        vector = lane.partition(".")[0]
         return Lanes(vector, self._vectors[vector][1]) if vector in self._vectors else None
 
     def shuffled(self, dtype: np.dtype, x: Lanes, y: Lanes | None, lanes: Sequence[int]) -> Lanes:
@@ -172,7 +172,7 @@ class Instructions:
 
     def is_same_in_every_turn(self, element: Element) -> bool:
         """Whether a number is computed before the innermost loop that is being written."""
-        return is_known(element) or self._scopes.home(element) is not self._scopes.loop
+        return is_known(element) or not self._scopes.is_of_this_turn(element)
 
     def any_lane(self, condition: Element) -> Element:
         """Whether a condition holds in any of the lanes."""

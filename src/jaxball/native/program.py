@@ -46,11 +46,12 @@ class Operation:
     - ``last``: those that nothing reads after it.
     """
 
-    __slots__ = ("_attributes", "_text", "last", "name", "operands", "reads", "regions", "results")
+    __slots__ = ("_attributes", "_read", "_text", "last", "name", "operands", "reads", "regions", "results")
 
     def __init__(self, source: Any, operands: list[Value], results: list[Value]):
         self.name: str = source.name
         self._attributes, self._text = source.attributes, source.__str__
+        self._read: dict[str, Any] = {}
         self.operands, self.results = operands, results
         self.regions: list[Block] = []
         self.reads = Counter(operands)
@@ -61,6 +62,11 @@ class Operation:
 
     def attribute(self, name: str) -> Any:
         """An attribute: a number, a text, a list of integers, a dictionary, an array of NumPy, or StableHLO's."""
+        if name not in self._read:
+            self._read[name] = self._attribute(name)
+        return self._read[name]
+
+    def _attribute(self, name: str) -> Any:
         attribute = self._attributes[name]
         kind = type(attribute).__name__
         if kind in ("IntegerAttr", "BoolAttr", "StringAttr", "FlatSymbolRefAttr", "FloatAttr"):
@@ -80,6 +86,11 @@ class Operation:
 
     def constant(self) -> np.ndarray:
         """The array of a ``stablehlo.constant``, which views one number where all are equal."""
+        if "value" not in self._read:
+            self._read["value"] = self._constant()
+        return self._read["value"]
+
+    def _constant(self) -> np.ndarray:
         shape, dtype = self.results[0].shape, self.results[0].dtype
         if dtype.kind == "c":  # whose attributes the bindings do not read
             return _complex_constant(self._text(), shape, dtype)

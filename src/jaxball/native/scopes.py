@@ -56,18 +56,26 @@ class Scopes:
 
     def home(self, instruction: str) -> Loop | None:
         """The innermost loop outside of which an instruction lacks an operand; None where it lacks none anywhere."""
-        within = [loop for operand in _NAMES.findall(instruction) if (loop := self._homes.get(operand)) is not None]
-        return self._innermost(within)
-
-    def _innermost(self, loops: list[Loop]) -> Loop | None:
-        around = set()
-        for loop in loops:
-            outer: Loop | None = loop
-            while outer is not None and not outer.is_open:  # what a loop has left is of the loop around it
-                outer = outer.outer
-            around.add(outer)
         loop = self.loop
+        if loop is None:
+            return None
+        around = set()
+        for name in _NAMES.findall(instruction):
+            home = self._home_of(name)
+            if home is loop:
+                return loop
+            around.add(home)
         while loop is not None and loop not in around:
+            loop = loop.outer
+        return loop
+
+    def is_of_this_turn(self, element: Name) -> bool:
+        """Whether a name, or the vector that it is a lane of, is of the innermost loop that is being written."""
+        return self._home_of(element.partition(".")[0]) is self.loop
+
+    def _home_of(self, name: Name) -> Loop | None:
+        loop = self._homes.get(name)
+        while loop is not None and not loop.is_open:  # what a loop has left is of the loop around it
             loop = loop.outer
         return loop
 

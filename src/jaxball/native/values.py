@@ -82,6 +82,12 @@ class Registers:
         """The elements, those that are known as scalars."""
         return as_elements(self.elements) if self.known else self.elements
 
+    def flat(self) -> list[Element]:
+        """The elements, row by row."""
+        if self.known and self.dtype.kind != "c":
+            return list(self.elements.reshape(-1))
+        return self.objects().reshape(-1).tolist()
+
     def element(self, builder: Builder, index: Sequence[Index]) -> Element:
         """The element at an index, which must be known in dimensions longer than one."""
         position: Any = tuple(0 if length == 1 else i for i, length in zip(index, self.shape, strict=True))
@@ -179,10 +185,7 @@ Array: TypeAlias = Registers | Memory | Formula
 
 def registers(dtype: np.dtype, elements: Sequence[Element], shape: tuple[int, ...]) -> Registers:
     """Registers of elements in the order of their places, row by row."""
-    array = np.empty(len(elements), object)
-    for position, element in enumerate(elements):
-        array[position] = element
-    return Registers(dtype, array.reshape(shape))
+    return Registers(dtype, np.fromiter(elements, object, len(elements)).reshape(shape))
 
 
 def size_of(shape: Sequence[int]) -> int:

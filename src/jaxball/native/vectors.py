@@ -5,7 +5,8 @@ one vector for each place along the other axes, and lane k of the vector ``%v7``
 finds the vectors by these names. Only lanes that are read individually are extracted.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -21,28 +22,29 @@ def side_by_side(
     builder: Builder,
     dtypes: Sequence[np.dtype],
     results: Sequence[np.dtype],
-    rows: Sequence[Sequence[Element]],
+    columns: Sequence[Sequence[Element]],
     compute: Callable[..., Sequence[Element]],
 ) -> list[list[Element]] | None:
-    """What ``compute`` gives for each of the rows, computed in vectors; None where it is to be computed one by one.
+    """What ``compute`` gives for each lane, computed in vectors; None where it is to be computed one by one.
 
-    - ``rows``: the operands of the lanes, one row a lane; ``dtypes``: their types.
-    - ``results``: the types of what is computed; the list has a row for each lane.
+    - ``columns``: of each operand the numbers of the lanes; ``dtypes``: their types.
+    - ``results``: the types of what is computed; the list has the numbers of the lanes of each.
     """
-    count = len(rows)
+    count, known = len(columns[0]), True
     if any(dtype.kind == "c" for dtype in (*dtypes, *results)):
         return None
-    columns = list(zip(*rows, strict=True))
-    if any(isinstance(element, Lanes | Pair) for column in columns for element in column):
-        return None
-    if all(is_known(element) for column in columns for element in column) or all(map(_is_uniform, columns)):
+    for column in columns:
+        for element in column:
+            if isinstance(element, (Lanes, Pair)):
+                return None
+            known = known and not isinstance(element, str)
+    if known or all(map(_is_uniform, columns)):
         return None
     if count < FEWEST_ALWAYS and sum(_cost(builder, column) for column in columns) > MOST_TO_PACK:
         return None
     operands = [packed(builder, dtype, column) for dtype, column in zip(dtypes, columns, strict=True)]
     found = compute(*operands)
-    lanes = [builder.lanes_of(dtype, number, count) for dtype, number in zip(results, found, strict=True)]
-    return [list(row) for row in zip(*lanes, strict=True)]
+    return [builder.lanes_of(dtype, number, count) for dtype, number in zip(results, found, strict=True)]
 
 
 def packed(builder: Builder, dtype: np.dtype, numbers: Sequence[Element]) -> Element:
@@ -84,7 +86,10 @@ def one_by_one(builder: Builder, dtype: np.dtype, shape: Sequence[int], vectors:
 
 def _is_uniform(numbers: Sequence[Element]) -> bool:
     first = written(numbers[0])
-    return all(written(number) == first for number in numbers)
+    for number in numbers:
+        if (number if isinstance(number, str) else written(number)) != first:
+            return False
+    return True
 
 
 def _sources(builder: Builder, numbers: Sequence[Element]) -> tuple[list[Lanes], list[int]]:
@@ -98,7 +103,7 @@ def _sources(builder: Builder, numbers: Sequence[Element]) -> tuple[list[Lanes],
             return [], []
         if vector not in vectors:
             vectors.append(vector)
-        lanes.append(width * vectors.index(vector) + int(written(number).partition(".")[2]))
+        lanes.append(width * vectors.index(vector) + int(number.partition(".")[2]))
     return (vectors, lanes) if len(vectors) <= 2 else ([], [])
 
 
@@ -116,16 +121,13 @@ def _cost(builder: Builder, numbers: Sequence[Element]) -> int:
     return int(len(vectors) > 1 or lanes != list(range(len(numbers))))
 
 
-def in_rows(shape: Sequence[int], arrays: Iterable[np.ndarray]) -> list[list[list[Element]]]:
-    """For each place along the other axes, for each lane, the elements of arrays that have the shape or are single."""
-    count = shape[0]
-    flat = [
-        np.broadcast_to(elements.reshape(1, 1), (count, 1)) if elements.shape != tuple(shape) else elements
-        for elements in arrays
-    ]
-    columns = [elements.reshape(count, -1) for elements in flat]
-    places = int(np.prod(shape[1:], dtype=int))
-    return [
-        [[column[lane, place if column.shape[1] > 1 else 0] for column in columns] for lane in range(count)]
-        for place in range(places)
-    ]
+def in_columns(shape: Sequence[int], arrays: Sequence[Sequence[Element]]) -> Iterator[list[Sequence[Element]]]:
+    """For each place along the other axes, of each array the elements along the first one.
+
+    - ``arrays``: the elements row by row, or a single one.
+    """
+    count, places = shape[0], math.prod(shape[1:])
+    for place in range(places):
+        yield [
+            elements * count if len(elements) == 1 and places * count > 1 else elements[place::places] for elements in arrays
+        ]

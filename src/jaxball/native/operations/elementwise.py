@@ -9,7 +9,7 @@ from ..lowering import Function
 from ..program import Operation
 from ..rules import rule, short
 from ..values import Array, Formula, Memory, Registers, is_small, registers, size_of
-from ..vectors import WIDTHS, in_rows, side_by_side
+from ..vectors import WIDTHS, in_columns, side_by_side
 from . import complex, real
 
 
@@ -23,7 +23,7 @@ def mapped(
             return array
         flat = []
         for array in of:
-            elements = storage.to_registers(array).objects().reshape(-1).tolist()
+            elements = storage.to_registers(array).flat()
             flat.append(elements if array.shape == shape else elements * size_of(shape))
         return Registers(dtype, collected([compute(*elements) for elements in zip(*flat, strict=True)], shape, dtype))
     arrays = [storage.anywhere(array) for array in of]
@@ -38,13 +38,11 @@ def _in_vectors(
     function: Function, shape: tuple[int, ...], dtype: np.dtype, compute: Callable[..., Element], of: Sequence[Array]
 ) -> Array | None:
     """The same in vectors along the first axis; None where that is not to be."""
-    dtypes, columns = [array.dtype for array in of], []
-    for rows in in_rows(shape, [function.storage.to_registers(array).objects() for array in of]):
-        column = side_by_side(function.builder, dtypes, [dtype], rows, lambda *xs: (compute(*xs),))
-        if column is None:
-            column = [[compute(*row)] for row in rows]
-        columns.append([number for (number,) in column])
-    elements = [columns[place][lane] for lane in range(shape[0]) for place in range(len(columns))]
+    dtypes, found = [array.dtype for array in of], []
+    for columns in in_columns(shape, [function.storage.to_registers(array).flat() for array in of]):
+        vectors = side_by_side(function.builder, dtypes, [dtype], columns, lambda *xs: (compute(*xs),))
+        found.append([compute(*row) for row in zip(*columns, strict=True)] if vectors is None else vectors[0])
+    elements = found[0] if len(found) == 1 else [number for lane in zip(*found, strict=True) for number in lane]
     return Registers(dtype, collected(elements, shape, dtype))
 
 

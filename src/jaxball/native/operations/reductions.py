@@ -1,6 +1,6 @@
 """Reductions over dimensions and over windows."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -68,18 +68,23 @@ def _in_vectors(
     table = [np.moveaxis(array.objects(), reduced, range(-len(reduced), 0)) for array in arrays]
     elements = [np.empty(shape, object) for _ in results]
     for place in np.ndindex(*shape[1:]):
-        numbers = [list(first)] * shape[0]
+        numbers = [[number] * shape[0] for number in first]
         for within in np.ndindex(*table[0].shape[len(shape) :]):
-            rows = [[*numbers[lane], *(t[(lane, *place, *within)] for t in table)] for lane in range(shape[0])]
-            new = side_by_side(function.builder, dtypes * 2, dtypes, rows, combine)
-            numbers = [list(combine(*row)) for row in rows] if new is None else new
+            columns = [*numbers, *(t[(slice(None), *place, *within)].tolist() for t in table)]
+            new = side_by_side(function.builder, dtypes * 2, dtypes, columns, combine)
+            numbers = _in_turn(combine, columns) if new is None else new
         for k in range(count):
             for lane in range(shape[0]):
-                elements[k][(lane, *place)] = numbers[lane][k]
+                elements[k][(lane, *place)] = numbers[k][lane]
     return [
         Registers(dtype, collected(list(array.reshape(-1)), shape, dtype))
         for dtype, array in zip(dtypes, elements, strict=True)
     ]
+
+
+def _in_turn(combine: Callable[..., Sequence[Element]], columns: Sequence[Sequence[Element]]) -> list[list[Element]]:
+    """What is combined of the numbers of each lane, one lane after another."""
+    return list(map(list, zip(*(combine(*row) for row in zip(*columns, strict=True)), strict=True)))
 
 
 def several(function: Function, operation: Operation, at: Any, of: Sequence[Array], varying: bool) -> list[Array]:
