@@ -14,7 +14,6 @@ from .elements import (
     Element,
     Lanes,
     Name,
-    UnsupportedError,
     in_lanes,
     is_known,
     llvm_type,
@@ -24,7 +23,7 @@ from .elements import (
     written,
 )
 from .folding import read
-from .module import MOST_LINES, Module
+from .module import Module
 from .scopes import Scopes
 
 BOOL = np.dtype(bool)
@@ -60,12 +59,7 @@ class Instructions:
         """An instruction without a result."""
         self._lines.append(line)
         self.cost += 1
-        self._count_line()
-
-    def _count_line(self) -> None:
-        self.module.lines += 1
-        if self.module.lines > MOST_LINES:
-            raise UnsupportedError(f"A program of more than {MOST_LINES:,} instructions")
+        self.module.count_line()
 
     def effect(self, instruction: str, wide: int = 0) -> Name:
         """An instruction with an effect besides its result: a memory read, a call. ``wide``: its lanes, of a vector."""
@@ -89,26 +83,18 @@ class Instructions:
         name = scopes.found(instruction)
         if name is not None:
             return name
-        home = scopes.home(instruction)
-        if home is scopes.loop:
-            name = self.effect(instruction, wide)
-            scopes.note(instruction, name, scopes.loop)
-            return name
-        first = scopes.loop
-        assert first is not None
-        while first.outer is not home:
-            first = first.outer
-            assert first is not None
         name = self._unused(wide)
-        scopes.name(name, home)
-        scopes.note(instruction, name, home)
-        first.before.append(f"{name} = {instruction}")
-        self._count_line()
+        ahead_of = scopes.note(instruction, name)
+        if ahead_of is None:
+            self.write(f"{name} = {instruction}")
+        else:
+            ahead_of.before.append(f"{name} = {instruction}")
+            self.module.count_line()
         return name
 
     def fresh(self, wide: int = 0) -> Name:
         name = self._unused(wide)
-        self._scopes.name(name, self._scopes.loop)
+        self._scopes.name(name)
         return name
 
     def _unused(self, wide: int = 0) -> Name:
@@ -120,8 +106,10 @@ class Instructions:
 
     def operand(self, dtype: np.dtype, x: Element, wide: int) -> str:
         """An element as an operand; ``wide``: as a vector, in which all lanes are the same if x is not a vector."""
-        if not wide or isinstance(x, Lanes):
-            return written(x)
+        if isinstance(x, Lanes):
+            return x
+        if not wide:
+            return x if isinstance(x, str) else written(x)
         return f"splat ({llvm_type(dtype)} {written(x)})" if is_known(x) else self.spread(dtype, x, wide)
 
     def spread(self, dtype: np.dtype, x: Element, width: int = LANES) -> Element:
@@ -149,10 +137,10 @@ class Instructions:
         self._vectors[x] = dtype, x.width
         return [f"{x}.{lane}" for lane in range(count)]
 
-    def vector_of(self, lane: Element) -> Lanes | None:
-        """The vector of which a name is that of a lane."""
-        vector = lane.partition(".")[0]
-        return Lanes(vector, self._vectors[vector][1]) if vector in self._vectors else None
+    def place_of(self, name: Name) -> tuple[Lanes | None, int]:
+        """The vector of which a name is that of a lane, and which lane; None where it is not."""
+        vector, _, lane = name.partition(".")
+        return (Lanes(vector, self._vectors[vector][1]), int(lane)) if vector in self._vectors else (None, 0)
 
     def shuffled(self, dtype: np.dtype, x: Lanes, y: Lanes | None, lanes: Sequence[int]) -> Lanes:
         """A vector of lanes of one vector, or of two, of which those of the second are numbered from its width on."""
@@ -186,5 +174,5 @@ class Instructions:
         """An instruction on numbers of one type, on vectors where one of them is one."""
         wide = width_of(*operands)
         kind = vector_type(dtype, wide)
-        numbers = ", ".join(self.operand(dtype, x, wide) for x in operands)
+        numbers = ", ".join([self.operand(dtype, x, wide) for x in operands])
         return self.pure(f"{operation} {kind} {numbers}", wide)

@@ -67,9 +67,9 @@ def independent(
     reads, of_condition = body.reads_within(), condition.reads_within()
     for position in written:
         argument, result = body.arguments[position], body.results[position]
-        if reads[argument] != 1 or not _is_written_at(result, argument, body.arguments[counter], body, functions):
+        if reads.get(argument) != 1 or not _is_written_at(result, argument, body.arguments[counter], body, functions):
             return None
-        if of_condition[condition.arguments[position]]:
+        if condition.arguments[position] in of_condition:
             return None
     return Independent(turns, counter, written) if written else None
 

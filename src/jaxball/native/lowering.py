@@ -110,11 +110,13 @@ class Function:
         rule = RULES.get(operation.name)
         if rule is None:
             raise UnsupportedError(operation.name)
-        mark = self.storage.mark()
-        results = rule(self, operation, [self.values[value] for value in operation.operands])
-        results = results if isinstance(results, list) else [results]
-        for value, array in zip(operation.results, results, strict=True):
-            self.bind(value, array)
+        values, mark = self.values, self.storage.mark()
+        results = rule(self, operation, [values[value] for value in operation.operands])
+        if isinstance(results, list):
+            for value, array in zip(operation.results, results, strict=True):
+                self.bind(value, array)
+        else:
+            self.bind(operation.results[0], results)
         for value in operation.last:
             self.unbind(value)
         self.storage.sweep(mark)
@@ -123,16 +125,18 @@ class Function:
         """Says where a value is. A formula stays one where it is used once, or costs nothing."""
         if not value.reads:
             return
-        once = value.reads == 1 and not value.captured
-        if isinstance(array, Formula) and (is_small(array.shape) or array.deep or not (once or array.cheap)):
-            array = self.storage.settled(array)
-        self.storage.owned(array)
+        if isinstance(array, Formula):
+            once = value.reads == 1 and not value.captured
+            if is_small(array.shape) or array.deep or not (once or array.cheap):
+                array = self.storage.settled(array)
+        if array.buffers:
+            self.storage.owned(array)
         self.values[value] = array
 
     def unbind(self, value: Value) -> None:
         """Records that a value is no longer read."""
         array = self.values.pop(value, None)
-        if array is not None:
+        if array is not None and array.buffers:
             self.storage.disowned(array)
 
     def varying(self) -> Varying:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .elements import Name
+from .elements import Name, UnsupportedError
 
 MOST_LINES = 400_000  # of a program: more takes LLVM longer than XLA
 ALIGNMENT = 64
@@ -17,6 +17,15 @@ class Module:
         self.functions: list[str] = []
         self.workspace = 0
         self.lines = 0
+
+    def count_line(self) -> None:
+        """Counts an instruction.
+
+        **Raises:** ``UnsupportedError`` if there are too many.
+        """
+        self.lines += 1
+        if self.lines > MOST_LINES:
+            raise UnsupportedError(f"A program of more than {MOST_LINES:,} instructions")
 
     def constant(self, numbers: np.ndarray) -> Name:
         """The address of numbers that the program contains."""

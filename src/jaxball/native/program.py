@@ -1,7 +1,6 @@
 """A StableHLO module as plain data, with what the compiler needs: the uses of each value, and the last use."""
 
 import re
-from collections import Counter
 from collections.abc import Callable, Container, Iterator, Sequence
 from typing import Any
 
@@ -48,13 +47,16 @@ class Operation:
 
     __slots__ = ("_attributes", "_read", "_text", "last", "name", "operands", "reads", "regions", "results")
 
-    def __init__(self, source: Any, operands: list[Value], results: list[Value]):
-        self.name: str = source.name
+    def __init__(self, name: str, source: Any, operands: list[Value]):
+        self.name = name
         self._attributes, self._text = source.attributes, source.__str__
         self._read: dict[str, Any] = {}
-        self.operands, self.results = operands, results
+        self.operands = operands
+        self.results: list[Value] = []
         self.regions: list[Block] = []
-        self.reads = Counter(operands)
+        self.reads: dict[Value, int] = {}
+        for value in operands:
+            self.reads[value] = self.reads.get(value, 0) + 1
         self.last: list[Value] = []
 
     def has(self, name: str) -> bool:
@@ -113,15 +115,17 @@ class Block:
         self.operations: list[Operation] = []
         self.results: list[Value] = []
 
-    def reads(self) -> Counter[Value]:
+    def reads(self) -> dict[Value, int]:
         """The values of blocks around this one that it reads, with how often."""
-        return Counter({value: times for value, times in self.reads_within().items() if value.block is not self})
+        return {value: times for value, times in self.reads_within().items() if value.block is not self}
 
-    def reads_within(self) -> Counter[Value]:
+    def reads_within(self) -> dict[Value, int]:
         """All values that it reads, its own too, with how often."""
-        reads = Counter(self.results)
+        reads: dict[Value, int] = {}
+        for value in self.results:
+            reads[value] = reads.get(value, 0) + 1
         for operation in self.operations:
-            reads.update(operation.reads)
+            _add(reads, operation.reads)
         return reads
 
     def every_operation(self) -> Iterator[Operation]:
@@ -132,6 +136,11 @@ class Block:
                 yield from region.every_operation()
 
 
+def _add(reads: dict[Value, int], others: dict[Value, int]) -> None:
+    for value, times in others.items():
+        reads[value] = reads.get(value, 0) + times
+
+
 def functions_of(module: Any, known: Container[str]) -> dict[str, Block]:
     """The functions of a module by name; that of the program is ``main``.
 
@@ -140,9 +149,15 @@ def functions_of(module: Any, known: Container[str]) -> dict[str, Block]:
 
     **Raises:** ``UnsupportedError`` for anything that is not an operation on arrays.
     """
-    if any(name.startswith(_COMPOSED) and name not in known for name in _names(module.operation)):
+    try:
+        return _read(module, known)
+    except _ComposedError:
         _write_out(module)
-    functions, reader = {}, _Reader()
+        return _read(module, known)
+
+
+def _read(module: Any, known: Container[str]) -> dict[str, Block]:
+    functions, reader = {}, _Reader(known)
     for function in module.body.operations:
         operation = function.operation
         if operation.name == "sdy.mesh":  # of devices: there is one
@@ -153,17 +168,12 @@ def functions_of(module: Any, known: Container[str]) -> dict[str, Block]:
     return functions
 
 
+class _ComposedError(Exception):
+    """An operation that consists of simpler ones."""
+
+
 _COMPOSED = ("chlo.", "stablehlo.composite")
 _WRITTEN_OUT = "builtin.module(func.func(stablehlo-legalize-composite-to-call,chlo-legalize-to-stablehlo))"
-
-
-def _names(operation: Any) -> Iterator[str]:
-    """The names of an operation's operations, at any depth."""
-    for region in operation.regions:
-        for block in region.blocks:
-            for view in block.operations:
-                yield view.operation.name
-                yield from _names(view.operation)
 
 
 def _write_out(module: Any) -> None:
@@ -175,7 +185,8 @@ def _write_out(module: Any) -> None:
 class _Reader:
     """Reads blocks of a module, each value and each type of values once."""
 
-    def __init__(self) -> None:
+    def __init__(self, known: Container[str]) -> None:
+        self._known = known
         self._values: dict[Any, Value] = {}
         self._types: dict[Any, tuple[tuple[int, ...], np.dtype]] = {}
 
@@ -187,18 +198,22 @@ class _Reader:
         for view in source.operations:
             operation = view.operation
             operands = [values[operand] for operand in operation.operands]
-            if operation.name in ("func.return", "stablehlo.return"):
+            name = operation.name
+            if name in ("func.return", "stablehlo.return"):
                 block.results = operands
                 break
-            results = list(operation.results)
-            made = Operation(operation, operands, [self._value(result.type, block) for result in results])
-            values.update(zip(results, made.results, strict=True))
+            if name.startswith(_COMPOSED) and name not in self._known:
+                raise _ComposedError(name)
+            made = Operation(name, operation, operands)
+            for result in operation.results:
+                values[result] = value = self._value(result.type, block)
+                made.results.append(value)
             for region in operation.regions:
                 if len(region.blocks) != 1:
-                    raise UnsupportedError(f"{operation.name} of several blocks")
+                    raise UnsupportedError(f"{name} of several blocks")
                 inner = self.block(region.blocks[0])
                 made.regions.append(inner)
-                made.reads.update(inner.reads())
+                _add(made.reads, inner.reads())
             block.operations.append(made)
         _drop_unread(block)
         _count(block)

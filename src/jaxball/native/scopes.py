@@ -40,21 +40,23 @@ class Scopes:
         """The result of an instruction that was written already."""
         return self._known.get(instruction)
 
-    def note(self, instruction: str, name: Name, home: Loop | None) -> None:
-        """Notes an instruction that was written within a loop, or, where it is none that is written now, before one."""
-        within = self.loop
-        scope = len(self._added) - 1
-        while within is not home and within is not None:
-            scope, within = within.scope, within.outer
+    def note(self, instruction: str, name: Name) -> Loop | None:
+        """Notes a new instruction; the loop ahead of which it is to be written, if not here."""
+        home, loop, scope, ahead_of = self._home(instruction), self.loop, len(self._added) - 1, None
+        while loop is not home and loop is not None:
+            ahead_of, scope, loop = loop, loop.scope, loop.outer
         self._known[instruction] = name
         self._added[scope].append(instruction)
-
-    def name(self, name: Name, home: Loop | None) -> None:
-        """Notes within which loop a name is."""
         if home is not None:
             self._homes[name] = home
+        return ahead_of
 
-    def home(self, instruction: str) -> Loop | None:
+    def name(self, name: Name) -> None:
+        """Notes that a name is of the innermost loop."""
+        if self.loop is not None:
+            self._homes[name] = self.loop
+
+    def _home(self, instruction: str) -> Loop | None:
         """The innermost loop outside of which an instruction lacks an operand; None where it lacks none anywhere."""
         loop = self.loop
         if loop is None:

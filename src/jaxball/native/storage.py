@@ -49,9 +49,10 @@ class Storage:
 
     def sweep(self, mark: int) -> None:
         """Frees what was allocated since a mark and belongs to no value."""
-        for buffer in self._recent[mark:]:
-            self._free_if_unowned(buffer)
-        del self._recent[mark:]
+        if len(self._recent) > mark:
+            for buffer in self._recent[mark:]:
+                self._free_if_unowned(buffer)
+            del self._recent[mark:]
 
     def _free_if_unowned(self, buffer: Buffer) -> None:
         if not buffer.owners and not buffer.pinned and buffer.size and buffer.writable:

@@ -86,10 +86,7 @@ def one_by_one(builder: Builder, dtype: np.dtype, shape: Sequence[int], vectors:
 
 def _is_uniform(numbers: Sequence[Element]) -> bool:
     first = written(numbers[0])
-    for number in numbers:
-        if (number if isinstance(number, str) else written(number)) != first:
-            return False
-    return True
+    return all((number if isinstance(number, str) else written(number)) == first for number in numbers)
 
 
 def _sources(builder: Builder, numbers: Sequence[Element]) -> tuple[list[Lanes], list[int]]:
@@ -98,12 +95,12 @@ def _sources(builder: Builder, numbers: Sequence[Element]) -> tuple[list[Lanes],
     lanes = []
     width = WIDTHS[len(numbers)]
     for number in numbers:
-        vector = None if is_known(number) else builder.vector_of(number)
+        vector, lane = (None, 0) if is_known(number) else builder.place_of(number)
         if vector is None or vector.width != width:
             return [], []
         if vector not in vectors:
             vectors.append(vector)
-        lanes.append(width * vectors.index(vector) + int(number.partition(".")[2]))
+        lanes.append(width * vectors.index(vector) + lane)
     return (vectors, lanes) if len(vectors) <= 2 else ([], [])
 
 
@@ -128,6 +125,4 @@ def in_columns(shape: Sequence[int], arrays: Sequence[Sequence[Element]]) -> Ite
     """
     count, places = shape[0], math.prod(shape[1:])
     for place in range(places):
-        yield [
-            elements * count if len(elements) == 1 and places * count > 1 else elements[place::places] for elements in arrays
-        ]
+        yield [[elements[0]] * count if len(elements) == 1 else elements[place::places] for elements in arrays]
