@@ -314,3 +314,17 @@ def test_classes_tell_how_their_objects_are_taken_apart():
     apart, together = (lambda pair: ((), None)), (lambda _, parts: Pair())
     jax.tree_util.register_pytree_node(Pair, apart, together)
     assert compat.node_functions(Pair) == (apart, together)
+
+
+def test_operations_are_lowered_without_the_lines_that_they_are_from():
+    def text():
+        return jax.jit(lambda x: jnp.sin(x) + 1).lower(0.5).as_text(debug_info=True)
+
+    before = jax.config.values["jax_traceback_in_locations_limit"]
+    jax.config.update("jax_traceback_in_locations_limit", 10)
+    try:
+        assert __file__ in text()
+        with compat.without_locations():
+            assert __file__ not in text()
+    finally:
+        jax.config.update("jax_traceback_in_locations_limit", before)

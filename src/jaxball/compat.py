@@ -30,6 +30,14 @@ except ImportError:  # in a version that has it elsewhere
         return tuple(settings().items())
 
 
+try:
+    from jax._src.config import traceback_in_locations_limit as _most_locations
+except ImportError:  # in a version that has it elsewhere
+
+    def _most_locations(_: int) -> contextlib.AbstractContextManager[Any]:
+        return contextlib.nullcontext()
+
+
 # Releases of JAX have these in other places, or under types that type checkers see only in some of them.
 _core: Any = importlib.import_module("jax.extend.core")
 ClosedJaxpr, Literal, Primitive = _core.ClosedJaxpr, _core.Literal, _core.Primitive
@@ -64,6 +72,7 @@ __all__ = [
     "stablehlo_passes",
     "trace_context",
     "unvmap_any",
+    "without_locations",
 ]
 
 
@@ -112,6 +121,14 @@ def same_mesh() -> contextlib.AbstractContextManager[Any]:
     """
     use = getattr(jax.sharding, "use_abstract_mesh", None)
     return contextlib.nullcontext() if use is None else use(jax.sharding.get_abstract_mesh())
+
+
+def without_locations() -> contextlib.AbstractContextManager[Any]:
+    """A context in which operations are lowered without the lines of Python that they are from.
+
+    To find and to write these takes an eighth of the time, and nothing here reads them.
+    """
+    return _most_locations(0)
 
 
 def stablehlo_bindings() -> tuple[Any, Any]:

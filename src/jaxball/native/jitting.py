@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..compat import array_type, is_tracer_type, same_mesh, setting_of_traces, trace_context
+from ..compat import array_type, is_tracer_type, same_mesh, setting_of_traces, trace_context, without_locations
 from . import choice, machine
 from .collecting import seldom_collected
 from .elements import UnsupportedError
@@ -126,7 +126,8 @@ class Lowered:
     def _trace(self, natively: bool) -> None:
         with _natively(natively), same_mesh():
             self._traced = jax.jit(self._function, keep_unused=True).trace(self._arrays)
-            self._lowered = self._traced.lower()
+            with without_locations():
+                self._lowered = self._traced.lower()
 
     @seldom_collected()
     def natively(self, large: bool = True, quickly: bool = False) -> Program | Refusal:
