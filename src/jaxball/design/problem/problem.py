@@ -214,16 +214,19 @@ class Problem:
 
     def evaluate_run(self, run: Run) -> Evaluation:
         """All objectives and constraints of a run."""
-        terms, values = self._of(run)
+        return self.evaluate_each(run)[0]
+
+    def evaluate_each(self, run: Run) -> tuple[Evaluation, dict[str, Float[Array, " places"]]]:
+        """The same, and the violations of each constraint."""
+        terms = [one(run) for one in self.objectives.values()]
+        violations = {name: jnp.ravel(one(run)) for name, one in self.constraints.items()}
         none = jnp.zeros((0,), dtype=run.times.dtype)
-        return Evaluation(
+        at = Evaluation(
             jnp.stack(terms) if terms else none,
-            jnp.concatenate([jnp.ravel(value) for value in values]) if values else none,
+            jnp.concatenate(list(violations.values())) if violations else none,
             run.status,
         )
-
-    def _of(self, run: Run) -> tuple[list[Any], list[Any]]:
-        return [one(run) for one in self.objectives.values()], [one(run) for one in self.constraints.values()]
+        return at, violations
 
 
 @programs.filter_jit

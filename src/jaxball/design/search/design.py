@@ -10,6 +10,7 @@ import tomli_w
 from jaxtyping import Float
 
 from ...interface.output import write_text
+from ...numerics.programs import compiled_quickly
 from ..problem.problem import Evaluation, Problem
 from .optimise import Merit, Optimiser, Progress, load_progress, save_progress
 from .program import Settings, Shooting
@@ -19,6 +20,8 @@ PROGRESS, SCENARIO = "progress.npz", "design.toml"
 TIGHTENINGS = 3
 # A constraint that is violated between the samples is tightened by this much more than its violation.
 MORE = 1.2
+# So many evaluations take less time by a program that was compiled quickly than another takes to be optimised.
+FEW = 1000
 # A target missed by this many radii was not reached.
 MISSED = 0.1
 
@@ -91,8 +94,15 @@ def design(
     **Raises:** :class:`DesignError` where the gradient is wrong, no start can be simulated, or ``folder`` has the
     progress of another problem.
     """
-    began = time.perf_counter()
     settings = Settings() if settings is None else settings
+    with compiled_quickly(settings.evaluations_at_most <= FEW):
+        return _designed(problem, settings, folder, identity, say)
+
+
+def _designed(
+    problem: Problem, settings: Settings, folder: Path | None, identity: str, say: Callable[[str], None]
+) -> Design:
+    began = time.perf_counter()
     program = Shooting(problem, settings.intervals)
     optimiser = Optimiser(program, settings)
     check, progress = None, None

@@ -77,6 +77,12 @@ class Settings:
         if self.method not in METHODS:
             raise DesignError(f"Argument `method` must be one of {', '.join(METHODS)}, but it is {self.method!r}.")
 
+    @property
+    def evaluations_at_most(self) -> int:
+        """How often designs are evaluated, if no constraint has to be tightened."""
+        polished = min(self.starts, self.polished)
+        return self.starts * self.steps + polished * self.rounds * self.evaluations
+
 
 class AbstractProgram(abc.ABC):
     """Minimise Σ weight · term over the unknowns y, unbounded and of order one, where all constraints hold.

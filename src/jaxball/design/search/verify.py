@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...numerics.programs import compiled_quickly
 from ...scenario.solvers import SOLVERS
 from ..constraints import NormalForce
 from ..objectives import FollowCurve, FollowTrajectory, ReachPlace
 from ..problem import shared
 from ..problem.problem import Evaluation, Perturbations, Problem, merged, worst
-from ..problem.requirements import AbstractConstraint
-from ..problem.run import RAIL_SAMPLES, Run, Solve, run_of
+from ..problem.run import RAIL_SAMPLES, Solve, run_of
 from ..problem.space import Candidate, DesignError
 from .optimise import Optimiser
 from .program import AbstractProgram, Multipliers, augmented_lagrangian
@@ -55,6 +55,7 @@ class Verified(NamedTuple):
         return worst([finer for _, finer in self.violations.values()])
 
 
+@compiled_quickly()
 def verify(problem: Problem, y: Float[np.ndarray, " n"]) -> Verified:
     """The design of ``problem`` with the unknowns ``y``, shape (n,), evaluated by other means.
 
@@ -93,16 +94,17 @@ def _compared(problem: Problem, y: Float[Array, " n"]) -> tuple[Evaluation, Eval
         apart = jnp.max(jnp.sqrt(jnp.sum((run.z - fine.z[::FINER]) ** 2, axis=-1))) / run.length
         missed = {name: one.farthest(fine) for name, one in problem.objectives.items() if isinstance(one, TARGETS)}
         lift = jnp.max(NormalForce(0.0)(fine))
-        violations = {name: (_worst(one, run), _worst(one, fine)) for name, one in problem.constraints.items()}
+        (first, coarse), (second, finer) = (problem.evaluate_each(one) for one in (run, fine))
+        violations = {name: (_worst(coarse[name]), _worst(finer[name])) for name in problem.constraints}
         most = {"apart": apart, "violations": violations, "lift": lift, "missed": missed}
-        return problem.evaluate_run(run), problem.evaluate_run(fine), most
+        return first, second, most
 
     first, second, most = problem.of_each(problem.space.candidate(y), of_ball)
     return merged(first), merged(second), jax.tree.map(lambda x: jnp.max(x, axis=0), most)
 
 
-def _worst(constraint: AbstractConstraint, run: Run) -> Float[jax.Array, ""]:
-    return jnp.max(constraint(run), initial=-jnp.inf)
+def _worst(violations: Float[Array, " places"]) -> Float[Array, ""]:
+    return jnp.max(violations, initial=-jnp.inf)
 
 
 def _finer(times: Float[jax.Array, " t"]) -> Float[jax.Array, " fine"]:
@@ -112,6 +114,7 @@ def _finer(times: Float[jax.Array, " t"]) -> Float[jax.Array, " fine"]:
     return jnp.concatenate([jnp.ravel(between), times[-1:]])
 
 
+@compiled_quickly()
 def perturbed(problem: Problem, y: Float[np.ndarray, " n"], perturbations: Perturbations = AS_BUILT) -> Evaluation:
     """The design with manufacturing errors: each perturbed ball's objectives and violations, on a leading axis.
 
@@ -228,6 +231,7 @@ def require_good(check: GradientCheck) -> None:
         )
 
 
+@compiled_quickly()
 def _forward(
     optimiser: Optimiser, y: Float[Array, " n"], direction: Float[Array, " n"], multipliers: Multipliers
 ) -> float:
