@@ -1,12 +1,13 @@
 """Where shapes and types are checked at run time, and how often."""
 
+import collections
 import dataclasses
 import functools
 import importlib.util
 import inspect
 import itertools
 import pkgutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import jaxtyping
@@ -16,7 +17,8 @@ UNCHECKED = "native"
 
 # The checks of a call take longer than many a function; of all calls, they would take a quarter of the tests' time.
 FIRST_CALLS = 30
-LATER = 30  # of the later calls, every so many are checked
+FIRST_TIMES = 3  # that a function within another is defined; to check it, code is made each time
+LATER = 30  # of the later calls, and definitions, every so many are checked
 
 
 def modules() -> list[str]:
@@ -36,6 +38,7 @@ def install() -> None:
 
 def _sparing(checked: Callable[..., Any]) -> Callable[..., Any]:
     """The decorator that the import hook applies, with fewer checks."""
+    definitions: dict[Any, Iterator[int]] = collections.defaultdict(itertools.count)
 
     def decorator(of: Any = None, **options: Any) -> Any:
         if of is None:
@@ -46,6 +49,9 @@ def _sparing(checked: Callable[..., Any]) -> Callable[..., Any]:
             return of
         if not inspect.isfunction(of):
             return checked(of, **options)
+        time = next(definitions[of.__code__])
+        if time >= FIRST_TIMES and time % LATER:
+            return of
         every_call = functools.cache(lambda: checked(of, **options))  # made when called first: most functions never are
         calls = itertools.count()
 
