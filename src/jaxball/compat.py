@@ -33,9 +33,7 @@ except ImportError:  # in a version that has it elsewhere
 try:
     from jax._src.config import traceback_in_locations_limit as _most_locations
 except ImportError:  # in a version that has it elsewhere
-
-    def _most_locations(_: int) -> contextlib.AbstractContextManager[Any]:
-        return contextlib.nullcontext()
+    _most_locations = None
 
 
 # Releases of JAX have these in other places, or under types that type checkers see only in some of them.
@@ -128,7 +126,7 @@ def without_locations() -> contextlib.AbstractContextManager[Any]:
 
     To find and to write these takes an eighth of the time, and nothing here reads them.
     """
-    return _most_locations(0)
+    return contextlib.nullcontext() if _most_locations is None else _most_locations(0)
 
 
 def stablehlo_bindings() -> tuple[Any, Any]:

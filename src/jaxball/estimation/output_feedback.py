@@ -7,14 +7,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from ..control.feedback import AbstractFeedback, NominalMotion
 from ..control.history import until_end
 from ..control.loop import plant_of
 from ..control.sampled import SampledSystem
 from ..interface.arguments import require
-from ..numerics.arrays import Numbers, default_dtype
+from ..numerics.arrays import Numbers, default_dtype, selected
 from ..physics.body import System
 from ..sensors import AbstractSensor
 from ..sensors.errors import with_errors
@@ -183,12 +183,12 @@ class OutputFeedback(AbstractFeedback):
         def step(belief: Belief, at: Any) -> tuple[Belief, Any]:
             i, u, y, arrived = at
             ahead = known.predicted(self._time(i - 1), belief, u)[0]
-            ahead = _where(i > 0, ahead, belief)
+            ahead = selected(i > 0, ahead, belief)
             there = arrived & jnp.isfinite(y)
             with_reading, innovation, S = known.updated(
                 self._time(i), ahead, u, Reading(jnp.where(there, y, 0.0), there)
             )
-            after = _where(i >= 0, with_reading, ahead)
+            after = selected(i >= 0, with_reading, ahead)
             return after, (after, innovation @ jnp.linalg.solve(S, innovation), jnp.sum(there))
 
         rows = k - late + jnp.arange(late + 1), memory.u, y, jnp.asarray(arrived)
@@ -224,10 +224,6 @@ def _shapes(belief: Belief) -> tuple[tuple[int, ...], ...]:
 def _put(rows: Array, place: Int[Array, ""], row: Array) -> Array:
     """The rows with another one at a place, unless there is none."""
     return rows.at[jnp.where(place < 0, len(rows), place)].set(row, mode="drop")
-
-
-def _where(holds: Bool[Array, ""], one: Belief, other: Belief) -> Belief:
-    return jax.tree.map(lambda a, b: jnp.where(holds, a, b), one, other)
 
 
 def _errors(

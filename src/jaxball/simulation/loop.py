@@ -18,6 +18,7 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from ..native import traced_natively
+from ..numerics.arrays import selected
 from ..numerics.reverse_rules import CarryOut, at_once, put, put_while
 from ..physics.system import AbstractSystem
 from ..solvers import StepToKinks
@@ -254,7 +255,7 @@ class _Solve(NamedTuple):
         tprev = jnp.minimum(tprev, self.t1)
         almost = self.t1 - CLOSE * float(jnp.finfo(self.t1.dtype).eps) * jnp.abs(self.t1)
         end = jnp.where(keep, self.t1, tprev + 0.5 * (self.t1 - tprev))
-        y, solver_state = _where(keep, (y, solver_state), (state.y, state.solver_state))
+        y, solver_state = selected(keep, (y, solver_state), (state.y, state.solver_state))
         result = RESULTS.where(keep, step_result, RESULTS.successful)
         share = (tprev - self.t0) / (self.t1 - self.t0)
         state = dataclasses.replace(
@@ -316,10 +317,6 @@ def _stopped_by_event(state: Any, event: diffrax.Event, args: Any, start: Float[
         event_values=values,
         result=RESULTS.where(happened, RESULTS.event_occurred, state.result),
     )
-
-
-def _where(condition: Bool[Array, ""], first: Any, second: Any) -> Any:
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), first, second)
 
 
 def by_tolerances(

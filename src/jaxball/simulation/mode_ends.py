@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..numerics.arrays import selected
 from ..numerics.bracketing import Sample, between, other_end
 from ..physics.hybrid import NONE, entry
 from ..solvers.dense.steps import sampling
@@ -102,9 +103,9 @@ def bracketed(
     tries = jnp.where(at_target, bracket.tries + 1, 0)
     found = first.on & another & (tries < MOST_TRIES)
     again = first._replace(x=end, f=value, size=bracket.size, tries=tries)
-    searched = _where(behind, again, bracket.narrowed(start, end, value, next_end))
+    searched = selected(behind, again, bracket.narrowed(start, end, value, next_end))
     rejected = found | at_target & ~met
-    return rejected, _where(rejected, _where(found, first._replace(tries=tries), searched), none)
+    return rejected, selected(rejected, selected(found, first._replace(tries=tries), searched), none)
 
 
 def _first_zero(
@@ -166,7 +167,3 @@ def _root(samples: Float[Array, " nodes"], low: Float[Array, ""], high: Float[Ar
         return other_end(*bracket, newest), newest
 
     return jax.lax.fori_loop(0, ROOT_STEPS, narrowed, (at(low), at(high)))[1].x
-
-
-def _where(condition: Bool[Array, ""], first: Any, second: Any) -> Any:
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), first, second)

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
+from ..numerics.arrays import selected
 from ..numerics.functions import before_kink
 from ..numerics.reverse_rules import CarryOut, pulled_by_forward_mode, put
 from ..physics.hybrid import NONE, START, Accuracy, GuardedStep, Record, Transition
@@ -282,7 +283,7 @@ class Switching(AbstractSwitching):
             keep=proposed.keep & ~rejected,
             start=start,
             end=jnp.where(rejected, target, end),
-            memory=_where(rejected, taken.memory, proposed.memory),
+            memory=selected(rejected, taken.memory, proposed.memory),
             exact=rejected,
         )
         return found._replace(rows=carry.rows), following
@@ -357,7 +358,3 @@ class _Detection(NamedTuple):
     rejected: Bool[Array, ""]
     target: Float[Array, ""]
     longest: Float[Array, ""]
-
-
-def _where(condition: Bool[Array, ""], first: Any, second: Any) -> Any:
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), first, second)

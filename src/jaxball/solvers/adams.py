@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
+from ..numerics.arrays import selected
 from .base import RESULTS, FlatProblem, at_limit, flat_problem
 from .differences import Points, error_constants, folded, sums, unfolded
 from .interpolation import AdamsPolynomial
@@ -228,7 +229,7 @@ def _begun(state: AdamsState, first: Bool[Array, ""], h: Float[Array, ""]) -> Ad
         equal=jnp.zeros_like(state.equal),
         rising=jnp.ones_like(state.rising),
     )
-    return jax.tree.map(lambda a, b: jnp.where(first, a, b), fresh, state)
+    return selected(first, fresh, state)
 
 
 def _attempted(
@@ -304,4 +305,4 @@ def _after(
     # Differences of two points so close to each other would be rounding errors only, so the end is not added.
     stayed = state._replace(past=state.past + h)
     tiny = ~first & (h < TINY * spacing) & (state.past[0] == 0)
-    return jax.tree.map(lambda a, b: jnp.where(tiny, a, b), stayed, moved), following
+    return selected(tiny, stayed, moved), following

@@ -25,6 +25,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
 from ...numerics import cooper_verner
+from ...numerics.arrays import selected
 from ...numerics.calculus import with_derivatives
 from ...numerics.differentiation import without_derivatives
 from ...numerics.linear import inverses, solutions
@@ -184,7 +185,7 @@ def beginning(
         again = done & ~found & (sweeps < MOST_SWEEPS)
         shorter = begun._replace(span=SHORTER * window.span, sweeps=sweeps)
         window = window._replace(tangents=tangents, sweeps=sweeps, found=done & found)
-        return jax.tree.map(lambda a, b: jnp.where(again, a, b), shorter, window)
+        return selected(again, shorter, window)
 
     window = jax.lax.while_loop(lambda window: ~window.found & (window.sweeps < MOST_SWEEPS), sweep, begun)
     tangents = with_derivatives(window.tangents, _Start.settled, given, window)

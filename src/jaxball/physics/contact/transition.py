@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ...interface.status import Status
+from ...numerics.arrays import selected
 from ...numerics.differentiation import without_derivatives
 from ...numerics.vectors import root
 from ..hybrid import START, Accuracy, Transition, at_zero
@@ -104,7 +105,7 @@ def _ended(plane: "BodyOnPlane", done: "_Progress", tolerance: Float[Array, ""])
     stopped = _slowed(plane, done, found, halfway, end, 1.0)
     stopped = eqx.tree_at(lambda x: x.friction_loss, stopped, stopped.friction_loss + end.friction_loss)
     after = done._replace(t=t + end.time, before=stopped, state=stopped, still=jnp.asarray(True))
-    return _where(ends, after, done._replace(decides=jnp.asarray(False)))
+    return selected(ends, after, done._replace(decides=jnp.asarray(False)))
 
 
 def _end(
@@ -160,7 +161,7 @@ def _decided(plane: "BodyOnPlane", done: "_Progress", cause: Int[Array, ""]) -> 
     mode = jnp.where(flies, int(Mode.FLIGHT), jnp.where(rolls, int(Mode.ROLLING), int(Mode.SLIDING)))
     # The rest of a slip that ends is dissipated by friction.
     stopped = with_slip(body, given, found, slip, jnp.zeros_like(slip))
-    state = _where(still & ~flies, state.moved(stopped), state)
+    state = selected(still & ~flies, state.moved(stopped), state)
     V = state.V.at[2].set(jnp.where(flies & (cause != int(Cause.LIFTS)), state.V[2], 0.0))
     begins = (mode == int(Mode.SLIDING)) & still
     begun = slips.Beginning.along(t, sigma)
@@ -184,7 +185,7 @@ def _begun(plane: "BodyOnPlane", done: "_Progress") -> ContactState:
             lambda: slips.beginning(plane.body, plane.coefficient, t, state.released, sigma, longest),
             lambda: slips.Beginning.along(t + longest, sigma),
         )
-    return eqx.tree_at(lambda x: x.begun, state, _where(begins, begun, slips.Beginning.none(t)))
+    return eqx.tree_at(lambda x: x.begun, state, selected(begins, begun, slips.Beginning.none(t)))
 
 
 class _Progress(NamedTuple):
@@ -202,7 +203,3 @@ class _Progress(NamedTuple):
     lands: Bool[Array, ""]
     decides: Bool[Array, ""]
     begins: Bool[Array, ""]
-
-
-def _where(condition: Bool[Array, ""], first: Any, second: Any) -> Any:
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), first, second)

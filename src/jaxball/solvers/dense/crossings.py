@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ...numerics.arrays import selected
 from ...numerics.bracketing import Sample, between, other_end
 from ...numerics.calculus import with_derivatives
 from ...numerics.differentiation import differentiated_where, without_derivatives
@@ -146,7 +147,7 @@ def _nearer(search: _Search, newest: Sample) -> _Search:
     goes_on = search.open & (jnp.abs(newest.x - search.zeros.x) > near)
     ends = newest, other_end(search.others, search.zeros, newest), goes_on
     old = search.zeros, search.others, search.open
-    zeros, others, goes_on = jax.tree.map(lambda a, b: jnp.where(search.open, a, b), ends, old)
+    zeros, others, goes_on = selected(search.open, ends, old)
     return search._replace(zeros=zeros, others=others, open=goes_on)
 
 

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from ...numerics.arrays import selected
 from ...numerics.batches import map_rows
 from ...numerics.differentiation import differentiated_where, without_derivatives
 from .steps import FINENESS, NARROWER, Steps, Values, sampling
@@ -70,7 +71,7 @@ def maxima(steps: Steps, values: Values, k: int) -> Largest:
     def look_again(r: Int[Array, ""], best: Largest) -> Largest:
         looking, lines = r < rounds, r == rounds + LINES
         whole, around = _whole(steps, r, width), _around(steps, best, shares[jnp.maximum(r - rounds, 0)], width)
-        here = jax.tree.map(lambda a, b: jnp.where(looking, a, b), whole, around)
+        here = selected(looking, whole, around)
 
         def evaluated(window: Int[Array, ""], t: Float[Array, ""]) -> tuple[Array, ...]:
             own = jnp.minimum(window, k - 1)
@@ -90,7 +91,7 @@ def maxima(steps: Steps, values: Values, k: int) -> Largest:
         found = found._replace(curvature=jnp.where(r == rounds + PLACES, best.curvature, found.curvature))
         found = found._replace(least=least)
         exact = best._replace(time=_stationary(steps, best, here, samples[:k]))
-        return jax.tree.map(lambda a, b: jnp.where(lines, a, b), exact, found)
+        return selected(lines, exact, found)
 
     zero = jnp.zeros(k, steps.start.dtype)
     nothing = Largest(
