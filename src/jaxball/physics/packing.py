@@ -50,7 +50,7 @@ class Packing(eqx.Module, Generic[AnySystem, AnyState]):
 
     def rates(self, t: Float[Array, ""], x: Float[Array, " size"]) -> AnyState:
         """The rates of what the vector holds, not yet packed."""
-        return _packed_field(self.system, t, self.unravel(x))
+        return self.system.packed_field(t, self.unravel(x))
 
     def field(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " size"]:
         """The rate of the vector."""
@@ -73,12 +73,6 @@ class Packing(eqx.Module, Generic[AnySystem, AnyState]):
     def projected(self, x: Float[Array, " size"]) -> Float[Array, " size"]:
         """The vector of the nearest state with |q| = 1."""
         return _ravelled(self.unravel(x).projected())[0]
-
-
-@jax.jit
-def _packed_field(system: AbstractSystem, t: Float[Array, ""], packed: Any) -> Any:
-    """ẋ, traced once for systems of one structure, in whatever program."""
-    return system.packed_field(t, packed)
 
 
 class _Unravelling(NamedTuple):
