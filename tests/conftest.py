@@ -17,7 +17,7 @@ os.environ["JAXBALL_NO_CACHE"] = "1"  # where pytest has no folder for programs;
 jax.config.update("jax_enable_x64", X64)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
-jax.config.update("jax_traceback_in_locations_limit", 0)  # An eighth of the time that lowering takes.
+jax.config.update("jax_traceback_in_locations_limit", 0)  # About a tenth of the time that lowering takes.
 
 # Compiling counts as part of an example's time, and a test must give the same answer each time.
 hypothesis.settings.register_profile("compiled", deadline=None, derandomize=True, database=None)

@@ -124,7 +124,7 @@ def same_mesh() -> contextlib.AbstractContextManager[Any]:
 def without_locations() -> contextlib.AbstractContextManager[Any]:
     """A context in which operations are lowered without the lines of Python that they are from.
 
-    To find and to write these takes an eighth of the time, and nothing here reads them.
+    To find and to write these takes about a tenth of the time, and nothing here reads them.
     """
     return contextlib.nullcontext() if _most_locations is None else _most_locations(0)
 

@@ -33,6 +33,7 @@ def test_conditions_and_arrays_may_have_other_shapes():
     condition = jnp.asarray([True, False, True])
     np.testing.assert_array_equal(selected(condition, FIRST["vector"], jnp.asarray(7.0)), [0.0, 7.0, 2.0])
     np.testing.assert_array_equal(selected(jnp.asarray(False), FIRST["vector"], jnp.asarray(7.0)), np.full(3, 7.0))
+    np.testing.assert_array_equal(selected(condition, *[jnp.asarray(7.0)] * 2), np.full(3, 7.0))
 
 
 def test_what_is_the_same_in_both_is_not_selected():

@@ -24,7 +24,7 @@ def set_up_jax() -> None:
 
     cpu.prepare()
     jax.config.update("jax_enable_x64", True)
-    jax.config.update("jax_traceback_in_locations_limit", 0)  # An eighth of the time that lowering takes.
+    jax.config.update("jax_traceback_in_locations_limit", 0)  # About a tenth of the time that lowering takes.
     _require_platform()
     cache.load_early()
 

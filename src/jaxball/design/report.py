@@ -16,7 +16,6 @@ from .. import plot
 from ..interface.output import write_text
 from ..interface.wording import all_of, counted
 from ..numerics import programs
-from ..numerics.programs import compiled_quickly
 from ..physics.body import System
 from ..plot.report import write_figure
 from ..scenario import Scenario, ScenarioError, write_scenario
@@ -43,7 +42,7 @@ DRAWN = 601
 BRANCH = ("first weight", "last weight")  # of the paths that are drawn; "before" is the given scenario
 
 
-@compiled_quickly()
+@programs.compiled_quickly()
 def write_report(design: Design, title: str, folder: Path, source: Source | None = None) -> Path:
     """Writes ``design.toml``, ``report.md`` and its figures into ``folder``; the path of the report.
 
@@ -67,7 +66,7 @@ def write_report(design: Design, title: str, folder: Path, source: Source | None
     return _written(folder, [*parts, *provenance(source, design.progress.elapsed, resumed=design.check is None)])
 
 
-@compiled_quickly()
+@programs.compiled_quickly()
 def write_control_report(
     controlled: Controlled, title: str, saves: int, folder: Path, source: Source | None = None
 ) -> Path:

@@ -86,17 +86,15 @@ def stacked(parts: Sequence[Float[Array, "..."]], shape: tuple[int, ...] = ()) -
 def selected(condition: Bool[Array, "..."], first: T, second: T) -> T:
     """A PyTree of the arrays of ``first`` where the condition holds, else of those of ``second``.
 
-    As by ``jnp.where``, but an array that is the same in both is taken as it is, and a single condition is not repeated
-    for each element, so that a state of many arrays is traced in less time.
+    As by ``jnp.where``, but a single condition is not repeated for each element, and then an array that is the same in
+    both is taken as it is, so that a state of many arrays is traced in less time.
     """
 
     def of_each(one: Any, other: Any) -> Any:
-        if one is other:
-            return one
         alike = jnp.shape(one) == jnp.shape(other) and jnp.result_type(one) == jnp.result_type(other)
         if jnp.ndim(condition) or not alike:
             return jnp.where(condition, one, other)
-        return jax.lax.select(condition, one, other)
+        return one if one is other else jax.lax.select(condition, one, other)
 
     return jax.tree.map(of_each, first, second)
 

@@ -11,7 +11,6 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from ...numerics import programs, versor
-from ...numerics.programs import compiled_quickly
 from ...numerics.vectors import apply, cross
 from ...physics.load import load
 from ...physics.moments import velocity_moments
@@ -30,7 +29,7 @@ TIMES = 10
 CORRECTIONS, DAMPING = 3, 1e-4
 
 
-@compiled_quickly()
+@programs.compiled_quickly()
 def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stages: int = 3) -> Path:
     """A guess with the geometric centre on the desired path, and the masses where gravity turns the ball accordingly.
 
@@ -64,7 +63,7 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
     return Path(mesh, x(mesh), x(nodes), u.reshape(*nodes.shape, -1))
 
 
-@compiled_quickly()
+@programs.compiled_quickly()
 def driving(
     problem: Rolling, times: Float[np.ndarray, " k"], states: Float[np.ndarray, "k n"], rates: Float[np.ndarray, "k n"]
 ) -> Float[np.ndarray, "k m"]:

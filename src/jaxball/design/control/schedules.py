@@ -11,7 +11,6 @@ from jaxtyping import Array, Float
 
 from ...numerics import programs
 from ...numerics.batches import map_rows
-from ...numerics.programs import compiled_quickly
 from ...physics.body import Ball, Disk, System
 from ...physics.schedules import PiecewiseAcceleration
 from ...physics.signals import PiecewiseSignal
@@ -77,7 +76,7 @@ def system_of(solution: Solution) -> System:
     return rolling(solution.problem).with_schedules(schedules_of(solution), signals_of(solution))
 
 
-@compiled_quickly()
+@programs.compiled_quickly()
 def scenario_of(solution: Solution, title: str = "", saves: int = 201) -> Scenario:
     """The scenario with the motion of a solution, for ``jaxball simulate``.
 
@@ -114,7 +113,7 @@ class Resimulated(NamedTuple):
     violations: dict[str, float]
 
 
-@compiled_quickly()
+@programs.compiled_quickly()
 def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 1e-11) -> Resimulated:
     """The solution's schedules simulated by a solver of another kind.
 
