@@ -4,7 +4,7 @@ from typing import NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Inexact, Int
+from jaxtyping import Array, Float, Inexact, Int
 
 # Above this size a library's factorisation is faster; below, its call costs more than the work.
 LARGEST_SMALL = 32
@@ -45,50 +45,55 @@ _Parts: TypeAlias = tuple[Array, ...]
 def _eliminated(matrices: _Parts) -> _Parts:
     """The inverses by Gauss–Jordan elimination with partial pivoting, in place and without a library call.
 
-    Each turn eliminates the first column by the first row, after an exchange of rows, and moves both to the end, so
-    that every index is known while compiling.
+    Each turn eliminates the first column by the first row, and moves both to the end, so that every index is known
+    while compiling. Rows are exchanged before only in a turn in which a matrix needs it.
     """
     k, n, _ = matrices[0].shape
     index = jnp.arange(n)
 
     def eliminate(turn, carry):
-        B, rows = carry
-        size = sum(part[:, :, 0] * part[:, :, 0] for part in B)
+        size = sum(part[:, :, 0] * part[:, :, 0] for part in carry[0])
         pivot = jnp.argmax(jnp.where(index < n - turn, size, -1.0), axis=1)
-        here = pivot[:, None] == index[None]
-        chosen, rest = zip(*(_exchanged(part, here) for part in B), strict=True)
-        first = _reciprocal(tuple(part[:, :1] for part in chosen))
-        row = _product(tuple(part[:, 1:] for part in chosen), first)
+        B, rows = jax.lax.cond(jnp.any(pivot > 0), _exchanged, lambda carry, _: carry, carry, pivot)
+        first = _reciprocal(tuple(part[:, :1, 0] for part in B))
+        row = _product(tuple(part[:, 0, 1:] for part in B), first)
         row = tuple(jnp.concatenate([part, last], axis=1) for part, last in zip(row, first, strict=True))
-        change = _product(tuple(part[:, :, :1] for part in rest), tuple(part[:, None] for part in row))
-        others = (jnp.pad(part[:, :, 1:], ((0, 0), (0, 0), (0, 1))) for part in rest)
+        change = _product(tuple(part[:, 1:, :1] for part in B), tuple(part[:, None] for part in row))
+        others = (jnp.pad(part[:, 1:, 1:], ((0, 0), (0, 0), (0, 1))) for part in B)
         B = tuple(
             jnp.concatenate([part - less, last[:, None]], axis=1)
             for part, less, last in zip(others, change, row, strict=True)
         )
-        number, others = _exchanged(rows[:, :, None], here)
-        return B, jnp.concatenate([others[:, :, 0], number], axis=1)
+        return B, jnp.roll(rows, -1, axis=1)
 
     start = jnp.broadcast_to(index, (k, n))
     B, rows = jax.lax.fori_loop(0, n, eliminate, (matrices, start))
     # Column j belongs to the row from which the pivot of turn j came.
-    return tuple(_with_columns(part, rows) for part in B)
+    return jax.lax.cond(jnp.any(rows != index), _with_columns, lambda B, _: B, B, rows)
 
 
-def _exchanged(B: Array, here: Bool[Array, "k n"]) -> tuple[Array, Array]:
-    """The row that is ``here``, and all others below the first, which takes its place."""
-    chosen = jnp.sum(jnp.where(here[:, :, None], B, 0), axis=1)
-    return chosen, jnp.where(here[:, 1:, None], B[:, :1], B[:, 1:])
+def _exchanged(carry: tuple[_Parts, Int[Array, "k n"]], pivot: Int[Array, " k"]) -> tuple[_Parts, Int[Array, "k n"]]:
+    """The matrices and the numbers of their rows, with the row ``pivot`` as the first, and that one in its place."""
+    here = pivot[:, None] == jnp.arange(carry[1].shape[1])
+
+    def exchanged(B: Array) -> Array:
+        chosen = jnp.sum(jnp.where(here[:, :, None], B, 0), axis=1, keepdims=True)
+        return jnp.concatenate([chosen, jnp.where(here[:, 1:, None], B[:, :1], B[:, 1:])], axis=1)
+
+    return tuple(map(exchanged, carry[0])), exchanged(carry[1][:, :, None])[:, :, 0]
 
 
-def _with_columns(B: Float[Array, "k n n"], places: Int[Array, "k n"]) -> Float[Array, "k n n"]:
+def _with_columns(B: _Parts, places: Int[Array, "k n"]) -> _Parts:
     """B with each column at its place."""
 
     def add(place, found):
-        column = jnp.sum(jnp.where((places == place)[:, None], B, 0.0), axis=2, keepdims=True)
-        return jnp.concatenate([found[:, :, 1:], column], axis=2)
+        def with_column(part, found):
+            column = jnp.sum(jnp.where((places == place)[:, None], part, 0.0), axis=2, keepdims=True)
+            return jnp.concatenate([found[:, :, 1:], column], axis=2)
 
-    return jax.lax.fori_loop(0, B.shape[1], add, jnp.zeros_like(B))
+        return tuple(map(with_column, B, found))
+
+    return jax.lax.fori_loop(0, places.shape[1], add, tuple(map(jnp.zeros_like, B)))
 
 
 def _product(x: _Parts, y: _Parts) -> _Parts:

@@ -11,6 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
+from .. import native
+from ..numerics.batches import map_batches
 from ..numerics.linear import complex_inverses, inverses, solutions
 from .mass import Mass
 from .tableau import Tableau
@@ -131,9 +133,9 @@ class AbstractStageIteration(eqx.Module):
         return _solve(self, equations, guess, memory)
 
     def size(self, equations: StageEquations, change: Float[Array, "s n"]) -> Float[Array, ""]:
-        """The norm of changes of the stages, in units of the tolerance."""
+        """The norm of changes of the stages, in units of the tolerance: that of the norms of all stages."""
         weight = 1 / (self.atol + self.rtol * jnp.abs(equations.x0))  # which is the same in all iterations
-        return self.norm(jax.vmap(lambda row: equations.unravel(row * weight))(change))
+        return self.norm(jax.vmap(lambda row: self.norm(equations.unravel(row * weight)))(change))
 
     def rounding(self, equations: StageEquations) -> Float[Array, ""]:
         """The norm of changes by rounding, in units of the tolerance."""
@@ -416,6 +418,11 @@ class _Matrices(NamedTuple):
 
 
 def value_and_jacobian(f: Callable, x: Float[Array, " n"]) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
-    """f(x) and ∂f/∂x by forward mode, with what does not depend on the direction computed once."""
+    """f(x) and ∂f/∂x by forward mode, with what does not depend on the direction computed once.
+
+    The native compiler is given as many directions at a time as fill a vector.
+    """
     value, tangent = jax.linearize(f, x)
-    return value, jax.vmap(tangent, out_axes=1)(jnp.eye(x.size, dtype=x.dtype))
+    directions = jnp.eye(x.size, dtype=x.dtype)
+    by_rows = map_batches(tangent, directions, native.LANES) if native.traced_natively() else jax.vmap(tangent)(directions)
+    return value, by_rows.T
