@@ -93,12 +93,13 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
 
     def require_state(self, state: Any) -> None:
         AbstractSystem.require_state(self, state)
-        names = self.coordinates
-        if state.theta.shape[-1] != len(names) or state.thetadot.shape[-1] != len(names):
+        theta, thetadot, count = state.theta, state.thetadot, len(self.driven) + len(self.joints)
+        if theta.shape[-1] != count or thetadot.shape[-1] != count:
+            names = self.coordinates
             which = "one for each driven mass" if not self.joints else f"those of {all_of(names)}"
             raise ValueError(
-                f"Argument `state` must have {len(names)} entries in theta and in thetadot, {which}, "
-                f"but it has {state.theta.shape[-1]} and {state.thetadot.shape[-1]}."
+                f"Argument `state` must have {count} entries in theta and in thetadot, {which}, "
+                f"but it has {theta.shape[-1]} and {thetadot.shape[-1]}."
             )
 
     def numbers(self) -> Iterator[tuple[str, Array]]:
@@ -124,6 +125,8 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
     @property
     def sticking(self) -> tuple[str, ...]:
         """The joints that dry friction may hold at rest, by name."""
+        if not self.mechanism_groups:
+            return ()  # without what is looked up below, which takes microseconds
         return tuple(self.coordinates[slot] for slot in sticking_slots(self))
 
     @property

@@ -142,6 +142,8 @@ class BodyParameters(Printed):
     @property
     def joints(self) -> tuple[tuple[int, int], ...]:
         """The joints whose θ and θ̇ belong to the state: the indices of each one's mechanism and of the joint in it."""
+        if not self.mechanism_order:
+            return ()
         kinds = {index: group for group, order in self._mechanism_items for index in order}
         return tuple((index, a) for index in sorted(kinds) for a in kinds[index].in_state)
 

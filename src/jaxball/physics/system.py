@@ -420,9 +420,11 @@ def require_one(argument: str, kind: str, given: Any, shapes: Mapping[str, tuple
 
     Of that the system has checked the length, and not that it is of one state.
     """
-    sized = getattr(given, "sized", ())
+    sized, values = getattr(given, "sized", ()), vars(given)  # Equinox looks up attributes more slowly
     for name, shape in shapes.items():
-        found = np.shape(getattr(given, name))
+        found = getattr(values[name], "shape", None)
+        if found is None:
+            found = np.shape(values[name])
         fits = len(found) == len(shape) if name in sized else found == shape
         if not fits:
             raise ValueError(

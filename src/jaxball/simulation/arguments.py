@@ -52,6 +52,9 @@ def checked_times(times: Numbers) -> Array | np.ndarray:
 
     **Raises:** ``ValueError`` unless they are two or more in one axis and, where that is known, increasing.
     """
+    if type(times) is tuple and len(times) == 2 and all(type(time) is float for time in times):
+        if -math.inf < times[0] < times[1] < math.inf:
+            return np.asarray(times, default_dtype())  # which takes a microsecond, the rest ten
     array = _as_array("times", times)
     if array.ndim != 1 or array.size < 2:
         raise ValueError(

@@ -135,7 +135,8 @@ class AbstractStageIteration(eqx.Module):
     def size(self, equations: StageEquations, change: Float[Array, "s n"]) -> Float[Array, ""]:
         """The norm of changes of the stages, in units of the tolerance: that of the norms of all stages."""
         weight = 1 / (self.atol + self.rtol * jnp.abs(equations.x0))  # which is the same in all iterations
-        return self.norm(jax.vmap(lambda row: self.norm(equations.unravel(row * weight)))(change))
+        sizes = jax.vmap(lambda row: self.norm(equations.unravel(row * weight)))(change)
+        return self.norm(sizes) if len(change) > 1 else sizes[0]
 
     def rounding(self, equations: StageEquations) -> Float[Array, ""]:
         """The norm of changes by rounding, in units of the tolerance."""
