@@ -46,6 +46,20 @@ def test_reductions_keep_or_take_the_first_axis():
     agree(f, X, ulps=100)
 
 
+@pytest.mark.parametrize("count", [3, 4, 6, 8])
+def test_products_of_rows(count):
+    rng = np.random.default_rng(5)
+    x, y = rng.normal(size=(2, count, 9))
+    A = rng.normal(size=(count, 2, 9))
+    A[:, 0, 3:] = 0.0
+
+    def f(x, y, A):
+        inner = jax.vmap(jnp.vdot)(jnp.sin(x), y + 1)
+        return inner, jax.vmap(jnp.matmul)(jnp.cos(A), x), jax.vmap(lambda x: jnp.vdot(x[:0], x[:0]))(x), inner[0]
+
+    agree(f, x, y, A, ulps=64)
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("shape", [(5, 81), (8, 100), (6, 9, 10)])
 def test_rows_that_leave_the_vectors(shape):

@@ -39,6 +39,15 @@ def test_complex_inverses(compiler, count, n):
 
 
 @pytest.mark.parametrize("compiler", COMPILERS)
+def test_matrices_whose_rows_stay_in_place(compiler):
+    A = rng.normal(size=(7, 9, 9)) + 20 * np.eye(9)
+    np.testing.assert_allclose(COMPILERS[compiler](inverses)(A), np.linalg.inv(A), rtol=0, atol=1e-15)
+    real, imaginary = map(np.asarray, COMPILERS[compiler](complex_inverses)(A, np.roll(A, 1, axis=0)))
+    exact = np.linalg.inv(A + 1j * np.roll(A, 1, axis=0))
+    np.testing.assert_allclose(real + 1j * imaginary, exact, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
 def test_that_of_a_singular_matrix_is_not_finite(compiler):
     A = np.array([np.eye(3), np.diag([1.0, 0.0, 2.0])])
     found = np.asarray(COMPILERS[compiler](inverses)(A))

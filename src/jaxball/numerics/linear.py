@@ -69,12 +69,12 @@ def _eliminated(matrices: _Parts) -> _Parts:
     start = jnp.broadcast_to(index, (k, n))
     B, rows = jax.lax.fori_loop(0, n, eliminate, (matrices, start))
     # Column j belongs to the row from which the pivot of turn j came.
-    return jax.lax.cond(jnp.any(rows != index), _with_columns, lambda B, _: B, B, rows)
+    return jax.lax.cond(jnp.any(rows != start), _with_columns, lambda B, _: B, B, rows)
 
 
 def _exchanged(carry: tuple[_Parts, Int[Array, "k n"]], pivot: Int[Array, " k"]) -> tuple[_Parts, Int[Array, "k n"]]:
     """The matrices and the numbers of their rows, with the row ``pivot`` as the first, and that one in its place."""
-    here = pivot[:, None] == jnp.arange(carry[1].shape[1])
+    here = pivot[:, None] == jnp.arange(carry[1].shape[1])[None]
 
     def exchanged(B: Array) -> Array:
         chosen = jnp.sum(jnp.where(here[:, :, None], B, 0), axis=1, keepdims=True)
