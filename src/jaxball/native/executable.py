@@ -70,7 +70,7 @@ def _address(array: np.ndarray | jax.Array) -> int:
     if not isinstance(array, np.ndarray):
         return array.block_until_ready().unsafe_buffer_pointer()
     try:
-        return ctypes.addressof(ctypes.c_char.from_buffer(array))
+        return ctypes.addressof(ctypes.c_char.from_buffer(array))  # pyright: ignore[reportArgumentType]
     except (TypeError, ValueError, BufferError):  # as of an array that is read-only, or empty
         return array.__array_interface__["data"][0]  # which takes three times as long
 

@@ -52,9 +52,11 @@ def checked_times(times: Numbers) -> Array | np.ndarray:
 
     **Raises:** ``ValueError`` unless they are two or more in one axis and, where that is known, increasing.
     """
-    if type(times) is tuple and len(times) == 2 and all(type(time) is float for time in times):
-        if -math.inf < times[0] < times[1] < math.inf:
-            return np.asarray(times, default_dtype())  # which takes a microsecond, the rest ten
+    if isinstance(times, tuple | list) and len(times) == 2 and {*map(type, times)} <= {float, int}:
+        array = np.asarray(times, default_dtype())
+        start, end = array.tolist()
+        if -math.inf < start < end < math.inf:
+            return array  # after a few microseconds; the rest takes ten
     array = _as_array("times", times)
     if array.ndim != 1 or array.size < 2:
         raise ValueError(

@@ -424,6 +424,5 @@ def value_and_jacobian(f: Callable, x: Float[Array, " n"]) -> tuple[Float[Array,
     The native compiler is given as many directions at a time as fill a vector.
     """
     value, tangent = jax.linearize(f, x)
-    directions = jnp.eye(x.size, dtype=x.dtype)
-    by_rows = map_batches(tangent, directions, native.LANES) if native.traced_natively() else jax.vmap(tangent)(directions)
-    return value, by_rows.T
+    size = native.LANES if native.traced_natively() else x.size
+    return value, map_batches(tangent, jnp.eye(x.size, dtype=x.dtype), size).T

@@ -1,11 +1,10 @@
 """Products of matrices and of higher arrays."""
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from ..builder import Builder
 from ..elements import Element, Index, is_known
 from ..lowering import Function
 from ..program import Operation
@@ -22,96 +21,110 @@ MOST_PRODUCTS = 512  # of one operation that are written out; more are loops
 @rule("stablehlo.dot_general")
 def dot_general(function: Function, operation: Operation, operands: list[Array]) -> Array:
     """Sums of products over the dimensions contracted; those of the batch come first, then each operand's others."""
-    storage, builder = function.storage, function.builder
-    result, n = operation.results[0], operation.attribute("dot_dimension_numbers")
-    batch = list(zip(n.lhs_batching_dimensions, n.rhs_batching_dimensions, strict=True))
-    contracted = list(zip(n.lhs_contracting_dimensions, n.rhs_contracting_dimensions, strict=True))
-    left, right = (storage.settled(array) for array in operands)
-    lengths = [left.shape[k] for k, _ in contracted]
-    free = [
-        [k for k in range(len(array.shape)) if all(k != pair[side] for pair in (*batch, *contracted))]
-        for side, array in enumerate((left, right))
-    ]
-    family, dtype = complex if result.dtype.kind == "c" else real, result.dtype
+    storage, (result,) = function.storage, operation.results
+    products = _Products(function, operation, [storage.settled(array) for array in operands])
+    shape, count = result.shape, size_of(products.lengths)
+    if is_small(shape) and size_of(shape) * count <= MOST_PRODUCTS:
+        in_registers = all(isinstance(array, Registers) for array in products.operands)
+        if in_registers and count and products.batch and shape[0] in WIDTHS:
+            return products.in_vectors(shape)
+        if count <= 16 or in_registers:
+            at = products.written_out
+        else:
+            products.operands, at = [storage.anywhere(array) for array in products.operands], products.in_loop
+        elements = [at(index) for index in np.ndindex(*shape)]
+        return Registers(result.dtype, collected(elements, shape, result.dtype))
+    products.operands = [storage.anywhere(array) for array in products.operands]
+    return storage.to_memory(Formula(shape, result.dtype, products.in_loop, products.operands))
 
-    def converted(array: Array, place: Sequence[Index]) -> Element:
-        conversion = complex.convert if dtype.kind == "c" and array.dtype.kind != "c" else family.convert
-        element = array.element(builder, place)
-        return element if array.dtype == dtype else conversion(builder, array.dtype, dtype, element)
 
-    def factors(index: Sequence[Index], within: Sequence[Index]) -> tuple[Element, Element]:
-        places: list[list[Index]] = [[0] * len(left.shape), [0] * len(right.shape)]
-        for i, pair in [*zip(index, batch, strict=False), *zip(within, contracted, strict=True)]:
-            for side in (0, 1):
-                places[side][pair[side]] = i
-        rest = iter(index[len(batch) :])
-        for side in (0, 1):
-            for k in free[side]:
-                places[side][k] = next(rest)
-        return converted(left, places[0]), converted(right, places[1])
+class _Products:
+    """The products of which a ``dot_general`` of two operands gives the sums.
 
-    def multiplied(x: Element, y: Element) -> Element:
-        return family.SCALARS["multiply"](builder, dtype, x, y)
+    - ``batch``, ``contracted``: pairs of dimensions of the operands, over which the sums are ``lengths`` long.
+    """
 
-    def added(x: Element, y: Element) -> Element:
-        return family.SCALARS["add"](builder, dtype, x, y)
+    def __init__(self, function: Function, operation: Operation, operands: Sequence[Array]):
+        n = operation.attribute("dot_dimension_numbers")
+        self.operands, self.dtype = operands, operation.results[0].dtype
+        self.batch = list(zip(n.lhs_batching_dimensions, n.rhs_batching_dimensions, strict=True))
+        self.contracted = list(zip(n.lhs_contracting_dimensions, n.rhs_contracting_dimensions, strict=True))
+        self.lengths = [operands[0].shape[k] for k, _ in self.contracted]
+        self._free = [
+            [k for k in range(len(array.shape)) if all(k != pair[side] for pair in (*self.batch, *self.contracted))]
+            for side, array in enumerate(operands)
+        ]
+        self._storage, self._builder = function.storage, function.builder
+        self._family = complex if self.dtype.kind == "c" else real
 
-    def at(index: Sequence[Index]) -> Element:
-        def product(within: Sequence[Index]) -> Element:
-            return multiplied(*factors(index, within))
+    def in_vectors(self, shape: tuple[int, ...]) -> Array:
+        """All sums, in vectors along the first dimension."""
+        found = []
+        for place in np.ndindex(*shape[1:]):
+            rows = [self._factors_at((lane, *place)) for lane in range(shape[0])]
+            columns, dtypes = list(zip(*rows, strict=True)), [self.dtype] * len(rows[0])
+            vectors = side_by_side(self._builder, dtypes, [self.dtype], columns, lambda *row: [self._sum(row)])
+            found.append([self._sum(row) for row in rows] if vectors is None else vectors[0])
+        elements = [number for lane in zip(*found, strict=True) for number in lane]
+        return Registers(self.dtype, collected(elements, shape, self.dtype))
+
+    def written_out(self, index: Sequence[Index]) -> Element:
+        """The sum at an index of the result."""
+        return self._sum(self._factors_at(index)) if size_of(self.lengths) else self._zero()
+
+    def in_loop(self, index: Sequence[Index]) -> Element:
+        """The same, one product after another."""
+        if not size_of(self.lengths):
+            return self._zero()
+        # −0 is what leaves every number as it is.
+        minus = self.dtype.type(-0.0) if self.dtype.kind == "f" else complex.Pair(*[self.dtype.type(-0.0).real] * 2)
+        start = [(self.dtype, self.dtype.type(0) if self.dtype.kind in "iub" else minus)]
 
         def step(within: list[Index], numbers: list[Element]) -> list[Element]:
-            return [added(numbers[0], product(within))]
+            return [self._added(numbers[0], self._multiplied(*self._factors(index, within)))]
 
-        # −0 is what leaves every number as it is.
-        zero = dtype.type(-0.0) if dtype.kind == "f" else complex.Pair(*[dtype.type(-0.0).real] * 2)
-        start = [(dtype, dtype.type(0) if dtype.kind in "iub" else zero)]
-        if not size_of(lengths):
-            zero = dtype.type(0)
-            return complex.Pair(zero.real, zero.imag) if dtype.kind == "c" else zero
-        if written_out:
-            return _sum_of(added, [product(within) for within in np.ndindex(*lengths)])
-        return storage.accumulated(lengths, start, step, varying=left.varying or right.varying)[0]
+        varying = any(array.varying for array in self.operands)
+        return self._storage.accumulated(self.lengths, start, step, varying=varying)[0]
 
-    written_out = False
-    if is_small(result.shape) and size_of(result.shape) * size_of(lengths) <= MOST_PRODUCTS:
-        written_out = size_of(lengths) <= 16 or all(isinstance(array, Registers) for array in (left, right))
-        if not written_out:
-            left, right = storage.anywhere(left), storage.anywhere(right)
-        elif batch and result.shape[0] in WIDTHS and size_of(lengths):
-            pairs = lambda index: [x for within in np.ndindex(*lengths) for x in factors(index, within)]  # noqa: E731
-            sums = lambda *xs: [_sum_of(added, [*map(multiplied, xs[::2], xs[1::2])])]  # noqa: E731
-            return _in_vectors(builder, dtype, result.shape, pairs, sums)
-        elements = [at(index) for index in np.ndindex(*result.shape)]
-        return Registers(dtype, collected(elements, result.shape, dtype))
-    left, right = storage.anywhere(left), storage.anywhere(right)
-    formula = Formula(result.shape, dtype, at, [left, right])
-    return storage.to_memory(formula)
+    def _factors_at(self, index: Sequence[Index]) -> list[Element]:
+        """The factors of all products of one sum."""
+        return [x for within in np.ndindex(*self.lengths) for x in self._factors(index, within)]
 
+    def _factors(self, index: Sequence[Index], within: Sequence[Index]) -> list[Element]:
+        places: list[list[Index]] = [[0] * len(array.shape) for array in self.operands]
+        for i, pair in [*zip(index, self.batch, strict=False), *zip(within, self.contracted, strict=True)]:
+            for side in (0, 1):
+                places[side][pair[side]] = i
+        rest = iter(index[len(self.batch) :])
+        for side in (0, 1):
+            for k in self._free[side]:
+                places[side][k] = next(rest)
+        return [self._converted(array, place) for array, place in zip(self.operands, places, strict=True)]
 
-def _in_vectors(
-    builder: Builder,
-    dtype: np.dtype,
-    shape: tuple[int, ...],
-    operands: Callable[[Sequence[Index]], list[Element]],
-    compute: Callable[..., Sequence[Element]],
-) -> Array:
-    """What is computed of the operands of each index, in vectors along the first axis."""
-    found = []
-    for place in np.ndindex(*shape[1:]):
-        rows = [operands((lane, *place)) for lane in range(shape[0])]
-        columns = list(zip(*rows, strict=True))
-        vectors = side_by_side(builder, [dtype] * len(columns), [dtype], columns, compute)
-        found.append([compute(*row)[0] for row in rows] if vectors is None else vectors[0])
-    return Registers(dtype, collected([number for lane in zip(*found, strict=True) for number in lane], shape, dtype))
+    def _converted(self, array: Array, place: Sequence[Index]) -> Element:
+        to_complex = self.dtype.kind == "c" and array.dtype.kind != "c"
+        element = array.element(self._builder, place)
+        if array.dtype == self.dtype:
+            return element
+        return (complex if to_complex else self._family).convert(self._builder, array.dtype, self.dtype, element)
 
+    def _zero(self) -> Element:
+        zero = self.dtype.type(0)
+        return complex.Pair(zero.real, zero.imag) if self.dtype.kind == "c" else zero
 
-def _sum_of(add: Callable[[Element, Element], Element], numbers: Sequence[Element]) -> Element:
-    """A sum of many terms as that of several sums, which a processor adds at once."""
-    known, others = [x for x in numbers if is_known(x)], [x for x in numbers if not is_known(x)]
-    apart = PARTIAL_SUMS if len(others) >= 2 * PARTIAL_SUMS else 1
-    sums = [functools.reduce(add, others[first::apart]) for first in range(apart) if others]
-    sums += [functools.reduce(add, known)] if known else []
-    while len(sums) > 1:
-        sums = [add(*sums[k : k + 2]) if k + 1 < len(sums) else sums[k] for k in range(0, len(sums), 2)]
-    return sums[0]
+    def _multiplied(self, x: Element, y: Element) -> Element:
+        return self._family.SCALARS["multiply"](self._builder, self.dtype, x, y)
+
+    def _added(self, x: Element, y: Element) -> Element:
+        return self._family.SCALARS["add"](self._builder, self.dtype, x, y)
+
+    def _sum(self, factors: Sequence[Element]) -> Element:
+        """A sum of many products as that of several sums, which a processor adds at once."""
+        numbers = list(map(self._multiplied, factors[::2], factors[1::2]))
+        known, others = [x for x in numbers if is_known(x)], [x for x in numbers if not is_known(x)]
+        apart = PARTIAL_SUMS if len(others) >= 2 * PARTIAL_SUMS else 1
+        sums = [functools.reduce(self._added, others[first::apart]) for first in range(apart) if others]
+        sums += [functools.reduce(self._added, known)] if known else []
+        while len(sums) > 1:
+            sums = [self._added(*sums[k : k + 2]) if k + 1 < len(sums) else sums[k] for k in range(0, len(sums), 2)]
+        return sums[0]
