@@ -1,15 +1,16 @@
 """The program of a block of runs: the solve of a single run, mapped over them; and many runs in such blocks.
 
-The native compiler computes the turns of a ``jax.lax.map`` side by side, in the lanes of vectors. XLA would compute one
-after the other, so for XLA some runs at a time are one solve, by ``jax.vmap``. Either way those that are computed
-together wait for the longest of them.
+The native compiler computes the turns of a ``jax.lax.map`` side by side, in the lanes of vectors, but for solvers whose
+steps fill vectors by themselves. XLA would compute one after the other, so for XLA some runs at a time are one solve,
+by ``jax.vmap``. Either way those that are computed together wait for the longest of them.
 """
 
 import contextlib
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, cast
 
+import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -25,6 +26,8 @@ from ..simulation.observers import Found, Observation
 from ..simulation.simulate import FEW_STEPS, Method, simulated_and_found
 from ..simulation.trajectory import Trajectory
 from ..simulation.watch import locate
+from ..solvers.collocation import AbstractCollocation
+from ..solvers.stages import SimplifiedNewton
 from .reductions import AbstractReduction, Observed, Quantity, values
 
 # How many runs a program takes at a time by default.
@@ -103,9 +106,31 @@ def _solve(settings: Settings, parameters: Any, times: Array, rtol: Array, atol:
         return _run(settings, system, state, times, rtol, atol, events)
 
     rows = own, times, rtol, atol
-    results = jax.lax.map(run, rows) if settings.lanes is None else map_batches(run, rows, settings.lanes)
-    together = native.LANES if settings.lanes is None else even_size(len(times), settings.lanes, 1)
+    if settings.lanes is not None:
+        results, together = map_batches(run, rows, settings.lanes), even_size(len(times), settings.lanes, 1)
+    elif _fills_vectors(settings.method.solver):
+        results, together = _one_after_another(run, rows), 1
+    else:
+        results, together = jax.lax.map(run, rows), native.LANES
     return *results, _executed(results[0].steps, together)
+
+
+def _fills_vectors(solver: diffrax.AbstractSolver) -> bool:
+    """Whether a step of one run fills vectors by itself: its stages do, and its matrices.
+
+    Of runs side by side, all would make new matrices whenever one of them does.
+    """
+    return isinstance(solver, AbstractCollocation) and isinstance(solver.root_finder, SimplifiedNewton)
+
+
+def _one_after_another(run: Callable[[Any], tuple[Ends, Any]], rows: Any) -> tuple[Ends, Any]:
+    """A map whose turns depend on one another, by a count of their steps, and so are not computed side by side."""
+
+    def turn(steps: Array, row: Any) -> tuple[Array, tuple[Ends, Any]]:
+        result = run(row)
+        return steps + result[0].steps, result
+
+    return jax.lax.scan(turn, jnp.asarray(0), rows)[1]
 
 
 _solve_filtered = cast(programs.Program, programs.filter_jit(_solve))

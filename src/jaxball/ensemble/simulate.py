@@ -161,8 +161,9 @@ def simulate_ensemble(
       ``jaxball.ensemble.REDUCTIONS``, or any :class:`Maximum`, :class:`Minimum`, :class:`Drift` or :class:`Integral` of
       your own function.
     - ``lanes``: how many runs XLA computes side by side; by default 64 on a CPU, where 512 were no faster, or a whole
-      block on a GPU. Native programs always take 8 runs. The next begin when the longest of these has ended: put runs
-      of similar length next to each other.
+      block on a GPU. Native programs always take 8 runs, or a single one where each step makes matrices for its stages,
+      as with ``RadauIIA``. The next begin when the longest of these has ended: put runs of similar length next to each
+      other.
     - ``block``: how many runs a compiled program takes at a time; fewer are padded, so that calls with other numbers of
       runs share it. By default the runs are divided equally among threads, or GPUs, with at most 512 at a time natively
       and 4096 with XLA on CPUs.
