@@ -132,6 +132,15 @@ def _side_by_side(function: Callable[..., Any], rows: tuple[Any, ...]) -> Any:
     return jax.vmap(function)(*rows)
 
 
+def fill_vectors(function: Callable[[Any], Any], rows: Any) -> Any:
+    """``function`` of each row of a PyTree of arrays: all at once, natively as many at a time as fill a vector.
+
+    For short computations within a step, such as the tangents of a field in many directions.
+    """
+    many = len(jax.tree.leaves(rows)[0]) > native.LANES and native.traced_natively()
+    return map_batches(function, rows, native.LANES) if many else jax.vmap(function)(rows)
+
+
 def map_batches(function: Callable[[Any], Any], rows: Any, size: int) -> Any:
     """``function`` of each row of a PyTree of arrays, by ``jax.vmap`` of about ``size`` rows at a time.
 

@@ -10,6 +10,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
+from ..numerics.batches import fill_vectors
 from ..physics.body import AbstractBody
 from ..physics.contact.reaction import reaction
 from ..physics.packing import Packing
@@ -32,11 +33,8 @@ def tangent_field(field: Field) -> Callable[..., Float[Array, "rows size"]]:
     """
 
     def rates(t, rows, args):
-        def along(deviation):
-            return jax.jvp(lambda x: field(t, x, args), (rows[0],), (deviation,))
-
-        rate, deviations = jax.vmap(along, out_axes=(None, 0))(rows[1:])
-        return jnp.concatenate([rate[None], deviations])
+        rate, tangent = jax.linearize(lambda x: field(t, x, args), rows[0])
+        return jnp.concatenate([rate[None], fill_vectors(tangent, rows[1:])])
 
     return rates
 

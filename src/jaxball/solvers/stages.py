@@ -11,8 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from .. import native
-from ..numerics.batches import map_batches
+from ..numerics.batches import fill_vectors
 from ..numerics.linear import complex_inverses, inverses, solutions
 from .mass import Mass
 from .tableau import Tableau
@@ -419,10 +418,6 @@ class _Matrices(NamedTuple):
 
 
 def value_and_jacobian(f: Callable, x: Float[Array, " n"]) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
-    """f(x) and ∂f/∂x by forward mode, with what does not depend on the direction computed once.
-
-    The native compiler is given as many directions at a time as fill a vector.
-    """
+    """f(x) and ∂f/∂x by forward mode, with what does not depend on the direction computed once."""
     value, tangent = jax.linearize(f, x)
-    size = native.LANES if native.traced_natively() else x.size
-    return value, map_batches(tangent, jnp.eye(x.size, dtype=x.dtype), size).T
+    return value, fill_vectors(tangent, jnp.eye(x.size, dtype=x.dtype)).T
