@@ -20,6 +20,7 @@ _LANE = re.compile(r"(%v\d+)\.(\d)")
 
 LANES = 8
 FEWEST_ALWAYS = 5  # elements of a first axis that are computed in vectors whatever it costs to make these
+MOST_ROWS = 2 * LANES  # of a first axis that is computed in vectors: with more than eight, in two
 
 
 class Lanes(str):

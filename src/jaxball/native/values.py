@@ -18,6 +18,7 @@ from .builder import BOOL, INDEX, Builder
 from .elements import (
     FEWEST_ALWAYS,
     LANES,
+    MOST_ROWS,
     Element,
     Index,
     Lanes,
@@ -31,9 +32,10 @@ from .elements import (
     vector_type,
 )
 
-MOST_REGISTERS = 72  # numbers of an array
+MOST_REGISTERS = 81  # numbers of an array
 LONGEST = 48  # axis of such an array: longer ones are of many times or switches, not of vectors and stages
 MOST_VECTORS = 100  # of an array whose first axis is in vectors
+MOST_PAIRS = 30  # of vectors, of one whose first axis takes two
 _DEEPEST = 40  # formulas in formulas
 
 
@@ -197,7 +199,10 @@ def is_small(shape: Sequence[int]) -> bool:
     size = size_of(shape)
     if size <= MOST_REGISTERS:
         return size <= LONGEST or max(shape) <= LONGEST
-    return FEWEST_ALWAYS <= shape[0] <= LANES and size <= shape[0] * MOST_VECTORS
+    if FEWEST_ALWAYS <= shape[0] <= LANES:
+        return size <= shape[0] * MOST_VECTORS
+    # Tangents of vectors and of matrices; with two axes it is rather a state at each stage, or a matrix.
+    return len(shape) > 2 and LANES < shape[0] <= MOST_ROWS and size <= shape[0] * MOST_PAIRS
 
 
 def linear(builder: Builder, shape: Sequence[int], index: Sequence[Index]) -> Index:

@@ -5,16 +5,17 @@ one vector for each place along the other axes, and lane k of the vector ``%v7``
 finds the vectors by these names. Only lanes that are read individually are extracted.
 """
 
+import functools
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from .builder import Builder
-from .elements import FEWEST_ALWAYS, LANES, Element, Lanes, Pair, is_known, llvm_type, written
+from .elements import FEWEST_ALWAYS, LANES, MOST_ROWS, Element, Lanes, Pair, is_known, llvm_type, written
 
-# Lanes of the vectors for so many elements.
-WIDTHS = {3: 4, 4: 4, **dict.fromkeys(range(FEWEST_ALWAYS, LANES + 1), LANES)}
+SHORTEST = 3  # first axis that is computed in vectors
 MOST_TO_PACK = 3  # instructions that make vectors of less, for one operation on them
 
 
@@ -40,24 +41,45 @@ def side_by_side(
             known = known and not isinstance(element, str)
     if known or all(map(_is_uniform, columns)):
         return None
-    if count < FEWEST_ALWAYS and sum(_cost(builder, column) for column in columns) > MOST_TO_PACK:
+    width, parts = width_for(count), [[column[part] for column in columns] for part in vectors_of(count)]
+    if not FEWEST_ALWAYS <= count <= LANES and any(_cost(builder, part, width) > MOST_TO_PACK for part in parts):
         return None
-    operands = [packed(builder, dtype, column) for dtype, column in zip(dtypes, columns, strict=True)]
-    found = compute(*operands)
-    return [builder.lanes_of(dtype, number, count) for dtype, number in zip(results, found, strict=True)]
+    rows: list[list[Element]] = [[] for _ in results]
+    for part in parts:
+        found = compute(*[packed(builder, dtype, column, width) for dtype, column in zip(dtypes, part, strict=True)])
+        for row, dtype, number in zip(rows, results, found, strict=True):
+            row += builder.lanes_of(dtype, number, len(part[0]))
+    return rows
 
 
-def packed(builder: Builder, dtype: np.dtype, numbers: Sequence[Element]) -> Element:
+def is_of_vectors(shape: Sequence[int]) -> bool:
+    """Whether operations on an array of that shape may be computed in vectors along its first axis."""
+    return bool(shape) and SHORTEST <= shape[0] <= MOST_ROWS
+
+
+def width_for(count: int) -> int:
+    """The lanes of each of the vectors that so many elements take."""
+    return LANES if count >= FEWEST_ALWAYS else LANES // 2
+
+
+@functools.cache
+def vectors_of(count: int) -> tuple[slice, ...]:
+    """The elements of each of the vectors that a first axis takes, of about equal length."""
+    parts = -(-count // LANES)
+    ends = [count * k // parts for k in range(parts + 1)]
+    return tuple(itertools.starmap(slice, itertools.pairwise(ends)))
+
+
+def packed(builder: Builder, dtype: np.dtype, numbers: Sequence[Element], width: int) -> Element:
     """The numbers of the lanes as a vector, or the number that all of them are."""
     if _is_uniform(numbers):
         return numbers[0]
-    width = WIDTHS[len(numbers)]
     if all(map(is_known, numbers)):
         texts = [written(number) for number in numbers]
         texts += texts[-1:] * (width - len(texts))
         kind = llvm_type(dtype)
         return Lanes(f"<{', '.join(f'{kind} {text}' for text in texts)}>", width)
-    vectors, lanes = _sources(builder, numbers)
+    vectors, lanes = _sources(builder, numbers, width)
     if len(vectors) == 1 and lanes == list(range(len(numbers))):
         return vectors[0]
     if 1 <= len(vectors) <= 2:
@@ -68,20 +90,28 @@ def packed(builder: Builder, dtype: np.dtype, numbers: Sequence[Element]) -> Ele
 
 def are_handed_on(shape: Sequence[int], dtype: np.dtype) -> bool:
     """Whether loops and branches hand the numbers of such an array on in vectors."""
-    return len(shape) > 1 and FEWEST_ALWAYS <= shape[0] <= LANES and dtype.kind != "c"
+    return len(shape) > 1 and FEWEST_ALWAYS <= shape[0] <= MOST_ROWS and dtype.kind != "c"
+
+
+def number_of_vectors(shape: Sequence[int]) -> int:
+    """How many vectors along its first axis an array takes."""
+    return len(vectors_of(shape[0])) * math.prod(shape[1:])
 
 
 def in_vectors(builder: Builder, dtype: np.dtype, shape: Sequence[int], numbers: Sequence[Element]) -> list[Element]:
     """The numbers of an array, row by row, as vectors along its first axis."""
     places = len(numbers) // shape[0]
-    vectors = [packed(builder, dtype, numbers[place::places]) for place in range(places)]
+    columns = [numbers[place::places] for place in range(places)]
+    vectors = [packed(builder, dtype, column[part], LANES) for column in columns for part in vectors_of(shape[0])]
     return [builder.spread(dtype, vector, LANES) for vector in vectors]
 
 
 def one_by_one(builder: Builder, dtype: np.dtype, shape: Sequence[int], vectors: Sequence[Element]) -> list[Element]:
     """The numbers of an array, row by row, of vectors along its first axis."""
-    lanes = [builder.lanes_of(dtype, vector, shape[0]) for vector in vectors]
-    return [lane for row in zip(*lanes, strict=True) for lane in row]
+    counts = [part.stop - part.start for part in vectors_of(shape[0])]
+    lanes = [builder.lanes_of(dtype, vector, count) for vector, count in zip(vectors, itertools.cycle(counts))]
+    columns = [list(itertools.chain(*lanes[k : k + len(counts)])) for k in range(0, len(lanes), len(counts))]
+    return [lane for row in zip(*columns, strict=True) for lane in row]
 
 
 def _is_uniform(numbers: Sequence[Element]) -> bool:
@@ -89,11 +119,10 @@ def _is_uniform(numbers: Sequence[Element]) -> bool:
     return all((number if isinstance(number, str) else written(number)) == first for number in numbers)
 
 
-def _sources(builder: Builder, numbers: Sequence[Element]) -> tuple[list[Lanes], list[int]]:
+def _sources(builder: Builder, numbers: Sequence[Element], width: int) -> tuple[list[Lanes], list[int]]:
     """The vectors of one width, two at most, whose lanes the numbers are, and which; no vectors where they are not."""
     vectors: list[Lanes] = []
     lanes = []
-    width = WIDTHS[len(numbers)]
     for number in numbers:
         vector, lane = (None, 0) if is_known(number) else builder.place_of(number)
         if vector is None or vector.width != width:
@@ -104,15 +133,19 @@ def _sources(builder: Builder, numbers: Sequence[Element]) -> tuple[list[Lanes],
     return (vectors, lanes) if len(vectors) <= 2 else ([], [])
 
 
-def _cost(builder: Builder, numbers: Sequence[Element]) -> int:
-    """Instructions, in every turn of the loop that is being written, that make a vector of numbers."""
+def _cost(builder: Builder, columns: Sequence[Sequence[Element]], width: int) -> int:
+    """Instructions, in every turn of the loop that is being written, that make vectors of numbers."""
+    return sum(_cost_of_one(builder, column, width) for column in columns)
+
+
+def _cost_of_one(builder: Builder, numbers: Sequence[Element], width: int) -> int:
     if all(map(builder.is_same_in_every_turn, numbers)):
         return 0
     if _is_uniform(numbers):
         return 1
     if all(map(builder.is_loaded, numbers)):
         return 1
-    vectors, lanes = _sources(builder, numbers)
+    vectors, lanes = _sources(builder, numbers, width)
     if not vectors:
         return len(numbers)
     return int(len(vectors) > 1 or lanes != list(range(len(numbers))))

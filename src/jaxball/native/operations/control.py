@@ -16,7 +16,7 @@ from ..ranges import counted
 from ..rules import rule
 from ..storage import joined, parts, parts_of
 from ..values import Array, Memory, Registers, is_small, registers, size_of
-from ..vectors import are_handed_on, in_vectors, one_by_one
+from ..vectors import are_handed_on, in_vectors, number_of_vectors, one_by_one
 
 MOST_TURNS, MOST_NUMBERS = 20, 6000  # of a loop that is written out, and what it computes in them
 _OF_CONDITIONS = {
@@ -247,7 +247,7 @@ class _Carry:
         if self.unchanged or self.in_memory or not isinstance(self.array, Registers):
             return
         b, dtype, shape = self.function.builder, self.array.dtype, self.array.shape
-        count = size_of(shape[1:] if self.in_vectors else shape)
+        count = number_of_vectors(shape) if self.in_vectors else size_of(shape)
         names = []
         for kind in parts_of(dtype, count):
             names.append(b.fresh(self.varying or self.in_vectors))

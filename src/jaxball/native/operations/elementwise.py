@@ -9,7 +9,7 @@ from ..lowering import Function
 from ..program import Operation
 from ..rules import rule, short
 from ..values import Array, Formula, Memory, Registers, is_small, registers, size_of
-from ..vectors import WIDTHS, in_columns, side_by_side
+from ..vectors import in_columns, is_of_vectors, side_by_side
 from . import complex, real
 
 
@@ -19,7 +19,7 @@ def mapped(
     """The array of what ``compute`` gives for the elements; an operand of shape () is the same for all."""
     builder, storage = function.builder, function.storage
     if is_small(shape):
-        if shape and shape[0] in WIDTHS and (array := _in_vectors(function, shape, dtype, compute, of)) is not None:
+        if is_of_vectors(shape) and (array := _in_vectors(function, shape, dtype, compute, of)) is not None:
             return array
         flat = []
         for array in of:

@@ -10,7 +10,7 @@ from ..lowering import Function
 from ..program import Operation
 from ..rules import rule
 from ..values import Array, Formula, Registers, is_small, size_of
-from ..vectors import WIDTHS, side_by_side
+from ..vectors import is_of_vectors, side_by_side
 from . import complex, real
 from .elementwise import collected
 
@@ -26,7 +26,7 @@ def dot_general(function: Function, operation: Operation, operands: list[Array])
     shape, count = result.shape, size_of(products.lengths)
     if is_small(shape) and size_of(shape) * count <= MOST_PRODUCTS:
         in_registers = all(isinstance(array, Registers) for array in products.operands)
-        if in_registers and count and products.batch and shape[0] in WIDTHS:
+        if in_registers and count and products.batch and is_of_vectors(shape):
             return products.in_vectors(shape)
         if count <= 16 or in_registers:
             at = products.written_out

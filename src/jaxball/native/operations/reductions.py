@@ -12,7 +12,7 @@ from ..program import Operation
 from ..rules import rule
 from ..storage import joined, parts
 from ..values import Array, Formula, Memory, Registers, is_small, size_of
-from ..vectors import WIDTHS, side_by_side
+from ..vectors import is_of_vectors, side_by_side
 from .elementwise import collected
 
 
@@ -48,7 +48,7 @@ def reduce(function: Function, operation: Operation, operands: list[Array]) -> l
         most = size_of(lengths) if written_out else 16
         return storage.accumulated(lengths, list(zip(dtypes, first, strict=True)), step, most, varying)
 
-    if written_out and kept[:1] == [0] and shape[0] in WIDTHS:
+    if written_out and kept[:1] == [0] and is_of_vectors(shape):
         return _in_vectors(function, operation, arrays, first, reduced, combine)
     return several(function, operation, at, arrays, varying)
 
