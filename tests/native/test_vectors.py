@@ -46,7 +46,7 @@ def test_reductions_keep_or_take_the_first_axis():
     agree(f, X, ulps=100)
 
 
-@pytest.mark.parametrize("count", [3, 4, 6, 8])
+@pytest.mark.parametrize("count", [3, 4, 6, 8, 11, 16])
 def test_products_of_rows(count):
     rng = np.random.default_rng(5)
     x, y = rng.normal(size=(2, count, 9))
@@ -61,7 +61,7 @@ def test_products_of_rows(count):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("shape", [(5, 81), (8, 100), (6, 9, 10)])
+@pytest.mark.parametrize("shape", [(5, 81), (8, 100), (6, 9, 10), (10, 3, 10), (16, 5, 6)])
 def test_rows_that_leave_the_vectors(shape):
     """An array is in registers for its first axis alone: a row of it, or its transpose, may be too long for that."""
 
@@ -205,9 +205,10 @@ def test_a_table_that_is_kept_as_it_was_before_a_short_loop():
     agree(f, rng.normal(size=(8, 20)), ulps=2)
 
 
-@pytest.mark.parametrize("count", [5, 6, 7])
-def test_a_first_axis_shorter_than_a_vector(count):
+@pytest.mark.parametrize("count", [5, 6, 7, 9, 12, 13, 16])
+def test_a_first_axis_that_does_not_fill_its_vectors(count):
     """Carried by a loop, chosen by a branch, in another order of the lanes, and combined over the first axis."""
+    columns = 9 if count < 9 else 5
     A = rng.normal(size=(count, count)) / count
     order = np.roll(np.arange(count), 2)
 
@@ -220,4 +221,22 @@ def test_a_first_axis_shorter_than_a_vector(count):
         x, y = jax.lax.fori_loop(0, 30, turn, (x, y))
         return x, y, jnp.argmax(jnp.abs(x), axis=1), x[count - 1]
 
-    agree(f, rng.normal(size=(count, 9)), rng.normal(size=(count, 9)), ulps=1e5)
+    agree(f, rng.normal(size=(count, columns)), rng.normal(size=(count, columns)), ulps=1e5)
+
+
+@pytest.mark.parametrize("count", [8, 9, 10, 17])
+def test_tangents_in_many_directions(count):
+    """Of vectors and matrices within a loop and a function of its own."""
+
+    @jax.jit
+    def field(x, numbers):
+        R = jnp.cos(x[:, None] - x[None]) * numbers[:3, None]
+        return jnp.sum(R * jnp.sin(x)[None], axis=1) + numbers[3] * jnp.cross(x, R[0])
+
+    def end(numbers):
+        return jax.lax.fori_loop(0, 10, lambda k, x: x + 0.1 * field(x, numbers), jnp.asarray([0.3, -0.2, 0.5]))
+
+    def spread(numbers):
+        return end(numbers[:4] + jnp.sum(jnp.sin(numbers[4:])))
+
+    agree(jax.jacfwd(spread), rng.normal(size=count), ulps=1e3)
