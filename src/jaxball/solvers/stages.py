@@ -9,6 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from ..numerics.batches import fill_vectors
@@ -132,10 +133,10 @@ class AbstractStageIteration(eqx.Module):
         return _solve(self, equations, guess, memory)
 
     def size(self, equations: StageEquations, change: Float[Array, "s n"]) -> Float[Array, ""]:
-        """The norm of changes of the stages, in units of the tolerance: that of the norms of all stages."""
+        """The norm of changes of the stages, in units of the tolerance: the root mean square of those of each stage."""
         weight = 1 / (self.atol + self.rtol * jnp.abs(equations.x0))  # which is the same in all iterations
         sizes = jax.vmap(lambda row: self.norm(equations.unravel(row * weight)))(change)
-        return self.norm(sizes) if len(change) > 1 else sizes[0]
+        return optx.rms_norm(sizes) if len(change) > 1 else sizes[0]
 
     def rounding(self, equations: StageEquations) -> Float[Array, ""]:
         """The norm of changes by rounding, in units of the tolerance."""
