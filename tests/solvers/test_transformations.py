@@ -9,6 +9,7 @@ import numpy as np
 import optimistix
 import pytest
 
+import jaxball
 from jaxball.solvers import (
     NDF,
     TRBDF2,
@@ -297,3 +298,29 @@ def test_a_solver_is_compiled_once():
         solver = RadauIIA(3, root_finder=FixedPoint())
         np.testing.assert_allclose(run(solver, jnp.asarray(x0)), x0 * np.exp(-1.0), rtol=1e-6)
     assert len(traced) == 1
+
+
+def test_a_norm_may_be_of_a_part_of_the_state():
+    """The norm of a controller takes a state, and is asked for no more than that by the iterations of stages."""
+
+    def first(state):
+        return optimistix.rms_norm(state["x"])
+
+    def oscillate(t, state, args):
+        return {"x": state["v"], "v": -state["x"]}
+
+    @jaxball.jit
+    def run(x0):
+        solution = diffrax.diffeqsolve(
+            diffrax.ODETerm(oscillate),
+            RadauIIA(stages=5),
+            0.0,
+            2.0,
+            None,
+            {"x": x0, "v": jnp.zeros_like(x0)},
+            stepsize_controller=diffrax.PIDController(rtol=1e-10, atol=1e-10, norm=first),
+            adjoint=diffrax.ForwardMode(),
+        )
+        return solution.ys["x"][0]
+
+    np.testing.assert_allclose(run(jnp.ones(1))[0], np.cos(2.0), rtol=1e-9)
