@@ -179,7 +179,8 @@ def test_trees_in_and_out():
 
 
 def test_the_jacobian_of_a_map():
-    agree(jax.jacfwd(mapped(lambda a: jnp.sin(a) * jnp.exp(a))), X, ulps=8)
+    """Whose two terms nearly cancel for some of the numbers."""
+    agree(jax.jacfwd(mapped(lambda a: jnp.sin(a) * jnp.exp(a))), X, ulps=64)
 
 
 def test_functions_that_stay_functions():
