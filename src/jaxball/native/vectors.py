@@ -1,8 +1,8 @@
-"""Arrays whose first axis has as many elements as a vector has lanes, which are computed in vectors.
+"""Short arrays and those with a short first axis, which are computed in vectors along it: up to eight lanes in each.
 
 Such an array remains an array of single numbers, so that all rules work with it: its elements are the lanes of vectors,
-one vector for each place along the other axes, and lane k of the vector ``%v7`` has the name ``%v7.k``. An operation
-finds the vectors by these names. Only lanes that are read individually are extracted.
+one or two vectors for each place along the other axes, and lane k of the vector ``%v7`` has the name ``%v7.k``. An
+operation finds the vectors by these names. Only lanes that are read individually are extracted.
 """
 
 import functools
@@ -15,7 +15,7 @@ import numpy as np
 from .builder import Builder
 from .elements import FEWEST_ALWAYS, LANES, MOST_ROWS, Element, Lanes, Pair, is_known, llvm_type, written
 
-SHORTEST = 3  # first axis that is computed in vectors
+SHORTEST = 3  # elements of a first axis that is computed in vectors
 MOST_TO_PACK = 3  # instructions that make vectors of less, for one operation on them
 
 
