@@ -231,7 +231,7 @@ def test_tangents_in_many_directions(count):
     @jax.jit
     def field(x, numbers):
         R = jnp.cos(x[:, None] - x[None]) * numbers[:3, None]
-        return jnp.sum(R * jnp.sin(x)[None], axis=1) + numbers[3] * jnp.cross(x, R[0])
+        return jnp.sum(R * jnp.sin(x)[None], axis=1) + numbers[3] * jnp.cross(jnp.sin(x), jnp.cos(R[0]))
 
     def end(numbers):
         return jax.lax.fori_loop(0, 10, lambda k, x: x + 0.1 * field(x, numbers), jnp.asarray([0.3, -0.2, 0.5]))
@@ -239,4 +239,4 @@ def test_tangents_in_many_directions(count):
     def spread(numbers):
         return end(numbers[:4] + jnp.sum(jnp.sin(numbers[4:])))
 
-    agree(jax.jacfwd(spread), rng.normal(size=count), ulps=1e3)
+    agree(jax.jacfwd(spread), np.linspace(0.1, 0.9, count), ulps=1e3)
