@@ -1,13 +1,16 @@
 """Linear systems of a few unknowns, several at once, within a loop."""
 
-from typing import NamedTuple, TypeAlias
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Inexact, Int
+from jaxtyping import Array, Bool, Float, Inexact, Int
 
 # Above this size a library's factorisation is faster; below, its call costs more than the work.
 LARGEST_SMALL = 32
+# Numbers of the matrices whose rows are exchanged even where none needs it.
+LARGEST_CHANGED = 64
 
 
 def product(A: Inexact[Array, "m n"], B: Inexact[Array, "n k"]) -> Inexact[Array, "m k"]:
@@ -54,7 +57,7 @@ def _eliminated(matrices: _Parts) -> _Parts:
     def eliminate(turn, carry):
         size = sum(part[:, :, 0] * part[:, :, 0] for part in carry[0])
         pivot = jnp.argmax(jnp.where(index < n - turn, size, -1.0), axis=1)
-        B, rows = jax.lax.cond(jnp.any(pivot > 0), _exchanged, lambda carry, _: carry, carry, pivot)
+        B, rows = _if_any(pivot > 0, _exchanged, carry, pivot)
         first = _reciprocal(tuple(part[:, :1, 0] for part in B))
         row = _product(tuple(part[:, 0, 1:] for part in B), first)
         row = tuple(jnp.concatenate([part, last], axis=1) for part, last in zip(row, first, strict=True))
@@ -69,7 +72,14 @@ def _eliminated(matrices: _Parts) -> _Parts:
     start = jnp.broadcast_to(index, (k, n))
     B, rows = jax.lax.fori_loop(0, n, eliminate, (matrices, start))
     # Column j belongs to the row from which the pivot of turn j came.
-    return jax.lax.cond(jnp.any(rows != start), _with_columns, lambda B, _: B, B, rows)
+    return _if_any(rows != start, _with_columns, B, rows)
+
+
+def _if_any(needed: Bool[Array, "..."], change: Callable[..., Any], before: Any, *others: Any) -> Any:
+    """``change`` where it is needed, or ``before``; for a few numbers always, because a branch costs more."""
+    if sum(part.size for part in jax.tree.leaves(before)) <= LARGEST_CHANGED:
+        return change(before, *others)
+    return jax.lax.cond(jnp.any(needed), change, lambda before, *others: before, before, *others)
 
 
 def _exchanged(carry: tuple[_Parts, Int[Array, "k n"]], pivot: Int[Array, " k"]) -> tuple[_Parts, Int[Array, "k n"]]:
