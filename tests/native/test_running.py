@@ -27,6 +27,14 @@ def count(n):
     return lax.fori_loop(0, n, lambda i, x: jnp.sin(x) + 1e-9 * i.astype(float), 1.0)
 
 
+def test_arguments_may_be_read_only_empty_or_in_columns():
+    f = jaxball.jit(lambda x, empty, numbers: x.sum() + empty.sum() + (numbers * jnp.arange(6.0).reshape(2, 3)).sum())
+    x, numbers = np.arange(4.0), np.asfortranarray(np.arange(6.0).reshape(2, 3))
+    x.setflags(write=False)
+    assert f(x, np.zeros((0, 3)), numbers) == 6.0 + 55.0
+    assert f(np.arange(8.0)[::2], np.zeros((0, 3)), numbers) == 12.0 + 55.0
+
+
 def test_threads_share_a_program():
     """Each has memory of its own to work in."""
 

@@ -58,6 +58,9 @@ def test_products_of_rows(count):
         return inner, jax.vmap(jnp.matmul)(jnp.cos(A), x), jax.vmap(lambda x: jnp.vdot(x[:0], x[:0]))(x), inner[0]
 
     agree(f, x, y, A, ulps=64)
+    numbers = np.arange(9 * count).reshape(count, 9) % 7 - 3
+    for one, other in [(numbers, numbers), (numbers > 0, numbers < 2), (numbers + 1j, 2 * numbers - 1j)]:
+        agree(jax.vmap(jnp.vdot), one, other)
 
 
 @pytest.mark.thorough
@@ -239,4 +242,4 @@ def test_tangents_in_many_directions(count):
     def spread(numbers):
         return end(numbers[:4] + jnp.mean(jnp.sin(numbers[4:])))
 
-    agree(jax.jacfwd(spread), np.linspace(0.1, 0.9, count), ulps=1e3)
+    agree(jax.jacfwd(spread), np.linspace(0.1, 0.9, count), ulps=200)

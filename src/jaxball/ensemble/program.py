@@ -10,7 +10,6 @@ import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, cast
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -26,8 +25,7 @@ from ..simulation.observers import Found, Observation
 from ..simulation.simulate import FEW_STEPS, Method, simulated_and_found
 from ..simulation.trajectory import Trajectory
 from ..simulation.watch import locate
-from ..solvers.collocation import AbstractCollocation
-from ..solvers.stages import SimplifiedNewton
+from ..solvers.collocation import fills_vectors
 from .reductions import AbstractReduction, Observed, Quantity, values
 
 # How many runs a program takes at a time by default.
@@ -106,31 +104,25 @@ def _solve(settings: Settings, parameters: Any, times: Array, rtol: Array, atol:
         return _run(settings, system, state, times, rtol, atol, events)
 
     rows = own, times, rtol, atol
-    if settings.lanes is not None:
-        results, together = map_batches(run, rows, settings.lanes), even_size(len(times), settings.lanes, 1)
-    elif _fills_vectors(settings.method.solver):
-        results, together = _one_after_another(run, rows), 1
-    else:
-        results, together = jax.lax.map(run, rows), native.LANES
+    if settings.lanes is None and fills_vectors(settings.method.solver):
+        executed, results = _one_after_another(run, rows)
+        return *results, executed
+    results = jax.lax.map(run, rows) if settings.lanes is None else map_batches(run, rows, settings.lanes)
+    together = native.LANES if settings.lanes is None else even_size(len(times), settings.lanes, 1)
     return *results, _executed(results[0].steps, together)
 
 
-def _fills_vectors(solver: diffrax.AbstractSolver) -> bool:
-    """Whether a step of one run fills vectors by itself: its stages do, and its matrices.
+def _one_after_another(run: Callable[[Any], tuple[Ends, Any]], rows: Any) -> tuple[Int[Array, ""], tuple[Ends, Any]]:
+    """The steps of all runs, and their results.
 
-    Of runs side by side, all would make new matrices whenever one of them does.
+    Counted from run to run, so that the native compiler does not compute them side by side.
     """
-    return isinstance(solver, AbstractCollocation) and isinstance(solver.root_finder, SimplifiedNewton)
-
-
-def _one_after_another(run: Callable[[Any], tuple[Ends, Any]], rows: Any) -> tuple[Ends, Any]:
-    """A map whose turns depend on one another, by a count of their steps, and so are not computed side by side."""
 
     def turn(steps: Array, row: Any) -> tuple[Array, tuple[Ends, Any]]:
         result = run(row)
         return steps + result[0].steps, result
 
-    return jax.lax.scan(turn, jnp.asarray(0), rows)[1]
+    return jax.lax.scan(turn, jnp.asarray(0), rows)
 
 
 _solve_filtered = cast(programs.Program, programs.filter_jit(_solve))

@@ -35,7 +35,7 @@ from .elements import (
 MOST_REGISTERS = 81  # numbers of an array
 LONGEST = 48  # axis of such an array: longer ones are of many times or switches, not of vectors and stages
 MOST_VECTORS = 100  # of an array whose first axis is in vectors
-MOST_PAIRS = 30  # of vectors, of one whose first axis takes two
+MOST_PAIRS = 30  # of vectors, in an array whose first axis takes two
 _DEEPEST = 40  # formulas in formulas
 
 

@@ -49,7 +49,7 @@ def _eliminated(matrices: _Parts) -> _Parts:
     """The inverses by Gauss–Jordan elimination with partial pivoting, in place and without a library call.
 
     Each turn eliminates the first column by the first row, and moves both to the end, so that every index is known
-    while compiling. Rows are exchanged before only in a turn in which a matrix needs it.
+    while compiling. Rows of more than a few numbers are exchanged only in a turn in which a matrix needs it.
     """
     k, n, _ = matrices[0].shape
     index = jnp.arange(n)

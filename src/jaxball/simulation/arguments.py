@@ -24,6 +24,7 @@ from ..solvers import NDF, TRBDF2, RadauIIA, Trapezoidal
 DEFAULT_SOLVER = diffrax.Dopri8()
 DEFAULT_ADJOINT = diffrax.RecursiveCheckpointAdjoint()
 NO_PROGRESS = diffrax.NoProgressMeter()
+PLAIN = 1e30  # numbers between this and its negative have a place in every floating-point type
 FINEST = {name: 8 * float(np.finfo(name).eps) for name in ("float32", "float64")}
 
 
@@ -43,7 +44,7 @@ def _as_array(name: str, x: Numbers) -> Array | np.ndarray:
     require_numbers(name, x)
     try:
         return np.asarray(x, dtype=default_dtype())
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise refusal(name, "numbers", x) from None
 
 
@@ -53,9 +54,8 @@ def checked_times(times: Numbers) -> Array | np.ndarray:
     **Raises:** ``ValueError`` unless they are two or more in one axis and, where that is known, increasing.
     """
     if isinstance(times, tuple | list) and len(times) == 2 and {*map(type, times)} <= {float, int}:
-        array = np.asarray(times, default_dtype())
-        start, end = array.tolist()
-        if -math.inf < start < end < math.inf:
+        start, end = times
+        if start > -PLAIN and end < PLAIN and (array := np.asarray(times, default_dtype()))[0] < array[1]:
             return array  # after a few microseconds; the rest takes ten
     array = _as_array("times", times)
     if array.ndim != 1 or array.size < 2:

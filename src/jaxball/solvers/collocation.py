@@ -3,6 +3,7 @@
 import abc
 from typing import Any, ClassVar, NamedTuple
 
+import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -158,6 +159,16 @@ class AbstractCollocation(AbstractStageSolver):
         dense = {"y0": unravel(x0), "coefficients": jax.vmap(unravel)(coefficients)}
         state = CollocationState(coefficients, problem.control, stages.K[-1], stages.memory, fault)
         return unravel(x0 + increment), unravel(y_error), dense, jax.lax.stop_gradient(state), result
+
+
+def fills_vectors(solver: diffrax.AbstractSolver) -> bool:
+    """Whether a step of one run fills vectors by itself, by its stages and their matrices.
+
+    Of runs side by side, all would make new matrices whenever one of them does.
+    """
+    while isinstance(solver, diffrax.AbstractWrappedSolver):
+        solver = solver.solver
+    return isinstance(solver, AbstractCollocation) and isinstance(solver.root_finder, SimplifiedNewton)
 
 
 def _predicted(tableau: Tableau, state: CollocationState, control: Float[Array, ""]) -> Float[Array, "s n"]:
