@@ -22,9 +22,8 @@ from ..numerics import programs
 from ..numerics.batches import even_size, in_threads, map_batches, unpadded
 from ..numerics.differentiation import with_unknown_derivatives
 from ..simulation.observers import Found, Observation
-from ..simulation.simulate import FEW_STEPS, Method, simulated_and_found
+from ..simulation.simulate import Method, simulated_and_found
 from ..simulation.trajectory import Trajectory
-from ..simulation.watch import locate
 from ..solvers.collocation import fills_vectors
 from .reductions import AbstractReduction, Observed, Quantity, values
 
@@ -134,9 +133,7 @@ def _run(
     """One of the runs."""
     method = settings.method._replace(observation=_observation(settings.reductions))
     fields, found = simulated_and_found(method, system, times, state, rtol, atol, events)
-    run = Trajectory.of(system.shown, times, *fields[:-1], {}, state, fields[-1])
-    if events:
-        run = locate(run, events)
+    run = Trajectory.of(system.shown, times, *fields[:-1], state, fields[-1])
     reported = _reports(settings.reductions, found)
     reported = {name: jnp.where(run.status == Status.IMPOSSIBLE, jnp.nan, value) for name, value in reported.items()}
     reported = with_unknown_derivatives(reported, (system, state, times))
@@ -201,10 +198,6 @@ def solved_in_blocks(
         # A run that only pads a block ends as it begins.
         spans[np.append(False, places[1:] == places[:-1])] = spans[-1, :1]
         given = structure.unflatten(parts), spans, *(x[places] for x in tolerances), events
-        for room in _few_steps(settings.method):
-            results = solved(settings._replace(method=settings.method._replace(max_steps=room)), *given)
-            if np.max(results[0].steps) < room:
-                return results
         return solved(settings, *given)
 
     shapes = tuple(leaf.shape if shared else leaf.shape[1:] for leaf, shared in own)
@@ -223,11 +216,6 @@ def _is_warm(key: Any) -> bool:
         return False
     _warm.add(key)
     return known
-
-
-def _few_steps(method: Method) -> list[int]:
-    """The numbers of steps to try first with dense output, because unused room costs time as well."""
-    return [room for room in FEW_STEPS if room < method.max_steps] if method.dense else []
 
 
 def _filling_vectors(block: int) -> int:

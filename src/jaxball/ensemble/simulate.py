@@ -28,10 +28,9 @@ from ..simulation.arguments import (
     require_kind_of_state,
     system_to_solve,
 )
-from ..simulation.events import AbstractEvent
+from ..simulation.events import AbstractEvent, check_events
 from ..simulation.simulate import Method
 from ..simulation.trajectory import Trajectory
-from ..simulation.watch import checked
 from .program import Settings, solved, solved_in_blocks
 from .reductions import AbstractReduction
 
@@ -147,8 +146,7 @@ def simulate_ensemble(
     - ``system``, ``state``: every array has the runs as leading axis, as ``jax.vmap`` takes them and ``jax.tree.map``
       with ``np.stack`` makes them, unless ``in_axes`` says otherwise.
     - ``times``: of shape (runs, T), or (T,) for all runs.
-    - ``events``: as for one run, the same for all. With them, each run needs room for its dense output, and reductions
-      go on to the end of the step within which the first terminal event ends the run.
+    - ``events``: as for one run, the same for all. Reductions go on to the end of the step within which the first terminal event ends the run.
     - ``contact``: a :class:`~jaxball.Contact`, as for one run: each run may roll, slide and fly, and
       ``trajectory.contact`` has its modes. Each of its numbers is for all runs or, made by ``jax.vmap``, of shape
       (runs,). ``state`` may then be a :class:`~jaxball.ReleasedState`. Its ``room`` for switches is the same for every
@@ -198,7 +196,7 @@ def simulate_ensemble(
     require_kind_of_state(simulated, state)
     if dae:
         require_dae(simulated, state, solver)
-    events, solver = checked(simulated, events), checked_solver(solver)
+    events, solver = check_events(simulated, events), checked_solver(solver)
     rtol, atol = checked_tolerances(rtol, atol, of_many=True)
     given = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
     reductions = _checked_reductions(reductions)
@@ -217,7 +215,6 @@ def simulate_ensemble(
         adjoint=adjoint if traced else FORWARD,  # where nothing is traced, nothing is differentiated
         progress=NO_PROGRESS,
         max_steps=checked_steps(max_steps),
-        dense=bool(events),
         step_to_times=step_to_times,
         dae=dae,
         project=project,

@@ -120,6 +120,11 @@ def known_or_nothing(known: Bool[Array, "*rows"], leaf: Array) -> Array:
     return jnp.where(known, leaf, jnp.asarray(nothing, leaf.dtype))
 
 
+def known_rows(known: Bool[Array, " rows"], leaf: Array) -> Array:
+    """The rows of ``leaf`` that are known; the others as :func:`known_or_nothing` has them."""
+    return known_or_nothing(known.reshape(-1, *(1,) * (leaf.ndim - 1)), leaf)
+
+
 def without_derivatives(tree: Tree) -> Tree:
     """``tree`` unchanged, as a constant."""
     numbers, others = eqx.partition(tree, eqx.is_inexact_array)

@@ -122,50 +122,59 @@ def put_while(
     first: Index,
     *,
     reverse: bool,
+    place_of: Callable[[Index], Index] = lambda k: k,
 ) -> tuple[Array, Index]:
-    """``buffer`` with more rows from ``first`` on, as long as they are ``due``, and the index of the next.
+    """``buffer`` with more rows from number ``first`` on, as long as they are ``due``, and the number of the next.
 
     - ``reverse``: whether derivatives are those of reverse mode, or else those of forward mode.
+    - ``place_of``: where in the buffer the row with a number is; by default there.
     """
     if not reverse:
-        return _written(due, row_of, buffer, first)
-    condition, row = jax.make_jaxpr(due)(first), jax.make_jaxpr(row_of)(first)
+        return _written(due, row_of, place_of, buffer, first)
+    condition, row, place = (jax.make_jaxpr(function)(first) for function in (due, row_of, place_of))
 
-    def forward(operands: tuple[list[Any], list[Any], Array, Index]) -> tuple[Array, Index]:
-        conditions, constants, buffer, first = operands
+    def forward(operands: tuple[list[Any], list[Any], list[Any], Array, Index]) -> tuple[Array, Index]:
+        conditions, constants, places, buffer, first = operands
 
         def due(k: Index) -> Array:
             return evaluate(condition, conditions, [k])[0]
 
-        return _written(due, lambda k: evaluate(row, constants, [k])[0], buffer, first)
+        def place_of(k: Index) -> Array:
+            return evaluate(place, places, [k])[0]
 
-    def kept(operands: tuple[list[Any], list[Any], Array, Index]) -> tuple[Any, Any]:
-        _, constants, _, first = operands
+        return _written(due, lambda k: evaluate(row, constants, [k])[0], place_of, buffer, first)
+
+    def kept(operands: tuple[list[Any], list[Any], list[Any], Array, Index]) -> tuple[Any, Any]:
+        _, constants, places, _, first = operands
         written, stop = forward(operands)
-        return (written, stop), (constants, first, stop)
+        return (written, stop), (constants, places, first, stop)
 
     def pull(kept: Any, cotangents: Any, varies: Any) -> Any:
-        (constants, first, stop), (cotangent, _), (_, which, _, _) = kept, cotangents, varies
+        (constants, places, first, stop), (cotangent, _), (_, which, *_) = kept, cotangents, varies
         moving = chosen(constants, which)
 
         def back(at: tuple[Index, list[Array]]) -> tuple[Index, list[Array]]:
             k, summed = at
             _, pull = jax.vjp(lambda moving: evaluate(row, replaced(constants, which, moving), [k])[0], moving)
-            return k + 1, added(summed, pull(jnp.where(k < stop, cotangent[k], 0.0))[0])
+            of_row = cotangent[evaluate(place, places, [k])[0]]
+            return k + 1, added(summed, pull(jnp.where(k < stop, of_row, 0.0))[0])
 
         summed = [jnp.zeros_like(x) for x in moving]
         if cotangent is not None:
             _, summed = jax.lax.while_loop(lambda at: unvmap_any(at[0] < stop), back, (first, summed))
-        nothing = [None] * len(condition.consts)
-        return nothing, replaced([None] * len(constants), which, summed), cotangent, None
+        nothing, nowhere = [None] * len(condition.consts), [None] * len(places)
+        return nothing, replaced([None] * len(constants), which, summed), nowhere, cotangent, None
 
-    return with_rule(forward, kept, pull)((list(condition.consts), list(row.consts), buffer, first))
+    operands = list(condition.consts), list(row.consts), list(place.consts), buffer, first
+    return with_rule(forward, kept, pull)(operands)
 
 
-def _written(due: Callable, row_of: Callable, buffer: Array, first: Index) -> tuple[Array, Index]:
+def _written(
+    due: Callable, row_of: Callable, place_of: Callable, buffer: Array, first: Index
+) -> tuple[Array, Index]:
     def write(at: tuple[Array, Index]) -> tuple[Array, Index]:
         buffer, k = at
         counts = due(k)
-        return put(buffer, k, row_of(k), counts), k + jnp.where(counts, 1, 0)
+        return put(buffer, place_of(k), row_of(k), counts), k + jnp.where(counts, 1, 0)
 
     return jax.lax.while_loop(lambda at: unvmap_any(due(at[1])), write, (buffer, first))

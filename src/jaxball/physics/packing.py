@@ -33,11 +33,11 @@ class Packing(eqx.Module, Generic[AnySystem, AnyState]):
     @staticmethod
     def of(system: AbstractSystem, state: AbstractState) -> "Packing[Any, Any]":
         """The packing of states of the kind of ``state``; ``system`` is prepared."""
-        return Packing(system, _ravelled(state)[1])
+        return Packing(system, ravelled(state)[1])
 
     def pack(self, t: Float[Array, ""], state: AnyState) -> Float[Array, " size"]:
         """The vector of a state."""
-        return _ravelled(self.system.to_packed(t, state))[0]
+        return ravelled(self.system.to_packed(t, state))[0]
 
     def unpack(self, t: Float[Array, ""], x: Float[Array, " size"]) -> AnyState:
         """The state of a vector."""
@@ -54,7 +54,7 @@ class Packing(eqx.Module, Generic[AnySystem, AnyState]):
 
     def field(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " size"]:
         """The rate of the vector."""
-        return _ravelled(self.rates(t, x))[0]
+        return ravelled(self.rates(t, x))[0]
 
     def dae_field(
         self, t: Float[Array, ""], x: Float[Array, " size"], component: Int[Array, ""]
@@ -72,7 +72,7 @@ class Packing(eqx.Module, Generic[AnySystem, AnyState]):
 
     def projected(self, x: Float[Array, " size"]) -> Float[Array, " size"]:
         """The vector of the nearest state with |q| = 1."""
-        return _ravelled(self.unravel(x).projected())[0]
+        return ravelled(self.unravel(x).projected())[0]
 
 
 class _Unravelling(NamedTuple):
@@ -90,7 +90,7 @@ class _Unravelling(NamedTuple):
         return jax.tree.unflatten(structure, whole)
 
 
-def _ravelled(state: Any) -> tuple[Float[Array, " size"], Callable[[Float[Array, " size"]], Any]]:
+def ravelled(state: Any) -> tuple[Float[Array, " size"], Callable[[Float[Array, " size"]], Any]]:
     """The vector of a state, in which integers are numbers like all others, and how that becomes a state again."""
     leaves, structure = jax.tree.flatten(state)
     dtypes = tuple(jnp.result_type(leaf) for leaf in leaves)

@@ -1,7 +1,8 @@
 """What may happen along a motion, such as that the ball slips, or a function crosses zero, and when it happened."""
 
 import abc
-from collections.abc import Callable
+import inspect
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import equinox as eqx
@@ -9,11 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..interface.arguments import require_callable, require_flags, traceable
+from ..interface.arguments import require, require_callable, require_flags, traceable
 from ..interface.printing import Printed, is_single, shown
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, is_traced, numbers
+from ..physics.body import AbstractBody
+from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.reaction import reaction
+from ..physics.system import AbstractSystem
 
 
 class Occurrences(Printed):
@@ -23,8 +27,10 @@ class Occurrences(Printed):
     - ``times``: when, shape (room,); NaN where there are fewer.
     - ``state``: the states then; each of its arrays has ``room`` as leading axis.
     - ``least``, ``largest``: the extreme values of the event's function, where the solve evaluated it.
+    - ``unresolved``: in how many parts of steps the function changed too quickly to be followed, in each of which
+      occurrences may have been missed.
 
-    Times and states are differentiable, ``least`` and ``largest`` are not.
+    Times and states are differentiable, the others are not.
     """
 
     count: Int[Array, "*batch"]
@@ -32,6 +38,7 @@ class Occurrences(Printed):
     state: Any
     least: Float[Array, "*batch"]
     largest: Float[Array, "*batch"]
+    unresolved: Int[Array, "*batch"]
 
     def __repr__(self) -> str:
         return f"Occurrences: {self.message}" if is_single(self.count) else shown(self)
@@ -39,10 +46,17 @@ class Occurrences(Printed):
     @property
     def message(self) -> str:
         """A sentence on how often it happened. For one trajectory, not for a batch."""
-        count, room = int(self.count), self.times.shape[-1]
-        span = f"its function was between {float(self.least):.6g} and {float(self.largest):.6g}"
+        count, room, unresolved = int(self.count), self.times.shape[-1], int(self.unresolved)
+        span = f"was between {float(self.least):.6g} and {float(self.largest):.6g}"
+        if unresolved:
+            places = "one part of a step" if unresolved == 1 else f"{unresolved} parts of steps"
+            how_often = "once" if count == 1 else f"{count} times"
+            return (
+                f"It was seen {how_often}, but more may have been missed: its function, which {span}, changed too "
+                f"quickly in {places} to be followed."
+            )
         if count == 0:
-            return f"It never happened: {span}, and did not cross zero in the direction asked for."
+            return f"It never happened: its function {span}, and did not cross zero in the direction asked for."
         first = f"first at t = {float(np.asarray(self.times)[0]):.10g}"
         if count == 1:
             return f"It happened once, at t = {float(np.asarray(self.times)[0]):.10g}."
@@ -191,3 +205,27 @@ class Slip(AbstractEvent):
         """μ²N|N| − |f|², which is smooth where f is zero, as μN − |f| is not."""
         force = reaction(system, t, state)
         return self.friction**2 * force.normal * jnp.abs(force.normal) - force.friction_squared
+
+
+def check_events(system: AbstractSystem, events: Mapping[str, AbstractEvent] | None) -> dict[str, AbstractEvent]:
+    """Checks the events to look for, of the ``system`` that is solved, and returns them.
+
+    **Raises:** ``TypeError`` for anything but an event, and for one that cannot happen to such a system.
+    """
+    events = {} if events is None else events
+    require("events", events, Mapping, 'a dictionary of events by name, such as {"lift": Detachment()}')
+    for name, event in events.items():
+        remedy = "Event(function) is one" if inspect.isfunction(event) else ""
+        require(f"events[{name!r}]", event, AbstractEvent, "an event, such as Detachment()", remedy)
+    touching = [name for name, event in events.items() if isinstance(event, Detachment | Slip)]
+    if touching and not isinstance(system.shown, AbstractBody):
+        raise TypeError(
+            f"Argument `events` must not hold a Detachment or a Slip for a {type(system.shown).__name__}, which is "
+            f'neither a Ball nor a Disk, but "{touching[0]}" is one.'
+        )
+    if touching and isinstance(system, BodyOnPlane):
+        raise TypeError(
+            f"Argument `events` must hold no {type(events[touching[0]]).__name__} with `contact`, which says what "
+            f'happens then, but "{touching[0]}" is one; `trajectory.contact.switches` has the times.'
+        )
+    return dict(events)

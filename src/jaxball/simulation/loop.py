@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from ..native import traced_natively
 from ..numerics.arrays import selected
+from ..numerics.batches import fill_vectors
 from ..numerics.reverse_rules import CarryOut, at_once, put, put_while
 from ..physics.system import AbstractSystem
 from ..solvers import StepToKinks
@@ -28,6 +29,7 @@ from ..solvers.multistep import AbstractMultistep, AbstractMultistepController
 from .adjoint import Parts, Recorded, while_loop
 from .observers import Observers, Step
 from .switching import AbstractSwitching, NextStep, Taken
+from .watch import Watch, Within
 
 # A step that would end this close to the end of the run, relative to it, ends there.
 CLOSE = 100
@@ -46,8 +48,8 @@ class SavedStates(NamedTuple):
 class SolveLoop(diffrax.AbstractAdjoint):
     """The loop of a solve that saves the vectors at ``times``, infinite at times that it does not reach.
 
-    What ``switching`` carried to the end is among the statistics as ``switching``; with ``observers``, so is what they
-    ``found``.
+    What ``switching`` and ``watch`` carried to the end is among the statistics, as ``switching`` and ``watched``; with
+    ``observers``, so is what they ``found``.
 
     diffrax calls a loop after the way in which it is differentiated. ``kind`` is "checkpointed" for reverse mode, with
     so many ``checkpoints``, and "lax" for forward mode or none.
@@ -56,6 +58,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
     times: Float[Array, " T"]
     switching: AbstractSwitching
     observers: Callable[[Any], Observers] | None = eqx.field(static=True)  # of what the terms are given
+    watch: Watch | None = eqx.field(static=True)
     kind: Literal["checkpointed", "lax"] = eqx.field(static=True)
     parameters: list[Array]
     join: Callable[[list[Array]], Array] = eqx.field(static=True)
@@ -68,14 +71,15 @@ class SolveLoop(diffrax.AbstractAdjoint):
         times: Float[Array, " T"],
         switching: AbstractSwitching,
         observers: Callable[[Any], Observers] | None = None,
+        watch: Watch | None = None,
         *,
         parameters: list[Array],
         join: Callable[[list[Array]], Array],
     ) -> "SolveLoop":
         """The loop for the differentiation that ``adjoint`` stands for."""
         if isinstance(adjoint, diffrax.ForwardMode):
-            return cls(times, switching, observers, "lax", parameters, join)
-        return cls(times, switching, observers, "checkpointed", parameters, join, adjoint.checkpoints)
+            return cls(times, switching, observers, watch, "lax", parameters, join)
+        return cls(times, switching, observers, watch, "checkpointed", parameters, join, adjoint.checkpoints)
 
     def loop(
         self,
@@ -84,7 +88,6 @@ class SolveLoop(diffrax.AbstractAdjoint):
         terms: Any,
         solver: Any,
         stepsize_controller: Any,
-        event: diffrax.Event | None,
         t0: Float[Array, ""],
         t1: Float[Array, ""],
         max_steps: int,
@@ -106,26 +109,30 @@ class SolveLoop(diffrax.AbstractAdjoint):
             return with_stages_pulled_back(solver, recorded) if by_stages else solver
 
         resets = (self.parameters, of_resets) if reverse else (args, at_once)
-        fixed = stepsize_controller, args, resets, t0, t1, event, progress_meter, self.switching
+        fixed = stepsize_controller, args, resets, t0, t1, progress_meter, self.switching
         solve = _Solve(terms, solver, stepper_of(of_stages), *fixed)
-        y0, switching = init_state.y, self.switching
+        y0, switching, watch = init_state.y, self.switching, self.watch
         observers = None if self.observers is None else self.observers(args)
 
         def unfinished(carry: tuple[Any, ...]) -> Bool[Array, ""]:
-            state, _, hybrid, _ = carry
+            state, _, hybrid, *_ = carry
             return (state.tprev < t1) & (state.result == RESULTS.successful) & switching.goes_on(hybrid)
 
         def advance(carry: tuple[Any, ...], counts: Bool[Array, ""]) -> tuple[Any, ...]:
-            state, saved, hybrid, seen = carry
+            state, saved, hybrid, seen, watched = carry
             state, hybrid = solve.after_reset(state, switching.with_event_if(counts, hybrid))
             new, info, keep, hybrid = solve.advanced(state, hybrid)
             keep &= counts
             step = {"t0": state.tprev, "t1": state.tnext}
             exactly = dense or (observers is not None and observers.needs_exact)
             coarse = solver.interpolation_cls(**step, **info)
-            interpolation = coarse
-            if exactly or self.times.size > 2:
+            interpolation, glance = coarse, None
+            if watch is not None:
+                sketch = jax.tree_util.Partial(output.sketch, info, coarse)
+                glance = watch.glance(watched, Within(state.tprev, state.tnext, sketch, (t0, t1)), args)
+            if exactly or self.times.size > 2 or glance is not None:
                 asked = keep & (exactly | (self._due(saved.filled) < state.tnext))
+                asked |= False if glance is None else keep & ~glance.quiet
                 info = output.info(info, terms, **step, args=args, asked=asked)
                 interpolation = output.interpolation(**step, **info)
                 saved = self._save(saved, interpolation, jnp.where(keep, state.tnext, -jnp.inf))
@@ -134,15 +141,22 @@ class SolveLoop(diffrax.AbstractAdjoint):
             if observers is not None:
                 taken = Step(state.tprev, state.tnext, state.y, coarse.evaluate, interpolation.evaluate)
                 seen = observers.observe(seen, taken, keep)
-            return new, saved, hybrid, seen
+            if watch is not None:
+                exact = jax.tree_util.Partial(fill_vectors, interpolation.evaluate)
+                within = Within(state.tprev, state.tnext, exact, (t0, t1))
+                watched = watch.record(watched, glance, within, args, keep, reverse=reverse)
+                result = RESULTS.where(watched.log.ended, RESULTS.event_occurred, new.result)
+                new = dataclasses.replace(new, result=result)
+            return new, saved, hybrid, seen, watched
 
         inner = SavedStates(jnp.asarray(0), jnp.full((self.times.size - 2, *y0.shape), jnp.inf, y0.dtype))
         seen = None if observers is None else observers.begin(y0)
+        watched = None if watch is None else watch.begin(t0, y0, args)
         hybrid = switching.init(t0, y0, init_state.tnext - t0)
-        state, saved, hybrid, seen = while_loop(
+        state, saved, hybrid, seen, watched = while_loop(
             unfinished,
             advance,
-            (init_state, inner, hybrid, seen),
+            (init_state, inner, hybrid, seen, watched),
             max_steps=max_steps,
             buffers=lambda carry: (*_buffers(carry), switching.record(carry[2])),
             reverse=reverse,
@@ -158,9 +172,9 @@ class SolveLoop(diffrax.AbstractAdjoint):
             state,
             save_state=dataclasses.replace(state.save_state, ts=state.tprev[None], ys=states),
             num_rejected_steps=state.num_steps - state.num_accepted_steps,
-            result=RESULTS.where(unfinished((state, saved, hybrid, seen)), RESULTS.max_steps_reached, state.result),
+            result=RESULTS.where(unfinished((state, saved, hybrid)), RESULTS.max_steps_reached, state.result),
         )
-        statistics = {"switching": hybrid}
+        statistics = {"switching": hybrid, "watched": watched}
         if observers is not None:
             solve = solve._replace(stepper=stepper_of(Recorded("stages")))
             statistics["found"] = observers.found(seen, t0, first, functools.partial(solve.again, output))
@@ -211,7 +225,6 @@ class _Solve(NamedTuple):
     resets: tuple[Any, CarryOut]  # the parameters of a reset, and how it is carried out
     t0: Float[Array, ""]
     t1: Float[Array, ""]
-    event: diffrax.Event | None
     progress_meter: diffrax.AbstractProgressMeter
     switching: AbstractSwitching
 
@@ -271,8 +284,6 @@ class _Solve(NamedTuple):
             num_steps=state.num_steps + 1,
             num_accepted_steps=state.num_accepted_steps + jnp.where(keep, 1, 0),
         )
-        if self.event is not None:
-            state = _stopped_by_event(state, self.event, self.args, self.t0)
         return state, info, keep, hybrid
 
     def again(self, output: DenseOutput, t0: Array, t1: Array, y: Array) -> Step:
@@ -286,8 +297,8 @@ class _Solve(NamedTuple):
 
 def _buffers(carry: tuple[Any, ...]) -> tuple[Any, ...]:
     """What a step writes a row of, and reads none."""
-    state, saved, *_ = carry
-    return saved.vectors, state.dense_ts, state.dense_infos
+    state, saved, *_, watched = carry
+    return saved.vectors, state.dense_ts, state.dense_infos, () if watched is None else watched.buffers
 
 
 def _kept_for_dense_output(state: Any, info: Any, keep: Bool[Array, ""]) -> Any:
@@ -301,21 +312,6 @@ def _kept_for_dense_output(state: Any, info: Any, keep: Bool[Array, ""]) -> Any:
             info,
         ),
         dense_save_index=index + jnp.where(keep, 1, 0),
-    )
-
-
-def _stopped_by_event(state: Any, event: diffrax.Event, args: Any, start: Float[Array, ""]) -> Any:
-    """The state with the values of an event's functions, and with a result that says whether one has changed sign."""
-    values, happened = {}, jnp.asarray(False)
-    for name, function in event.cond_fn.items():
-        values[name] = function(state.tprev, state.y, args, t0=start)
-        before, now = state.event_values[name], values[name]
-        rose, fell = (before <= 0) & (now > 0), (before > 0) & (now <= 0)
-        happened |= rose if event.direction[name] else fell
-    return dataclasses.replace(
-        state,
-        event_values=values,
-        result=RESULTS.where(happened, RESULTS.event_occurred, state.result),
     )
 
 

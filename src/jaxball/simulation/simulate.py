@@ -18,7 +18,7 @@ from ..numerics.arrays import Numbers, is_traced
 from ..numerics.differentiation import (
     differentiated_where,
     forward_only,
-    known_or_nothing,
+    known_rows,
     reverse_only,
     with_unknown_derivatives,
 )
@@ -27,7 +27,7 @@ from ..physics.confinement import until_left
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.hybrid import Accuracy
-from ..physics.packing import Packing
+from ..physics.packing import Packing, ravelled
 from ..physics.state import State
 from ..physics.system import AbstractState, AbstractSystem, require_system
 from ..physics.validity import possible_start
@@ -45,12 +45,12 @@ from .arguments import (
     require_single,
     system_to_solve,
 )
-from .events import AbstractEvent
+from .events import AbstractEvent, check_events
 from .loop import SolveLoop, by_tolerances, kinks_of, to_kinks
 from .observers import Observation, Observers
 from .switching import NoSwitching, Switching
 from .trajectory import Interpolant, Trajectory
-from .watch import checked, locate, stop
+from .watch import Watch, end_by_events, occurrences_of, values_of
 
 FEW_STEPS = (256, 2048)
 
@@ -147,21 +147,19 @@ def simulate(
     rtol, atol = checked_tolerances(rtol, atol)
     if dae:
         require_dae(moving, state, solver)
-    events = checked(moving, events)
+    events = check_events(moving, events)
     method = Method(
         solver=checked_solver(solver),
         adjoint=checked_adjoint(adjoint),
         progress=checked_progress(progress),
         max_steps=checked_steps(max_steps),
-        dense=dense or bool(events),
+        dense=dense,
         step_to_times=step_to_times,
         dae=dae,
         project=project,
         inside=inside,
     )
     trajectory = _run(method, moving, times, state, rtol, atol, events)
-    if events:
-        trajectory = locate(trajectory, events)
     if throw:
         _check_untraced(trajectory)
         trajectory.raise_if_failed()
@@ -190,7 +188,7 @@ def _run(
 
     def trajectory_by(method: Method) -> Trajectory[Any, Any]:
         *solved, history = _program(method)(system, times, state, *others)
-        return Trajectory.of(system.shown, times, *solved, {}, state, history)
+        return Trajectory.of(system.shown, times, *solved, state, history)
 
     if method.dense and not any(map(is_traced, jax.tree.leaves((system, times, state, *others)))):
         for room in (room for room in FEW_STEPS if room < method.max_steps):
@@ -232,7 +230,7 @@ def solve(
     atol: Array,
     events: dict[str, AbstractEvent],
 ) -> tuple:
-    """The saved states, where and how the solve ended, its steps, the interpolant, the switches, what was observed."""
+    """The saved states, where and how the solve ended, its steps, the interpolant, events, switches, what was observed."""
     if isinstance(method.adjoint, diffrax.RecursiveCheckpointAdjoint):
         system, times, state, rtol, atol, events = reverse_only((system, times, state, rtol, atol, events))
     state = system.start(times[0], state)
@@ -260,6 +258,15 @@ def solve(
         packing = unpack_parameters(parameters)[0]
         return Observers(method.observation, functools.partial(_quantities, method.observation, packing))
 
+    @jax.jit
+    def event_functions(times, vectors, parameters):
+        packing, events = unpack_parameters(parameters)
+        return jax.vmap(functools.partial(values_of, packing, events))(times, vectors)
+
+    def event_state(t, x, parameters):
+        packing, _ = unpack_parameters(parameters)
+        return ravelled(system.shown_state(packing.unpack(t, x)))[0]
+
     term = diffrax.ODETerm(field)
     order = float(method.solver.error_order(term) or 1)  # pyright: ignore
     accuracy = Accuracy(rtol, atol, order, approach_of(method.solver))
@@ -286,10 +293,10 @@ def solve(
             times,
             switching,
             observers if method.observation else None,
+            Watch(events, event_functions, field, event_state) if events else None,
             parameters=leaves,
             join=lambda leaves: ravel_pytree(leaves)[0],
         ),
-        event=stop(events, unpack_parameters),
         max_steps=method.max_steps,
         progress_meter=method.progress,
         throw=False,
@@ -298,14 +305,19 @@ def solve(
         solution = forward_only(solution)
     states, ended = cast(Array, solution.ys), cast(Array, solution.ts)
     saved = _unpacked(packing, startable & jnp.all(jnp.isfinite(states), axis=1), times, states)
-    reached, status = ended[0], status_of(solution.result)
+    reached, status, occurrences = ended[0], status_of(solution.result), {}
+    if events:
+        unravel_shown = ravelled(system.shown_state(packing.unpack(times[0], initial)))[1]
+        occurrences = occurrences_of(cast(Any, solution.stats["watched"]), events, unravel_shown, startable)
+        reached, status = end_by_events(occurrences, events, reached, status)
+        saved = jax.tree.map(lambda leaf: known_rows(times <= reached, leaf), saved)
     status, record = switching.outcome(cast(Any, solution.stats["switching"]), status, packing)
     if method.inside:
         reached, status = until_left(packing.system, times, saved, reached, status)
     status = jnp.where(startable, status, Status.IMPOSSIBLE)
     # The steps that were tried beyond that are part of what reverse mode goes through.
     spoilt = (status == int(Status.NOT_FINITE)) & isinstance(method.adjoint, diffrax.RecursiveCheckpointAdjoint)
-    saved, record = with_unknown_derivatives((saved, record), given, spoilt)
+    saved, record, occurrences = with_unknown_derivatives((saved, record, occurrences), given, spoilt)
     return (
         saved,
         reached,
@@ -313,6 +325,7 @@ def solve(
         cast(Array, solution.stats["num_steps"]),
         cast(Array, solution.stats["num_rejected_steps"]),
         Interpolant.of(solution, solver, packing) if method.dense else None,
+        occurrences,
         record,
         solution.stats.get("found"),
     )
@@ -340,10 +353,7 @@ def _unpacked(packing: Packing[Any, Any], known: Array, times: Array, states: Ar
     """The states of the vectors that are ``known``; of the others NaN, and nothing that has derivatives."""
     times, states = jnp.where(known, times, times[0]), jnp.where(known[:, None], states, states[0])
 
-    def cut(leaf):
-        return known_or_nothing(known.reshape(-1, *(1,) * (leaf.ndim - 1)), leaf)
-
-    return jax.tree.map(cut, jax.lax.map(lambda at: packing.unpack(*at), (times, states)))
+    return jax.tree.map(functools.partial(known_rows, known), jax.lax.map(lambda at: packing.unpack(*at), (times, states)))
 
 
 _simulated_filtered = programs.filter_jit(simulated)

@@ -1,169 +1,181 @@
-"""Events in a solve: where it may stop, and the exact times at which they happened."""
+"""Events in the loop of a solve: what is seen of them in each step, where they end a run, and when they happened."""
 
 import functools
-import inspect
 from collections.abc import Callable, Mapping
-from typing import Any, cast
+from typing import Any, NamedTuple
 
-import diffrax
-import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
-from ..interface.arguments import require
-from ..interface.status import Status
-from ..numerics import programs
-from ..numerics.arrays import is_traced
-from ..numerics.differentiation import known_or_nothing, once, with_unknown_derivatives
-from ..physics.body import AbstractBody
-from ..physics.contact.body_on_plane import BodyOnPlane
+from ..numerics.calculus import with_derivatives
+from ..numerics.differentiation import differentiated_where, known_or_nothing, known_rows, once, without_derivatives
+from ..numerics.reverse_rules import put_while
 from ..physics.packing import Packing
-from ..physics.system import AbstractSystem
-from ..solvers.dense.crossings import Crossings, Kind, crossings
-from ..solvers.dense.steps import Steps
-from .events import DOWN, UP, AbstractEvent, Detachment, Occurrences, Slip
-from .trajectory import Trajectory
+from ..solvers.dense.crossings import Glance, Kinds, Log, Span, glance, scan
+from ..solvers.dense.steps import last_within
+from .events import AbstractEvent, Occurrences
 
-# Programs are compiled for multiples of this number of steps, so that there are few of them.
-STEPS_AT_A_TIME = 64
+Functions = Callable[[Float[Array, " n"], Float[Array, "n size"], Any], Float[Array, "n k"]]
+Field = Callable[[Float[Array, ""], Float[Array, " size"], Any], Float[Array, " size"]]
 
 
-def checked(system: AbstractSystem, events: Mapping[str, AbstractEvent] | None) -> dict[str, AbstractEvent]:
-    """The events to look for, of the ``system`` that is solved.
+class Watched(NamedTuple):
+    """What a solve carries from step to step: the log of crossings, and the time and the state of each as one row.
 
-    **Raises:** ``TypeError`` for anything but an event, and for one that cannot happen to such a system.
-    """
-    events = {} if events is None else events
-    require("events", events, Mapping, 'a dictionary of events by name, such as {"lift": Detachment()}')
-    for name, event in events.items():
-        remedy = "Event(function) is one" if inspect.isfunction(event) else ""
-        require(f"events[{name!r}]", event, AbstractEvent, "an event, such as Detachment()", remedy)
-    touching = [name for name, event in events.items() if isinstance(event, Detachment | Slip)]
-    if touching and not isinstance(system.shown, AbstractBody):
-        raise TypeError(
-            f"Argument `events` must not hold a Detachment or a Slip for a {type(system.shown).__name__}, which is "
-            f'neither a Ball nor a Disk, but "{touching[0]}" is one.'
-        )
-    if touching and isinstance(system, BodyOnPlane):
-        raise TypeError(
-            f"Argument `events` must hold no {type(events[touching[0]]).__name__} with `contact`, which says what "
-            f'happens then, but "{touching[0]}" is one; `trajectory.contact.switches` has the times.'
-        )
-    return dict(events)
-
-
-def stop(events: Mapping[str, AbstractEvent], unpack: Callable[[Array], tuple[Packing, Any]]) -> diffrax.Event | None:
-    """Ends a solve soon after the first terminal event, at the end of a step.
-
-    ``unpack`` takes a solve's parameters to its packing and its events.
+    The rows have derivatives, which the log has not; those that are not used are NaN.
     """
 
-    def levels(t, x, parameters):
-        packing, events = unpack(parameters)
-        system, state = packing.system.shown, packing.system.shown_state(packing.unpack(t, x))
-        return lambda name: events[name].value(system, t, state)
+    log: Log
+    rows: Float[Array, "room width"]
 
-    def limit(t, x, parameters, *, t0, **_):
-        # Together, because they have long formulas in common; in a branch, so that XLA computes these once.
-        def least(x):
-            level = levels(t, x, parameters)
-            return functools.reduce(jnp.minimum, [level(name) for name in limits])
-
-        # diffrax evaluates the start before its loop.
-        return jnp.ones_like(t) if t is t0 else jax.lax.cond(t > t0, least, lambda x: jnp.ones_like(t), x)
-
-    def condition(name: str) -> Callable:
-        # The start is not a crossing, even if rounding changes the sign of a zero; NaN has no sign.
-        return lambda t, x, parameters, *, t0, **_: jnp.where(t == t0, jnp.nan, levels(t, x, parameters)(name))
-
-    terminal = {name: event for name, event in events.items() if event.terminal}
-    limits = [name for name, event in terminal.items() if event.from_start and event.direction == DOWN]
-    conditions, directions = ({"limits": limit}, {"limits": False}) if limits else ({}, {})
-    for name, event in terminal.items():
-        for direction in (UP, DOWN):
-            if name not in limits and event.direction != -direction:
-                conditions[f"{name} {direction}"], directions[f"{name} {direction}"] = condition(name), direction == UP
-    return diffrax.Event(conditions, direction=directions) if conditions else None
+    @property
+    def buffers(self) -> Any:
+        """What a step writes rows of, and reads none but those."""
+        return self.log.times, self.log.places, self.rows
 
 
-def locate(trajectory: Trajectory[Any, Any], events: Mapping[str, AbstractEvent]) -> Trajectory[Any, Any]:
-    """The trajectory with the occurrences of its events, ended at the first terminal one."""
-    return _locate(trajectory, dict(events), room_for(trajectory))
+class Watch:
+    """Looks for events in each step of a run.
+
+    - ``functions``: from times, vectors and the parameters of the solve to the values of the events' functions.
+    - ``field``: the rate of the vector, as the solve has it; ``state``: the state of a vector, as one array.
+    """
+
+    def __init__(self, events: Mapping[str, AbstractEvent], functions: Functions, field: Field, state: Field):
+        self._functions, self._field, self._state = functions, field, state
+        self._kinds = _kinds(events)
+
+    def begin(self, t0: Float[Array, ""], x: Float[Array, " size"], parameters: Any) -> Watched:
+        """What is carried before the first step, from ``x`` at ``t0``."""
+        width = 1 + jax.eval_shape(self._state, t0, x, parameters).size
+        rows = jnp.full((self._kinds.room, width), jnp.nan, x.dtype)
+        return Watched(Log.empty(self._kinds, jax.lax.stop_gradient(t0)), rows)
+
+    def glance(self, watched: Watched, step: "Within", parameters: Any) -> Glance:
+        """Whether a step may hold an event, by a sketch of it."""
+        return glance(*self._without_derivatives(step, parameters), watched.log.signs)
+
+    def record(
+        self, watched: Watched, seen: Glance, step: "Within", parameters: Any, kept: Bool[Array, ""], *, reverse: bool
+    ) -> Watched:
+        """What is carried after a step that is known as accurately as possible, if it was ``kept``.
+
+        ``reverse``: as for :func:`put_while`.
+        """
+        functions, span = self._without_derivatives(step, parameters)
+        log = scan(functions, span, seen, self._kinds, watched.log, kept & ~seen.quiet)
+        log = log._replace(
+            least=jnp.where(kept, jnp.minimum(log.least, seen.least), log.least),
+            largest=jnp.where(kept, jnp.maximum(log.largest, seen.largest), log.largest),
+        )
+
+        def row_of(k: Int[Array, ""]) -> Float[Array, " width"]:
+            which, t = self._kinds.which(log.places[k]), jax.lax.stop_gradient(log.times[k])
+            x = step.vectors(t[None])[0]
+            row = jax.lax.stop_gradient(jnp.concatenate([t[None], self._state(t, x, parameters)]))
+            return with_derivatives(row, self._row, which, t, step, parameters)
+
+        rows, _ = put_while(
+            lambda k: k < log.filled,
+            row_of,
+            watched.rows,
+            watched.log.filled,
+            reverse=reverse,
+            place_of=lambda k: log.places[k],
+        )
+        return Watched(log, rows)
+
+    def _without_derivatives(self, step: "Within", parameters: Any) -> tuple[Callable[[Array], Array], Span]:
+        """The functions of times within a step, and its times."""
+        step, parameters = without_derivatives((step, parameters))
+
+        def functions(times: Float[Array, " n"]) -> Float[Array, "n k"]:
+            return self._functions(times, step.vectors(times), parameters)
+
+        return functions, Span(step.start, last_within(step.start, step.end), step.run)
+
+    def _row(self, which: Int[Array, ""], t: Float[Array, ""], step: "Within", parameters: Any) -> Float[Array, " width"]:
+        """The time of a crossing and the state there, with derivatives: those of the zero by the implicit function
+        theorem, and where the function jumps as a step begins, those of the start of the step.
+        """
+        jumps = t <= jax.lax.stop_gradient(step.start)
+        t = jnp.where(jumps, step.start, t)
+        x = step.vectors(t[None])[0]
+        rate = jax.lax.stop_gradient(self._field(t, x, parameters))
+
+        def value(t: Array, x: Array) -> Array:
+            return self._functions(t[None], x[None], parameters)[0, which]
+
+        level, slope = jax.jvp(value, (t, x), (jnp.ones_like(t), rate))
+        slope = jax.lax.stop_gradient(slope)
+        smooth = ~jumps & (slope != 0)
+        change = jnp.where(smooth, -level / jnp.where(smooth, slope, 1.0), 0.0)
+        return jnp.concatenate([(t + change)[None], self._state(t + change, x + rate * change, parameters)])
 
 
-def room_for(trajectory: Trajectory[Any, Any]) -> int:
-    """How many steps to examine: those that were taken and a few more, or all that there is room for when traced."""
-    assert trajectory.interpolant is not None
-    largest = cast(Any, trajectory.interpolant.solution.interpolation).ts.shape[-1] - 1
-    if is_traced(trajectory.steps):
-        return largest
-    accepted = int(np.max(np.asarray(trajectory.steps) - np.asarray(trajectory.rejected)))
-    return min(largest, STEPS_AT_A_TIME * -(-max(accepted, 1) // STEPS_AT_A_TIME))
+class Within(NamedTuple):
+    """A step from ``start`` to ``end``, the vectors at times within it, and the times of the start and end of the run."""
+
+    start: Float[Array, ""]
+    end: Float[Array, ""]
+    vectors: Callable[[Float[Array, " n"]], Float[Array, "n size"]]
+    run: tuple[Float[Array, ""], Float[Array, ""]]
 
 
-@programs.filter_jit
-def _locate(trajectory: Trajectory[Any, Any], events: dict[str, AbstractEvent], room: int) -> Trajectory[Any, Any]:
-    interpolant = trajectory.interpolant
-    assert interpolant is not None
-    packing, started = interpolant.packing, trajectory.status != Status.IMPOSSIBLE
-    steps = Steps.of(interpolant.solution, trajectory.reached, room)
-    located = _crossings(steps, packing, events)
-    end, status = jnp.full_like(trajectory.reached, jnp.inf), trajectory.status
-    for name, event in events.items():
-        if event.terminal:
-            first = jnp.where(started & (located[name].count > 0), located[name].times[0], jnp.inf)
-            status = jnp.where(first < end, int(event.status), status)
-            end = jnp.minimum(first, end)
-    # Not a minimum, whose derivative would take in that of the other.
-    reached = jnp.where(end < trajectory.reached, end, trajectory.reached)
-    times = jnp.asarray(trajectory.times)
-    # A function that touched zero at the end of a step has stopped the solve without a crossing.
-    touched = (status == Status.SUCCESS) & (reached < times[-1])
-    status = jnp.where(touched, int(Status.EVENT), status)
-
-    def cut(leaf):
-        return known_or_nothing((times <= reached).reshape(-1, *(1,) * (leaf.ndim - 1)), leaf)
-
-    occurrences = _occurrences(packing, located, started, reached)
-    given = (trajectory.system, trajectory.times, trajectory.start)
-    found = with_unknown_derivatives((jax.tree.map(cut, trajectory.state), occurrences), given)
-    return eqx.tree_at(lambda t: (t.state, t.events, t.reached, t.status), trajectory, (*found, reached, status))
-
-
-def _crossings(steps: Steps, packing: Packing, events: dict[str, AbstractEvent]) -> dict[str, Crossings]:
-    """Those of all events, by name; together, so that what their functions have in common is computed once."""
-
-    def values(t, x):
-        system, state = packing.system.shown, packing.system.shown_state(packing.unpack(t, x))
-        return jnp.stack([event.value(system, t, state) for event in events.values()])
-
-    kinds = [Kind(event.direction, event.from_start, event.room) for event in events.values()]
-    located = once("times and states of events", crossings(steps, values, packing.field, kinds))
-    return dict(zip(events, located, strict=True))
-
-
-def _occurrences(
-    packing: Packing, located: dict[str, Crossings], started: Array, reached: Float[Array, ""]
-) -> dict[str, Occurrences]:
-    """Those up to the end of the run. The states of all events are made of their vectors together."""
-    times, vectors = (
-        jnp.concatenate([getattr(one, name) for one in located.values()]) for name in ("times", "vectors")
+def _kinds(events: Mapping[str, AbstractEvent]) -> Kinds:
+    each = list(events.values())
+    return Kinds(
+        tuple(event.direction for event in each),
+        tuple(event.from_start for event in each),
+        tuple(event.terminal for event in each),
+        tuple(event.room for event in each),
     )
-    known = (times <= reached) & started
-    whole = jax.lax.map(lambda at: packing.unpack_where(*at), (known, times, vectors))
-    states = packing.system.shown_state(whole)
-    occurrences, begin = {}, 0
-    for name, one in located.items():
-        part = slice(begin, begin + one.times.size)
-        within, begin = (one.times <= reached) & started, part.stop
-        late = jnp.sum(jnp.isfinite(one.times) & ~within)
+
+
+def values_of(
+    packing: Packing[Any, Any], events: Mapping[str, AbstractEvent], t: Float[Array, ""], x: Float[Array, " size"]
+) -> Float[Array, " k"]:
+    """The values of the functions of all events, of a vector."""
+    system, state = packing.system.shown, packing.system.shown_state(packing.unpack(t, x))
+    return jnp.stack([event.value(system, t, state) for event in events.values()])
+
+
+def occurrences_of(
+    watched: Watched,
+    events: Mapping[str, AbstractEvent],
+    unravel: Callable[[Float[Array, " size"]], Any],
+    started: Bool[Array, ""],
+) -> dict[str, Occurrences]:
+    """The occurrences of each event, of a run that has ``started``; ``unravel`` makes a state of an array."""
+    log, rows = watched.log, once("times and states of events", watched.rows)
+    occurrences = {}
+    for k, ((name, event), part) in enumerate(zip(events.items(), _kinds(events).parts, strict=True)):
+        known = (jnp.arange(event.room) < log.count[k]) & started
+        own = differentiated_where(known[:, None], rows[part])
         occurrences[name] = Occurrences(
-            count=jnp.where(started, one.count - late, 0),
-            times=jnp.where(within, one.times, jnp.nan),
-            state=jax.tree.map(lambda leaf, part=part: leaf[part], states),
-            least=one.least,
-            largest=one.largest,
+            count=jnp.where(started, log.count[k], 0),
+            times=known_or_nothing(known, own[:, 0]),
+            state=jax.tree.map(functools.partial(known_rows, known), jax.vmap(unravel)(own[:, 1:])),
+            least=log.least[k],
+            largest=log.largest[k],
+            unresolved=log.unresolved[k],
         )
     return occurrences
+
+
+def end_by_events(
+    occurrences: Mapping[str, Occurrences],
+    events: Mapping[str, AbstractEvent],
+    reached: Float[Array, ""],
+    status: Int[Array, ""],
+) -> tuple[Float[Array, ""], Int[Array, ""]]:
+    """When a run ended, and its status, in view of its events: at the first of all that end it."""
+    first = jnp.full_like(reached, jnp.inf)
+    for name, event in events.items():
+        if event.terminal:
+            time = jnp.where(occurrences[name].count > 0, occurrences[name].times[0], jnp.inf)
+            status = jnp.where(time < first, int(event.status), status)
+            first = jnp.where(time < first, time, first)
+    # Not a minimum, whose derivative would take in that of the other.
+    return jnp.where(jnp.isfinite(first), first, reached), status

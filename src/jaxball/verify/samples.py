@@ -22,12 +22,13 @@ from ..physics.observables import Observables, observe
 from ..physics.packing import Packing
 from ..physics.state import BallState, DiskState
 from ..simulation.trajectory import Interpolant, Trajectory
-from ..simulation.watch import room_for
 from ..solvers.dense.steps import Steps
 
 CENTRED = 1e-12  # of the radius of gyration: a distance from the geometric centre that counts as zero
 # Enough for the polynomials of dense output, multiplied by factors that vary on the same scale.
 NODES = 10
+# Programs are compiled for multiples of this number of steps, so that there are few of them.
+STEPS_AT_A_TIME = 64
 GAUSS = np.polynomial.legendre.leggauss(NODES)
 FRACTIONS = np.concatenate([[0.0], (1 + GAUSS[0]) / 2, [1.0]])
 WEIGHTS = GAUSS[1] / 2
@@ -231,7 +232,7 @@ def sample(trajectory: Trajectory[Any, Any], rtol: float, atol: float) -> Sample
     """
     interpolant = trajectory.interpolant
     assert interpolant is not None
-    times, vectors, taken = map(np.asarray, _nodes(trajectory, room_for(trajectory)))
+    times, vectors, taken = map(np.asarray, _nodes(trajectory, _room_for(trajectory)))
     starts, size = vectors[:, 0], vectors.shape[-1]
     change = DISPLACEMENT * (1 + np.abs(starts))
     displaced = starts[:, None] + change[:, None] * np.eye(size)[None]
@@ -293,3 +294,11 @@ def _nodes(trajectory: Trajectory[Any, Any], room: int) -> tuple[Array, Array, A
 def _evaluate(packing: Packing[Any, Any], times: Float[Array, " rows"], vectors: Float[Array, "rows size"]) -> Any:
     # One after another: as a batch, a long formula on small vectors takes XLA several times as long to compile.
     return jax.lax.map(lambda row: quantities(packing.system, row[0], packing.unpack(*row)), (times, vectors))
+
+
+def _room_for(trajectory: Trajectory[Any, Any]) -> int:
+    """How many steps to examine: those that were taken, and a few more."""
+    assert trajectory.interpolant is not None
+    largest = trajectory.interpolant.solution.interpolation.ts.shape[-1] - 1
+    accepted = int(np.asarray(trajectory.steps) - np.asarray(trajectory.rejected))
+    return min(largest, STEPS_AT_A_TIME * -(-max(accepted, 1) // STEPS_AT_A_TIME))

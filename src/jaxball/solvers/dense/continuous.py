@@ -7,6 +7,7 @@ formulas, ACM Transactions on Mathematical Software 12 (1986) 193–218). So the
 only in steps within which a state is needed.
 """
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -18,6 +19,8 @@ from jaxtyping import Array, Bool, Float
 from numpy.polynomial import legendre
 
 from ...compat import unvmap_any
+from ...numerics.arrays import default_dtype
+from ...numerics.batches import fill_vectors
 from ..interpolation import CollocationPolynomial
 from ..stages import combine
 from ..tableau import integrals
@@ -32,6 +35,8 @@ ORDERS: dict[Any, int] = {
 CUBIC = 3
 # A local error of order 8 is that by which steps of Dopri8 are controlled, and no larger than what all steps add up to.
 HIGHEST = 7
+# More than any interpolation of diffrax has, and what is left of those that it does not have.
+MOST_POWERS, NO_POWER = 10, 1e-7
 
 
 class ContinuousMethod(NamedTuple):
@@ -74,19 +79,25 @@ class ContinuousMethod(NamedTuple):
 
 
 class DenseOutput(NamedTuple):
-    """The dense output of a solver: by a continuous method, or else by its own interpolation."""
+    """The dense output of a solver: by a continuous method, or else by its own interpolation.
+
+    - ``weights``: of each stage of an explicit method, the polynomial by which its own interpolation weighs it, in
+      powers of the fraction of the step; None of another method.
+    """
 
     method: ContinuousMethod | None
     interpolation: Callable[..., diffrax.AbstractLocalInterpolation]
+    weights: np.ndarray | None = None
 
     @classmethod
     def of(cls, solver: Any) -> "DenseOutput":
         """The dense output of a solver."""
         if isinstance(solver, Projected):
             inner = cls.of(solver.solver)
-            return inner._replace(interpolation=solver.projecting(inner.interpolation))
+            return inner._replace(interpolation=solver.projecting(inner.interpolation), weights=None)
         method = continuous(solver)
-        return cls(method, solver.interpolation_cls if method is None else CollocationPolynomial)
+        interpolation = solver.interpolation_cls if method is None else CollocationPolynomial
+        return cls(method, interpolation, _stage_weights(solver, default_dtype()) if has_one_tableau(solver) else None)
 
     def info(
         self, info: Any, terms: Any, t0: Float[Array, ""], t1: Float[Array, ""], args: Any, asked: Bool[Array, ""]
@@ -101,6 +112,24 @@ class DenseOutput(NamedTuple):
             return method.coefficients(lambda t, y: terms.vf_prod(t, y, args, control), t0, t1, y0, k)
 
         return {"y0": y0, "coefficients": jax.lax.cond(unvmap_any(asked), curve, lambda: method.straight(k))}
+
+    def sketch(
+        self, info: Any, own: diffrax.AbstractLocalInterpolation, times: Float[Array, " m"]
+    ) -> Float[Array, "m n"]:
+        """The vectors at a few times within a step by the method's ``own`` interpolation, which costs no evaluation.
+
+        The sum over the stages is written out, because it is short in vectors, one of the times in each lane.
+        """
+        if self.weights is None:
+            return fill_vectors(own.evaluate, times)
+        y0, k = info["y0"], info["k"]
+        width = own.t1 - own.t0
+        fractions = ((times - own.t0) / jnp.where(width == 0, 1.0, width)).astype(y0.dtype)
+        vectors = jnp.broadcast_to(y0, (times.size, *y0.shape))
+        for stage, powers in enumerate(self.weights):
+            if np.any(powers):
+                vectors += (fractions * _polynomial(powers, fractions))[:, None] * k[stage][None]
+        return vectors
 
     def room(self, infos: Any, steps: int) -> Any:
         """Room for the data of the interpolations of so many steps, from that for the solver's ``infos``."""
@@ -166,6 +195,28 @@ def _nodes(count: int) -> np.ndarray:
     """All inner Gauss–Lobatto nodes except one: to leading order the polynomial has the right slope at that one too."""
     inner = np.real(legendre.Legendre.basis(count + 2).deriv().roots())
     return np.delete(0.5 + 0.5 * np.sort(inner), count // 2)
+
+
+def _polynomial(powers: np.ndarray, x: Float[Array, " m"]) -> Float[Array, " m"]:
+    """The polynomial with these coefficients, the lowest first."""
+    value = jnp.full_like(x, powers[-1])
+    for coefficient in powers[-2::-1]:
+        value = value * x + coefficient
+    return value
+
+
+@functools.cache
+def _stage_weights(solver: Any, dtype: Any) -> np.ndarray:
+    """The polynomials of an explicit method's own interpolation, divided by the fraction of the step, one a stage.
+
+    ``dtype``: the type of numbers in which JAX computes.
+    """
+    places = (1 - np.cos(np.pi * (np.arange(MOST_POWERS) + 0.5) / MOST_POWERS)) / 2
+    with jax.ensure_compile_time_eval():
+        weights = np.asarray(_weights(solver, places)) / places[:, None]
+    powers = np.linalg.solve(np.vander(places, increasing=True), weights).T
+    powers = np.where(abs(powers) > NO_POWER * np.max(abs(powers)), powers, 0.0)
+    return powers[:, : 1 + int(np.max(np.nonzero(np.any(powers, axis=0))))]
 
 
 def _weights(solver: Any, places: np.ndarray) -> Float[Array, "places stages"]:

@@ -1,225 +1,425 @@
-"""All times within the steps of a solve at which a function of the state crosses zero."""
+"""The times within a step of a solve at which functions of time cross zero, from left to right, all of them.
 
-from collections.abc import Sequence
-from typing import NamedTuple
+A step is cut into pieces, and pieces are halved, until of each function one thing is certain in a piece:
 
-import equinox as eqx
+- it has no zero there, because the constant term of its Chebyshev series outweighs all others;
+- or it is monotone, because the constant term of the series of its slope does, so that it has one zero at most, which
+  the signs at the ends of the piece tell;
+- or it is zero throughout, to rounding, as where it touches zero: its sign is then that of before.
+
+So two zeros that are near each other are told apart by pieces that are smaller than their distance. The series is that
+of the polynomial through a few Chebyshev points; it is trusted as far as its last terms have decayed. A function that
+changes within a 4096th of a step as it did within the whole is not resolved: there, only changes of sign from one end
+of the smallest pieces to the other are found.
+"""
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any, NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
+from numpy.polynomial import chebyshev
 
 from ...numerics.arrays import selected
-from ...numerics.bracketing import Sample, between, other_end
-from ...numerics.calculus import with_derivatives
-from ...numerics.differentiation import differentiated_where, without_derivatives
-from .steps import Field, Steps, Values, sampling
+from ...numerics.reverse_rules import put
 
-ITERATIONS = 20
-# How many steps are examined side by side.
-WIDTH = 8
+# As many samples of a piece as fill a vector, its ends among them.
+SAMPLES = 8
+# No piece is longer than this part of a run, as long as a step has at most MOST_PIECES: a long step, such as one of a
+# body that rolls freely, would hide what a function does within it.
+LONGEST_PIECE = 1 / 128
+MOST_PIECES = 64
+SMALLEST_LEVEL = 12  # halvings of a step down to which a function is resolved
+TAIL = 4.0  # the weight of the last terms, in place of all those that follow them
+SLOPE_TAIL = 64.0  # the same for the slope: the term of order n weighs n² as much
+DECAYED = 0.1  # the last terms, relative to all but the constant one, of a series that is trusted
+CLEARANCE = 1.1  # by which the constant term outweighs the others, where the states are less accurate
+ROUNDINGS = 64  # of a function's size in a step: values below are zero
+
+# The part of a bracket on each side of the zero's estimate in which it is sought next: at most, and at least.
+WIDEST, NARROWEST = 0.25, 1e-4
+MOST_WINDOWS = 60
+
+Functions = Callable[[Float[Array, " samples"]], Float[Array, "samples k"]]
 
 
-class Kind(NamedTuple):
-    """Which crossings of a function to find: upwards (1), downwards (−1) or both (0), and how many to keep.
+class Kinds(NamedTuple):
+    """Which crossings of each of k functions to find; a program is compiled for them.
 
-    With ``from_start``, a solve that starts beyond zero has crossed it at its start.
+    - ``directions``: upwards (1), downwards (−1) or both (0).
+    - ``from_start``: whether a run that starts beyond zero has crossed it at its start.
+    - ``terminal``: whether nothing is sought beyond the first one.
+    - ``rooms``: how many are kept.
     """
 
-    direction: int
-    from_start: bool
-    room: int
+    directions: tuple[int, ...]
+    from_start: tuple[bool, ...]
+    terminal: tuple[bool, ...]
+    rooms: tuple[int, ...]
+
+    @property
+    def room(self) -> int:
+        """How many crossings are kept of all functions together."""
+        return sum(self.rooms)
+
+    @property
+    def parts(self) -> list[slice]:
+        """The places of those of each function."""
+        ends = np.cumsum(self.rooms)
+        return [slice(int(end) - room, int(end)) for end, room in zip(ends, self.rooms, strict=True)]
+
+    def which(self, place: Int[Array, ""]) -> Int[Array, ""]:
+        """The function whose crossings have a place."""
+        return jnp.sum(place >= np.cumsum(self.rooms))
 
 
-class Crossings(eqx.Module):
-    """Where a function crossed zero.
+class Signs(NamedTuple):
+    """The signs of k functions up to some time: 1, −1, or 0 where none is known, and ``since`` when it is certain."""
 
-    - ``count``: how often. ``times`` and ``vectors`` hold the first of them, as many as there is room for; NaN where
-      there are fewer.
-    - ``least``, ``largest``: the extreme values of the function where it was evaluated, without derivatives.
+    sign: Int[Array, " k"]
+    since: Float[Array, " k"]
+
+
+class Log(NamedTuple):
+    """The crossings of k functions so far, in the order in which they were found.
+
+    - ``signs``: the signs at the end of the last step.
+    - ``count``, ``unresolved``: how many crossings, and pieces that were not resolved, each function had.
+    - ``least``, ``largest``: its extreme values at the samples.
+    - ``filled``: how many crossings are kept, in the order in which they were found; ``times``: when each was;
+      ``places``: the place of each among all that can be kept, first those of the first function.
+    - ``ended``: whether a terminal one is among them.
     """
 
-    count: Int[Array, ""]
+    signs: Signs
+    count: Int[Array, " k"]
+    unresolved: Int[Array, " k"]
+    least: Float[Array, " k"]
+    largest: Float[Array, " k"]
+    filled: Int[Array, ""]
     times: Float[Array, " room"]
-    vectors: Float[Array, "room size"]
-    least: Float[Array, ""]
-    largest: Float[Array, ""]
+    places: Int[Array, " room"]
+    ended: Bool[Array, ""]
+
+    @classmethod
+    def empty(cls, kinds: Kinds, start: Float[Array, ""]) -> "Log":
+        """The log before the first step. Where a start beyond zero counts, the sign before it is that of no crossing."""
+        count = jnp.zeros(len(kinds.rooms), int)
+        before = [-direction if early else 0 for direction, early in zip(*kinds[:2], strict=True)]
+        signs = Signs(jnp.asarray(before, int), jnp.full(count.shape, start))
+        extremes = jnp.full(count.shape, jnp.inf, start.dtype)
+        times = jnp.full(kinds.room, jnp.inf, start.dtype)
+        filled, places = jnp.asarray(0), jnp.zeros(kinds.room, int)
+        return cls(signs, count, count, extremes, -extremes, filled, times, places, jnp.asarray(False))
 
 
-class _Candidates(NamedTuple):
-    """Candidate crossings: which function, in which step, before which fraction of it, and whether there is one."""
+class Span(NamedTuple):
+    """The times of a step: its start, the last time within it, and the times at which the run starts and ends."""
 
-    which: Int[Array, " n"]
-    step: Int[Array, " n"]
-    place: Int[Array, " n"]
-    there: Bool[Array, " n"]
+    start: Float[Array, ""]
+    last: Float[Array, ""]
+    run: tuple[Float[Array, ""], Float[Array, ""]]
+
+    def time(self, fraction: Float[Array, "..."]) -> Float[Array, "..."]:
+        """The time at a fraction of the step."""
+        return jnp.where(fraction < 1, self.start + fraction * (self.last - self.start), self.last)
+
+    @property
+    def ends_run(self) -> Bool[Array, ""]:
+        """Whether the run ends with the step."""
+        first, last = self.run
+        return last - self.last <= ROUNDINGS * float(jnp.finfo(last.dtype).eps) * jnp.maximum(jnp.abs(last), last - first)
+
+    @property
+    def near_start(self) -> Float[Array, ""]:
+        """The time up to which a crossing is at the start of the run."""
+        first, last = self.run
+        eps = float(jnp.finfo(last.dtype).eps)
+        return first + ROUNDINGS**2 * eps * (last - first) + ROUNDINGS * eps * jnp.abs(first)
 
 
-def crossings(steps: Steps, values: Values, field: Field, kinds: Sequence[Kind]) -> list[Crossings]:
-    """Finds where each of k functions ``values(t, x)`` becomes positive, or stops being so.
+class _Matrices(NamedTuple):
+    """The Chebyshev points of a piece, and what takes the values there to two series.
 
-    The functions are evaluated at five points of each step, and the quartic through these values at 35. Wherever its
-    sign changes, the function itself is solved for its zero on the dense output. So two crossings within a step are
-    both found if they are further apart than about a thirtieth of it. A jump across zero, at a kink, counts as a
-    crossing at the time of the jump.
-
-    The start is not a crossing, even if a function starts from zero, unless its kind says so. Times and vectors
-    are differentiable, by the implicit function theorem, with ẋ by ``field``.
+    ``value`` gives that of the polynomial through them, ``slope`` that of its slope.
     """
-    values = eqx.filter_closure_convert(values, *steps.like)
-    search = _search(*without_derivatives((steps, values)), kinds)
-    samples, changes, candidates = search.samples, search.changes, search.candidates
-    valid = jnp.isfinite(samples) & without_derivatives(steps).taken[None, :, None]
-    at_start = candidates.place == 0
-    times = jnp.where(at_start, steps.start[candidates.step], search.zeros.x)
-    scales = jnp.max(jnp.where(valid, jnp.abs(samples), 0.0), axis=(1, 2))
-    real = candidates.there & (at_start | (jnp.abs(search.zeros.f) <= 1e-6 * scales[candidates.which]))
-    times, vectors = jax.lax.stop_gradient((times, steps.states(candidates.step, times[:, None])[:, 0]))
-    times, vectors = with_derivatives((times, vectors), _all_moved, steps, values, field, candidates, times, real)
-    return [
-        Crossings(
-            count=jnp.sum(changes[k]) - jnp.sum(candidates.there[part] & ~real[part]),
-            times=_first(times[part], real[part]),
-            vectors=_first(vectors[part], real[part]),
-            least=jnp.min(jnp.where(valid[k], samples[k], jnp.inf)),
-            largest=jnp.max(jnp.where(valid[k], samples[k], -jnp.inf)),
+
+    nodes: np.ndarray
+    value: np.ndarray
+    slope: np.ndarray
+
+
+@cache
+def _matrices() -> _Matrices:
+    x = -np.cos(np.pi * np.arange(SAMPLES) / (SAMPLES - 1))
+    value = np.linalg.inv(chebyshev.chebvander(x, SAMPLES - 1))
+    nodes = (1 + x) / 2
+    nodes[0], nodes[-1] = 0.0, 1.0
+    return _Matrices(nodes, value, chebyshev.chebder(value, axis=0))
+
+
+class _Piece(NamedTuple):
+    """Of each function in a piece: the values, and what is certain about them.
+
+    ``clear``: no zero, ``monotone``: one at most, ``decayed``: whether the series is trusted.
+    """
+
+    samples: Float[Array, "samples k"]
+    clear: Bool[Array, " k"]
+    monotone: Bool[Array, " k"]
+    decayed: Bool[Array, " k"]
+
+    @classmethod
+    def of(cls, samples: Float[Array, "samples k"]) -> "_Piece":
+        """What the samples of a piece tell. Comparisons with NaN are false: nothing is certain then."""
+        value, slope = (_sizes(matrix, samples) for matrix in (_matrices().value, _matrices().slope))
+        others, tail = jnp.sum(value[1:], axis=0), value[-1] + value[-2]
+        return cls(
+            samples,
+            clear=_is_clear(value),
+            monotone=slope[0] > jnp.sum(slope[1:], axis=0) + SLOPE_TAIL * value[-1],
+            decayed=tail <= DECAYED * others,
         )
-        for k, part in enumerate(_parts(kinds))
-    ]
+
+
+def _sizes(matrix: np.ndarray, samples: Float[Array, "samples k"]) -> Float[Array, "terms k"]:
+    """The sizes of the terms of a series."""
+    return jnp.abs(jnp.sum(jnp.asarray(matrix, samples.dtype)[..., None] * samples[None], axis=1))
+
+
+def _is_clear(terms: Float[Array, "terms k"], clearance: float = 1.0) -> Bool[Array, " k"]:
+    """Whether a function has no zero, by the sizes of the terms of its series."""
+    return terms[0] > clearance * jnp.sum(terms[1:], axis=0) + TAIL * (terms[-1] + terms[-2])
+
+
+class _Pieces(NamedTuple):
+    """The pieces of steps, in units of the smallest one: ``unit`` of them are a step."""
+
+    unit: int
+
+    @classmethod
+    def of(cls, dtype: Any) -> "_Pieces":
+        """The pieces for a type of numbers, which has all their ends."""
+        return cls(1 << (44 if jnp.finfo(dtype).bits == 64 else 18))
+
+    def longest(self, span: Span) -> Int[Array, ""]:
+        """The length of the pieces with which a step is begun."""
+        length, run = span.last - span.start, span.run[1] - span.run[0]
+        halvings = [length > LONGEST_PIECE * run * 2**k for k in range(MOST_PIECES.bit_length() - 1)]
+        return jnp.asarray(self.unit) >> sum(jnp.where(halve, 1, 0) for halve in halvings)
+
+    def times(self, span: Span, place: Int[Array, ""], width: Int[Array, ""]) -> Float[Array, " samples"]:
+        """The times of the Chebyshev points of a piece."""
+        nodes = jnp.asarray(_matrices().nodes, span.start.dtype)
+        return span.time((place.astype(nodes.dtype) + nodes * width.astype(nodes.dtype)) / self.unit)
+
+
+class Glance(NamedTuple):
+    """What a step looks like: whether it is certain that no function crosses zero, and the size of each function."""
+
+    quiet: Bool[Array, ""]
+    size: Float[Array, " k"]
+    least: Float[Array, " k"]
+    largest: Float[Array, " k"]
+
+
+def glance(functions: Functions, span: Span, signs: Signs) -> Glance:
+    """Looks at a step by ``functions`` that may be less accurate than it is."""
+    pieces = _Pieces.of(span.start.dtype)
+    width, nothing = pieces.longest(span), jnp.zeros_like(signs.since)
+
+    def look(carry: tuple[Array, Glance]) -> tuple[Array, Glance]:
+        place, seen = carry
+        samples = functions(pieces.times(span, place, width))
+        same = (signs.sign != 0) & ((signs.sign > 0) == (samples[-1] > 0))
+        clear = same & _is_clear(_sizes(_matrices().value, samples), CLEARANCE)
+        finite = jnp.isfinite(samples)
+        return place + width, Glance(
+            seen.quiet & jnp.all(clear),
+            jnp.maximum(seen.size, jnp.max(jnp.where(finite, jnp.abs(samples), 0.0), axis=0)),
+            jnp.minimum(seen.least, jnp.min(jnp.where(finite, samples, jnp.inf), axis=0)),
+            jnp.maximum(seen.largest, jnp.max(jnp.where(finite, samples, -jnp.inf), axis=0)),
+        )
+
+    begin = Glance(jnp.asarray(True), nothing, nothing + jnp.inf, nothing - jnp.inf)
+    return jax.lax.while_loop(lambda carry: carry[0] < pieces.unit, look, (jnp.asarray(0), begin))[1]
 
 
 class _Search(NamedTuple):
-    """The functions at the nodes of all steps, where their signs change, and brackets of zeros, newest ends first."""
+    """The zeros that are sought, one after the other.
 
-    samples: Float[Array, "k steps nodes"]
-    changes: Bool[Array, "k steps fractions"]
-    candidates: _Candidates
-    zeros: Sample
-    others: Sample
-    open: Bool[Array, " n"]
-
-
-def _search(steps: Steps, values: Values, kinds: Sequence[Kind]) -> _Search:
-    """Examines all steps and then finds the zeros of the functions, without derivatives.
-
-    All evaluations are in one loop, because XLA takes as long again to compile each copy of a long formula.
+    - ``pending``: of which functions, ``roots``: those found, infinite where none is sought.
+    - ``low``: where each function is known to have its old ``sign``, negated; ``high`` where all have the new one.
+    - ``bracket``: the two ends between which the zero of the first pending one lies, and ``window`` those between which
+      it is sought next; ``tries``: how many windows there were.
     """
-    at, k, n, room = sampling(), len(kinds), steps.start.size, sum(kind.room for kind in kinds)
-    width = max(WIDTH, -(-room // at.nodes.size))
-    points, rounds = width * at.nodes.size, -(-steps.count // width)
-    every = at.times(steps.start, steps.end, at.nodes).reshape(-1)
 
-    def look(r: Array, search: _Search) -> _Search:
-        looking, last = r < rounds, jnp.maximum(steps.count * at.nodes.size - 1, 0)
-        place = jnp.minimum(r * points + jnp.arange(points), last)
-        next_times = between(search.others, search.zeros)
-        step = jnp.where(looking, place // at.nodes.size, _filled(search.candidates.step, points))
-        times = jnp.where(looking, every[place], _filled(next_times, points))
-        x = steps.states(step, times[:, None])[:, 0]
-        # In a branch, because XLA would recompute it for each of its uses.
-        found = jax.lax.cond(r >= 0, jax.vmap(values), lambda t, x: jnp.zeros((points, k), t.dtype), times, x)
-        search = _nearer(search, Sample(next_times, found[jnp.arange(room), search.candidates.which]))
-        kept = jnp.where(looking, place, n * at.nodes.size)
-        samples = search.samples.reshape(k, -1).at[:, kept].set(found.T, mode="drop").reshape(k, n, -1)
-        search = search._replace(samples=samples)
-        return jax.lax.cond(r == rounds - 1, lambda search: _bracketed(steps, search, kinds), lambda s: s, search)
+    pending: Bool[Array, " k"]
+    roots: Float[Array, " k"]
+    sign: Int[Array, " k"]
+    low: Float[Array, " k"]
+    high: Float[Array, ""]
+    bracket: Float[Array, "2"]
+    window: Float[Array, "2"]
+    tries: Int[Array, ""]
 
-    def goes_on(carry: tuple[Array, _Search]) -> Array:
-        r, search = carry
-        return (r < rounds) | (r < rounds + ITERATIONS) & jnp.any(search.open)
+    @classmethod
+    def of(cls, crosses: Bool[Array, " k"], sign: Int[Array, " k"], low: Float[Array, " k"], high: Array) -> "_Search":
+        """The search for a zero of each function that ``crosses`` it."""
+        bracket = jnp.zeros(2, low.dtype)
+        search = cls(crosses, jnp.full_like(low, jnp.inf), sign, low, high, bracket, bracket, jnp.asarray(0))
+        return search._begun()
 
-    zero, none = jnp.zeros(room, steps.start.dtype), jnp.zeros(room, bool)
-    which = jnp.asarray(np.repeat(np.arange(k), [kind.room for kind in kinds]))
-    begin = _Search(
-        samples=jnp.zeros((k, n, at.nodes.size), zero.dtype),
-        changes=jnp.zeros((k, n, at.fractions.size), bool),
-        candidates=_Candidates(which, jnp.zeros_like(which), jnp.zeros_like(which), none),
-        zeros=Sample(zero, zero),
-        others=Sample(zero, zero),
-        open=none,
+    @property
+    def goes_on(self) -> Bool[Array, ""]:
+        """Whether a zero is still to be found."""
+        return jnp.any(self.pending)
+
+    def of_first(self, values: Array) -> Array:
+        """The entry of an array that is that of the first pending function, along the last axis."""
+        place = jnp.arange(self.pending.size)
+        is_first = place == jnp.min(jnp.where(self.pending, place, self.pending.size))
+        return jnp.sum(jnp.where(is_first, values, 0), axis=-1)
+
+    def _begun(self) -> "_Search":
+        bracket = jnp.stack([self.of_first(self.low), self.high])
+        return self._replace(bracket=bracket, window=bracket, tries=jnp.asarray(0))
+
+    def narrowed(self, times: Float[Array, " samples"], samples: Float[Array, "samples k"]) -> "_Search":
+        """The search after the window has been sampled."""
+        values = self.of_first(samples) * self.of_first(self.sign)
+        has_sign, place = values >= 0, jnp.arange(times.size)
+        after = jnp.min(jnp.where(has_sign, place, times.size))
+
+        def entry(x: Array, k: Array, otherwise: Array) -> Array:
+            return jnp.where((k >= 0) & (k < times.size), jnp.sum(jnp.where(place == k, x, 0.0)), otherwise)
+
+        low, high = entry(times, after - 1, self.bracket[0]), entry(times, after, self.bracket[1])
+        before, beyond = entry(values, after - 1, jnp.zeros_like(low)), entry(values, after, jnp.zeros_like(low))
+        between = (after > 0) & (after < times.size)
+        share = jnp.where(between & (beyond > before), -before / jnp.where(beyond > before, beyond - before, 1.0), 0.5)
+        gap, whole = high - low, self.high - self.of_first(self.low)
+        root = low + share * gap
+        aside = gap * jnp.clip(gap / jnp.where(whole > 0, whole, 1.0), NARROWEST, WIDEST)
+        near = jnp.stack([jnp.maximum(low, root - aside), jnp.minimum(high, root + aside)])
+        bracket = jnp.stack([low, high])
+        search = self._replace(bracket=bracket, window=jnp.where(between, near, bracket), tries=self.tries + 1)
+        eps = float(jnp.finfo(gap.dtype).eps)
+        done = (gap <= 2 * eps * jnp.maximum(jnp.abs(root), whole)) | (search.tries >= MOST_WINDOWS)
+        return selected(done, self._with(root), search)
+
+    def _with(self, root: Float[Array, ""]) -> "_Search":
+        """The search with the zero of the first pending function."""
+        place = jnp.arange(self.pending.size)
+        is_first = place == jnp.min(jnp.where(self.pending, place, self.pending.size))
+        search = self._replace(pending=self.pending & ~is_first, roots=jnp.where(is_first, root, self.roots))
+        return search._begun()
+
+
+class _Scan(NamedTuple):
+    """The piece of a step that comes next, and the log up to there. ``enters`` before the first one.
+
+    ``search``: for the zeros in the last piece, which come first.
+    """
+
+    place: Int[Array, ""]
+    width: Int[Array, ""]
+    enters: Bool[Array, ""]
+    log: Log
+    search: _Search
+
+
+def scan(functions: Functions, span: Span, seen: Glance, kinds: Kinds, log: Log, asked: Bool[Array, ""]) -> Log:
+    """The log with the crossings of a step, if that is ``asked`` for; up to the first terminal one.
+
+    ``functions`` are as accurate as the step. They are called in one place, because they may be long.
+    """
+    pieces = _Pieces.of(span.start.dtype)
+    longest = pieces.longest(span)
+    noise = ROUNDINGS * float(jnp.finfo(span.start.dtype).eps) * seen.size
+
+    def goes_on(scan: _Scan) -> Bool[Array, ""]:
+        return (scan.place < pieces.unit) & ~scan.log.ended | scan.search.goes_on
+
+    def look(scan: _Scan) -> _Scan:
+        seeks, (first, last) = scan.search.goes_on, scan.search.window
+        window = first + jnp.asarray(_matrices().nodes, first.dtype) * (last - first)
+        times = jnp.where(seeks, window, pieces.times(span, scan.place, scan.width))
+        samples = functions(times)
+
+        def seek(scan: _Scan) -> _Scan:
+            search = scan.search.narrowed(times, samples)
+            noted = _noted(scan.log, kinds, span, search.roots)
+            return scan._replace(search=search, log=selected(search.goes_on, scan.log, noted))
+
+        return jax.lax.cond(seeks, seek, lambda scan: go_on(scan, times, samples), scan)
+
+    def go_on(scan: _Scan, times: Array, samples: Array) -> _Scan:
+        piece = _Piece.of(samples)
+        known = piece.clear | piece.monotone | jnp.all(jnp.abs(samples) <= noise, axis=0)
+        known |= ~jnp.any(jnp.isfinite(samples), axis=0)
+        smallest = jnp.where(piece.decayed, 1, pieces.unit >> min(SMALLEST_LEVEL, pieces.unit.bit_length() - 1))
+        passes = scan.enters | jnp.all(known | (scan.width <= smallest))
+        # A jump at the start of the step comes before all pieces: the first time, only the start is passed.
+        place = scan.place + jnp.where(scan.enters, 0, scan.width)
+        end = jnp.where(scan.enters, 0, -1)
+        log, search = _passed(span, piece, (times[end], samples[end]), known | scan.enters, noise, kinds, scan.log)
+        aligned = jnp.where(place == 0, longest, place & -place)
+        passed = _Scan(place, jnp.minimum(aligned, longest), jnp.asarray(False), log, search)
+        return selected(passes, passed, scan._replace(width=scan.width // 2))
+
+    signs = log.signs._replace(since=jnp.maximum(log.signs.since, span.start))
+    none = jnp.zeros(signs.sign.shape, bool)
+    search = _Search.of(none, signs.sign, signs.since, span.start)
+    begin = _Scan(jnp.where(asked, 0, pieces.unit), longest, asked, log._replace(signs=signs), search)
+    return jax.lax.while_loop(goes_on, look, begin).log
+
+
+def _passed(
+    span: Span,
+    piece: _Piece,
+    end: tuple[Float[Array, ""], Float[Array, " k"]],
+    known: Bool[Array, " k"],
+    noise: Float[Array, " k"],
+    kinds: Kinds,
+    log: Log,
+) -> tuple[Log, _Search]:
+    """The log after a piece in which each function changes its sign once at most, and the search for these zeros.
+
+    ``end``: the end of the piece with the values there; ``known``: whether the piece is certain to be so.
+    """
+    old, (t, values) = log.signs, end
+    # A function that has fallen to zero, to rounding, as the run ends has crossed it.
+    falls = span.ends_run & (t >= span.last) & piece.monotone & (old.sign != 0) & (jnp.abs(values) <= noise)
+    certain = (jnp.abs(values) > noise) | falls
+    new = jnp.where(falls, -old.sign, jnp.where(values > 0, 1, -1))
+    sign = jnp.where(jnp.isnan(values), 0, jnp.where(certain, new, old.sign))
+    directions = jnp.asarray(kinds.directions)
+    crosses = (old.sign * sign < 0) & ((directions == 0) | (directions == sign))
+    steps = jnp.diff(piece.samples, axis=0)
+    in_order = jnp.all(steps >= 0, axis=0) | jnp.all(steps <= 0, axis=0)
+    missed = ~known & ~in_order & jnp.all(jnp.isfinite(piece.samples), axis=0)
+    log = log._replace(
+        signs=Signs(sign, jnp.where(certain, t, old.since)), unresolved=log.unresolved + jnp.where(missed, 1, 0)
     )
-    return jax.lax.while_loop(goes_on, lambda carry: (carry[0] + 1, look(*carry)), (jnp.asarray(0), begin))[1]
+    return log, _Search.of(crosses, sign, old.since, t)
 
 
-def _nearer(search: _Search, newest: Sample) -> _Search:
-    """The brackets that are open with a new end each, closed where it is the old one to rounding."""
-    near = 2 * jnp.finfo(newest.x.dtype).eps * jnp.maximum(jnp.abs(newest.x), 1.0)
-    goes_on = search.open & (jnp.abs(newest.x - search.zeros.x) > near)
-    ends = newest, other_end(search.others, search.zeros, newest), goes_on
-    old = search.zeros, search.others, search.open
-    zeros, others, goes_on = selected(search.open, ends, old)
-    return search._replace(zeros=zeros, others=others, open=goes_on)
-
-
-def _filled(part: Array, size: int) -> Array:
-    """The padding has no effect."""
-    return jnp.concatenate([part, jnp.repeat(part[:1], size - part.size)])
-
-
-def _bracketed(steps: Steps, search: _Search, kinds: Sequence[Kind]) -> _Search:
-    """The fractions where the quartics through the samples change sign, and brackets one fraction wider around."""
-    samples, which = search.samples, search.candidates.which
-    valid = steps.taken[None, :, None] & jnp.isfinite(samples)
-    scales = jnp.max(jnp.where(valid, jnp.abs(samples), 0.0), axis=(1, 2))
-    fine = sampling().polynomials(samples)
-    changes = _changes(fine, scales, kinds) & steps.taken[None, :, None]
-    flat, columns = changes.reshape(len(kinds), -1), changes.shape[2]
-    # The n-th change is the first index up to which there are n of them.
-    counts, order = jnp.cumsum(flat, axis=1), np.concatenate([np.arange(kind.room) for kind in kinds])
-    found = jnp.sum(counts[which] <= order[:, None], axis=1)
-    there = found < flat.shape[1]
-    found = jnp.where(there, found, 0)
-    i, j = found // columns, found % columns
-    fractions = jnp.asarray(sampling().fractions, fine.dtype)
-    left, right = jnp.maximum(j - 2, 0), jnp.minimum(j + 1, columns - 1)
-    old, new = (
-        Sample(steps.start[i] + (steps.end[i] - steps.start[i]) * fractions[at], fine[which, i, at])
-        for at in (left, right)
-    )
-    return _Search(samples, changes, _Candidates(which, i, j, there), new, old, there & (j > 0))
-
-
-def _parts(kinds: Sequence[Kind]) -> list[slice]:
-    """The indices of the candidates of each function."""
-    ends = np.cumsum([kind.room for kind in kinds])
-    return [slice(int(end) - kind.room, int(end)) for end, kind in zip(ends, kinds, strict=True)]
-
-
-def _all_moved(steps: Steps, values: Values, field: Field, candidates: _Candidates, times: Array, real: Array) -> tuple:
-    return jax.lax.map(lambda at: _moved(steps, values, field, *at), (*candidates[:3], times, real))
-
-
-def _moved(steps: Steps, values: Values, field: Field, which, i, j, t, real) -> tuple[Array, Array]:
-    """A time and the vector there, moved to the zero by a Newton step, which has the derivatives of the zero."""
-    step, values = differentiated_where(real, (steps.step(i), values))
-    x = step.evaluate(t)
-    rate = jax.lax.stop_gradient(field(t, x))
-    _, slopes = jax.jvp(values, jax.lax.stop_gradient((t, x)), (jnp.ones_like(t), rate))
-    slope = jax.lax.stop_gradient(slopes[which])
-    smooth = (j > 0) & (slope != 0)
-    change = jnp.where(smooth, -values(t, x)[which] / jnp.where(smooth, slope, 1.0), 0.0)
-    return t + change, x + rate * change
-
-
-def _first(leaf: Float[Array, "room ..."], real: Bool[Array, " room"]) -> Float[Array, "room ..."]:
-    """The real ones first, and NaN for the others."""
-    order = jnp.argsort(~real, stable=True)
-    return jnp.where(real[order].reshape(-1, *(1,) * (leaf.ndim - 1)), leaf[order], jnp.nan)
-
-
-def _changes(
-    fine: Float[Array, "k steps fractions"], scales: Float[Array, " k"], kinds: Sequence[Kind]
-) -> Bool[Array, "k steps fractions"]:
-    """Where the sign changes in the right direction from the point before, including the end of the last step."""
-    flat = fine.reshape(len(kinds), -1)
-    # A start from zero, to rounding, has the sign that follows it.
-    from_zero = jnp.abs(flat[:, 0]) <= 16 * jnp.finfo(flat.dtype).eps * scales
-    start = jnp.where(from_zero, flat[:, 1], flat[:, 0])
-    flat = flat.at[:, 0].set(start)
-    directions = np.array([kind.direction for kind in kinds])
-    from_start = np.array([kind.from_start for kind in kinds])
-    first = jnp.where(from_start, -directions.astype(start.dtype), start)
-    before = jnp.concatenate([first[:, None], flat[:, :-1]], axis=1) > 0
-    after = flat > 0
-    rises, falls = jnp.asarray(directions >= 0)[:, None], jnp.asarray(directions <= 0)[:, None]
-    return (rises & ~before & after | falls & before & ~after).reshape(fine.shape)
+def _noted(log: Log, kinds: Kinds, span: Span, roots: Float[Array, " k"]) -> Log:
+    """The log with the zeros of a piece: up to the first terminal one, and as many as there is room for."""
+    crosses = jnp.isfinite(roots) & (jnp.asarray(kinds.from_start) | (roots > span.near_start))
+    terminal = jnp.where(crosses & jnp.asarray(kinds.terminal), roots, jnp.inf)
+    # Two functions that cross zero together, to rounding, both do.
+    together = ROUNDINGS * float(jnp.finfo(roots.dtype).eps) * jnp.maximum(jnp.abs(span.start), jnp.abs(span.last))
+    crosses &= roots <= jnp.min(terminal) + together
+    filled, times, places = log.filled, log.times, log.places
+    for k, part in enumerate(kinds.parts):
+        place = part.start + log.count[k]
+        keeps = crosses[k] & (place < part.stop)
+        times, places = put(times, filled, roots[k], keeps), put(places, filled, place, keeps)
+        filled += jnp.where(keeps, 1, 0)
+    count = log.count + jnp.where(crosses, 1, 0)
+    return log._replace(filled=filled, times=times, places=places, count=count, ended=jnp.any(jnp.isfinite(terminal)))
