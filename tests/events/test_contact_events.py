@@ -21,7 +21,7 @@ TIGHT = {"solver": Gauss(8), "rtol": 1e-12, "atol": 1e-12}
 @pytest.fixture(scope="module")
 def ball():
     """The paper's ball with events of all kinds, and dense output."""
-    return simulate(paper_ball(), TIMES, events={"slip": Slip(0.15, terminal=False)}, **TIGHT)
+    return simulate(paper_ball(), TIMES, events={"slip": Slip(0.15, terminal=False)}, dense=True, **TIGHT)
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics.calculus import with_derivatives
-from ..numerics.differentiation import differentiated_where, known_or_nothing, known_rows, once, without_derivatives
+from ..numerics.differentiation import known_or_nothing, known_rows, once, without_derivatives
 from ..numerics.reverse_rules import put_while
 from ..physics.packing import Packing
 from ..solvers.dense.crossings import Glance, Kinds, Log, Span, glance, scan
@@ -152,7 +152,7 @@ def occurrences_of(
     occurrences = {}
     for k, ((name, event), part) in enumerate(zip(events.items(), _kinds(events).parts, strict=True)):
         known = (jnp.arange(event.room) < log.count[k]) & started
-        own = differentiated_where(known[:, None], rows[part])
+        own = rows[part]
         occurrences[name] = Occurrences(
             count=jnp.where(started, log.count[k], 0),
             times=known_or_nothing(known, own[:, 0]),

@@ -30,8 +30,8 @@ from ...numerics.reverse_rules import put
 SAMPLES = 8
 # No piece is longer than this part of a run, as long as a step has at most MOST_PIECES: a long step, such as one of a
 # body that rolls freely, would hide what a function does within it.
-LONGEST_PIECE = 1 / 128
-MOST_PIECES = 64
+LONGEST_PIECE = 1 / 32
+MOST_PIECES = 32
 SMALLEST_LEVEL = 12  # halvings of a step down to which a function is resolved
 TAIL = 4.0  # the weight of the last terms, in place of all those that follow them
 SLOPE_TAIL = 64.0  # the same for the slope: the term of order n weighs n² as much
@@ -79,7 +79,7 @@ class Kinds(NamedTuple):
 class Signs(NamedTuple):
     """The signs of k functions up to some time: 1, −1, or 0 where none is known, and ``since`` when it is certain."""
 
-    sign: Int[Array, " k"]
+    sign: Float[Array, " k"]
     since: Float[Array, " k"]
 
 
@@ -109,7 +109,7 @@ class Log(NamedTuple):
         """The log before the first step. Where a start beyond zero counts, the sign before it is that of no crossing."""
         count = jnp.zeros(len(kinds.rooms), int)
         before = [-direction if early else 0 for direction, early in zip(*kinds[:2], strict=True)]
-        signs = Signs(jnp.asarray(before, int), jnp.full(count.shape, start))
+        signs = Signs(jnp.asarray(before, start.dtype), jnp.full(count.shape, start))
         extremes = jnp.full(count.shape, jnp.inf, start.dtype)
         times = jnp.full(kinds.room, jnp.inf, start.dtype)
         filled, places = jnp.asarray(0), jnp.zeros(kinds.room, int)
@@ -208,13 +208,13 @@ class _Pieces(NamedTuple):
     def longest(self, span: Span) -> Int[Array, ""]:
         """The length of the pieces with which a step is begun."""
         length, run = span.last - span.start, span.run[1] - span.run[0]
-        halvings = [length > LONGEST_PIECE * run * 2**k for k in range(MOST_PIECES.bit_length() - 1)]
+        halvings = [length > LONGEST_PIECE * 2.0**k * run for k in range(MOST_PIECES.bit_length() - 1)]
         return jnp.asarray(self.unit) >> sum(jnp.where(halve, 1, 0) for halve in halvings)
 
     def times(self, span: Span, place: Int[Array, ""], width: Int[Array, ""]) -> Float[Array, " samples"]:
         """The times of the Chebyshev points of a piece."""
         nodes = jnp.asarray(_matrices().nodes, span.start.dtype)
-        return span.time((place.astype(nodes.dtype) + nodes * width.astype(nodes.dtype)) / self.unit)
+        return span.time((place.astype(nodes.dtype) + nodes * width.astype(nodes.dtype)) / float(self.unit))
 
 
 class Glance(NamedTuple):
@@ -259,7 +259,7 @@ class _Search(NamedTuple):
 
     pending: Bool[Array, " k"]
     roots: Float[Array, " k"]
-    sign: Int[Array, " k"]
+    sign: Float[Array, " k"]
     low: Float[Array, " k"]
     high: Float[Array, ""]
     bracket: Float[Array, "2"]
@@ -267,7 +267,7 @@ class _Search(NamedTuple):
     tries: Int[Array, ""]
 
     @classmethod
-    def of(cls, crosses: Bool[Array, " k"], sign: Int[Array, " k"], low: Float[Array, " k"], high: Array) -> "_Search":
+    def of(cls, crosses: Bool[Array, " k"], sign: Float[Array, " k"], low: Float[Array, " k"], high: Array) -> "_Search":
         """The search for a zero of each function that ``crosses`` it."""
         bracket = jnp.zeros(2, low.dtype)
         search = cls(crosses, jnp.full_like(low, jnp.inf), sign, low, high, bracket, bracket, jnp.asarray(0))
@@ -280,9 +280,13 @@ class _Search(NamedTuple):
 
     def of_first(self, values: Array) -> Array:
         """The entry of an array that is that of the first pending function, along the last axis."""
+        is_first = jnp.broadcast_to(self._is_first, values.shape)
+        return jnp.sum(jnp.where(is_first, values, 0.0), axis=-1)
+
+    @property
+    def _is_first(self) -> Bool[Array, " k"]:
         place = jnp.arange(self.pending.size)
-        is_first = place == jnp.min(jnp.where(self.pending, place, self.pending.size))
-        return jnp.sum(jnp.where(is_first, values, 0), axis=-1)
+        return place == jnp.min(jnp.where(self.pending, place, self.pending.size))
 
     def _begun(self) -> "_Search":
         bracket = jnp.stack([self.of_first(self.low), self.high])
@@ -313,8 +317,7 @@ class _Search(NamedTuple):
 
     def _with(self, root: Float[Array, ""]) -> "_Search":
         """The search with the zero of the first pending function."""
-        place = jnp.arange(self.pending.size)
-        is_first = place == jnp.min(jnp.where(self.pending, place, self.pending.size))
+        is_first = self._is_first
         search = self._replace(pending=self.pending & ~is_first, roots=jnp.where(is_first, root, self.roots))
         return search._begun()
 
@@ -359,7 +362,7 @@ def scan(functions: Functions, span: Span, seen: Glance, kinds: Kinds, log: Log,
 
     def go_on(scan: _Scan, times: Array, samples: Array) -> _Scan:
         piece = _Piece.of(samples)
-        known = piece.clear | piece.monotone | jnp.all(jnp.abs(samples) <= noise, axis=0)
+        known = piece.clear | piece.monotone | jnp.all(jnp.abs(samples) <= noise[None], axis=0)
         known |= ~jnp.any(jnp.isfinite(samples), axis=0)
         smallest = jnp.where(piece.decayed, 1, pieces.unit >> min(SMALLEST_LEVEL, pieces.unit.bit_length() - 1))
         passes = scan.enters | jnp.all(known | (scan.width <= smallest))
@@ -395,9 +398,9 @@ def _passed(
     # A function that has fallen to zero, to rounding, as the run ends has crossed it.
     falls = span.ends_run & (t >= span.last) & piece.monotone & (old.sign != 0) & (jnp.abs(values) <= noise)
     certain = (jnp.abs(values) > noise) | falls
-    new = jnp.where(falls, -old.sign, jnp.where(values > 0, 1, -1))
-    sign = jnp.where(jnp.isnan(values), 0, jnp.where(certain, new, old.sign))
-    directions = jnp.asarray(kinds.directions)
+    new = jnp.where(falls, -old.sign, jnp.where(values > 0, 1.0, -1.0))
+    sign = jnp.where(jnp.isnan(values), 0.0, jnp.where(certain, new, old.sign))
+    directions = jnp.asarray(kinds.directions, sign.dtype)
     crosses = (old.sign * sign < 0) & ((directions == 0) | (directions == sign))
     steps = jnp.diff(piece.samples, axis=0)
     in_order = jnp.all(steps >= 0, axis=0) | jnp.all(steps <= 0, axis=0)
