@@ -85,6 +85,40 @@ def test_by_whatever_way_a_function_reads_it_is_refused(expression):
             digest(f)
 
 
+def own_module(name, text):
+    """A module of jaxball with this text, as a later version may have it."""
+    module = types.ModuleType(f"jaxball.{name}")
+    module.__package__ = "jaxball"
+    exec(text, vars(module))
+    return module
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("def f(x):\n    return x", True),
+        ("import numpy as np\ndef f(x):\n    return np.load(x)", False),
+        ("def g(x):\n    return open(x)\ndef f(x):\n    return g(x)", False),
+        ("from time import time\ndef f(x):\n    return x * time()", False),
+        ("import os\ndef f(x):\n    return [lambda: os.environ['X']][0]", False),
+        ("def f(x):\n    from tomllib import loads\n    return loads(x)", False),
+        ("def f(x):\n    from .results import load_run\n    return load_run(x)", False),
+        ("TABLE = {}\ndef f(x):\n    return TABLE['a'](x)\nTABLE['a'] = lambda x: open(x)", False),
+        ("class A:\n    def z(self):\n        return open(self)\ndef f(x):\n    return A()", False),
+        ("class A:\n    def other(self):\n        return open(self)\ndef f(x):\n    return A()", True),
+        ("class A:\n    def __call__(self):\n        return open(self)\ndef f(x):\n    return A()", False),
+        ("class A:\n    @property\n    def z(self):\n        return open(self)\ndef f(x):\n    return A()", False),
+        ("import equinox\nclass A(equinox.Module):\n    def __call__(self):\n        return open('x')\nf = A", False),
+        ("import functools\nf = functools.partial(lambda x: open(x))", False),
+        ("import jax\nf = jax.jit(lambda x: open(x))", False),
+        ("import functools\n@functools.cache\ndef f(x):\n    return open(x)", False),
+        ("class A:\n    open = 1\ndef f(x):\n    return x.open", True),
+    ],
+)
+def test_reading_is_found_wherever_it_is(text, expected):
+    assert is_pure(own_module("later", text).f) is expected
+
+
 def test_random_numbers_have_seeds():
     """Which is why they are not refused."""
     seeds = [

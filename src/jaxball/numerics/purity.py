@@ -27,7 +27,6 @@ _MACHINERY = tuple(f"{OWN}.{name}" for name in ("cache", "cpu", "native", "numer
 SEEDED = ("default_rng", "Philox")  # generators of random numbers, which jaxball gives seeds
 _FUNCTIONS_THAT_READ = frozenset(("__import__", "breakpoint", "eval", "exec", "help", "input", "open", "print"))
 _DATA = bool | int | float | complex | str | bytes | None | np.ndarray | np.generic | jax.Array
-_MISSING = object()
 
 
 def require_pure(used: Used) -> None:
@@ -38,7 +37,10 @@ def require_pure(used: Used) -> None:
         if not isinstance(value, type) and _module_of(value).startswith(_MACHINERY):
             raise _reads(value, _module_of(value))
         reached.add(value)
-    reached.follow()
+    try:
+        reached.follow()
+    except ImportError as error:  # what is not installed
+        raise NoNameError(str(error)) from None
 
 
 class _Reached:
@@ -116,7 +118,7 @@ class _Reached:
                 _require_known(base, base.__module__)
                 continue
             for name, entry in vars(base).items():
-                if name in self.names or (name.startswith("__") and isinstance(entry, types.FunctionType)):
+                if name in self.names or (name.startswith("__") and hasattr(type(entry), "__get__")):
                     self.add(entry)
                 else:
                     self._by_name.setdefault(name, []).append(entry)
