@@ -1,4 +1,4 @@
-"""Mathematics of small arrays: vectors, versors, norms, series, brackets of zeros; programs as expressions of elements.
+"""Mathematics of small arrays: vectors, versors, linear systems, series, brackets of zeros; derivatives; batches.
 
-It contains nothing specific to bodies, solvers or files.
+Also compiled programs, and what identifies them. It contains nothing specific to bodies, solvers or files.
 """

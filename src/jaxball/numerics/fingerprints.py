@@ -18,7 +18,7 @@ from jax.tree_util import PyTreeDef
 
 from ..cache.executables import NoNameError, home_of, is_known, name_of
 from ..compat import Primitive, is_traced, node_of
-from . import code
+from . import code, purity
 
 _WITHOUT_EFFECT = ("__annotations__", "__doc__", "__module__")  # of what is made of a function
 
@@ -33,35 +33,48 @@ class Fingerprint(NamedTuple):
     - ``digest``: usable as a file name.
     - ``reached``: the functions and classes without a name that they contain. Those of values with an equal digest, in
       another process, are the same ones, in the same order.
+    - ``used``: what users' functions and classes among them use of jaxball.
     """
 
     digest: str
     reached: tuple[Any, ...]
+    used: code.Used
+
+    def require_pure(self) -> None:
+        """Raises a :class:`NoNameError` where users' functions use what of jaxball reads files and the like.
+
+        Finding that out takes longer than the digest, and depends on nothing but that and jaxball's files.
+        """
+        if self.used.names:
+            purity.require_pure(self.used)
 
 
 def digest(*values: Any) -> str:
     """A name for the values, usable as a file name.
 
-    **Raises:** :class:`NoNameError`.
+    **Raises:** :class:`NoNameError`, also for what reads files and the like.
     """
-    return fingerprint(*values).digest
+    identified = fingerprint(*values)
+    identified.require_pure()
+    return identified.digest
 
 
 def fingerprint(*values: Any) -> Fingerprint:
     """What identifies the values.
 
-    **Raises:** :class:`NoNameError`.
+    **Raises:** :class:`NoNameError`; for what of jaxball reads files and the like, :meth:`Fingerprint.require_pure`.
     """
-    writer = _Writer()
+    writer = _Writer(code.Used())
     try:
         content = b"".join(map(writer.of, values))
     except RecursionError:
         raise NoNameError("A value contains itself.") from None
-    return Fingerprint(hashlib.blake2b(content, digest_size=20).hexdigest(), tuple(writer.reached))
+    return Fingerprint(hashlib.blake2b(content, digest_size=20).hexdigest(), tuple(writer.reached), writer.used)
 
 
 class _Writer:
-    def __init__(self, of_users: bool = False):
+    def __init__(self, used: code.Used, of_users: bool = False):
+        self.used = used
         self.reached: list[Any] = []
         self._places: dict[int, int] = {}
         self._of_users = of_users  # whether a user's function or class contains the value
@@ -77,7 +90,7 @@ class _Writer:
         if isinstance(value, np.dtype):
             return _tagged("dtype", repr(value).encode())
         if isinstance(value, type):
-            self._require_pure(_name(value) or "")
+            self._require_pure(value, _name(value) or "")
             return _tagged("type", self._class(value))
         if isinstance(value, PyTreeDef):
             return self._structure(value)
@@ -99,7 +112,7 @@ class _Writer:
         if isinstance(value, list | tuple):
             return _tagged("sequence", of, *map(self.of, value))
         # Each on its own, because their order is that of the process.
-        return _tagged("set", of, *sorted(_Writer(self._of_users).of(item) for item in value))
+        return _tagged("set", of, *sorted(_Writer(self.used, self._of_users).of(item) for item in value))
 
     def _defined(self, value: Any) -> bytes:
         """Functions, modules, objects."""
@@ -107,15 +120,16 @@ class _Writer:
             if not is_known(value.__name__):
                 raise NoNameError(f"{value!r} may change without its name.")
             code.require_pure(value.__name__)
+            self.used.add(value, value.__name__)
             return _tagged("module", value.__name__.encode())
         name = _name(value)
         if name is not None:
-            self._require_pure(name)
+            self._require_pure(value, name)
             return _tagged("named", name.encode())
         if type(value) is object:  # which is only told from others
             return _tagged("sentinel", self._once(value, lambda _: ()))
         if isinstance(value, types.FunctionType):
-            return _tagged("function", self._once(value, code.of_function))
+            return _tagged("function", self._once(value, lambda function: code.of_function(function, self.used)))
         parts = code.of_other(value)
         if parts is not None:
             return _tagged("consists of", type(value).__name__.encode(), *map(self.of, parts))
@@ -153,12 +167,15 @@ class _Writer:
 
     def _class(self, of: type) -> bytes:
         name = _name(of)
+        self.used.add(of, of.__module__)
         return self._once(of, code.of_class) if name is None else name.encode()
 
-    def _require_pure(self, name: str) -> None:
+    def _require_pure(self, value: Any, name: str) -> None:
         """Of what a user's function or class uses."""
         if self._of_users:
-            code.require_pure(*name.split(":"))
+            module, _, path = name.partition(":")
+            code.require_pure(module, path)
+            self.used.add(value, module)
 
     def _once(self, value: Any, parts: Callable[[Any], tuple[Any, ...]]) -> bytes:
         """What it consists of; the place among those reached if it is among them, as where a function calls itself."""

@@ -209,7 +209,7 @@ class Program:
             return None
 
         found = identified()
-        return found and _Kept(store, *found, identified, key=found.digest)
+        return found and _Kept(store, found, identified, key=found.digest)
 
     def _lowered(self, rest: _Rest, arrays: list[Any], natively: bool) -> tuple[native.Lowered, _Rest]:
         """The function, traced for such arrays, and the parts of its result that are not arrays."""
@@ -228,32 +228,42 @@ class Program:
 class _Kept(NamedTuple):
     """The place of a program in a store.
 
-    - ``digest``, ``reached``: as of a :class:`~.fingerprints.Fingerprint`; ``identified`` finds both again.
+    - ``fingerprint``: of everything that determines the program; ``identified`` finds it again.
     - ``key``: its name there.
     """
 
     store: Store
-    digest: str
-    reached: tuple[Any, ...]
+    fingerprint: Fingerprint
     identified: Callable[[], Fingerprint | None]
     key: str
 
     def of_quick_code(self) -> "_Kept":
         """The place of the same program, compiled quickly."""
-        return self._replace(key=fingerprint(self.digest, QUICKLY).digest)
+        return self._replace(key=fingerprint(self.fingerprint.digest, QUICKLY).digest)
 
     def found(self) -> _Runs | native.Refusal | None:
         """The program; None if there is none."""
-        return _as_kept(self.store.early(self.key), self.reached) or self.loaded(self.store.read(self.key))
+        return _as_kept(self.store.early(self.key), self.fingerprint.reached) or self.loaded(self.store.read(self.key))
 
     def loaded(self, content: bytes | None) -> _Runs | native.Refusal | None:
         """The program of this content; None if there is none."""
-        return _as_kept(executables.loaded(content), self.reached)
+        return _as_kept(executables.loaded(content), self.fingerprint.reached)
+
+    def is_pure(self) -> bool:
+        """Whether users' functions in it use nothing of jaxball that reads files and the like.
+
+        This holds for all programs in the store, because it depends on nothing but their names there.
+        """
+        try:
+            self.fingerprint.require_pure()
+        except NoNameError:
+            return False
+        return True
 
     def written(self, content: bytes) -> None:
         """Keeps the content, unless tracing has changed something that the function uses, as what counts calls."""
         again = self.identified()
-        if again is not None and again.digest == self.digest:
+        if again is not None and again.digest == self.fingerprint.digest:
             self.store.write(self.key, content)
 
 
@@ -261,19 +271,19 @@ def _obtained(
     kept: _Kept | None, takes: int, make: Callable[[], Any], result: Callable[[], _Rest]
 ) -> _Runs | native.Refusal:
     """A program for so many arrays: loaded from the store, or compiled and written there."""
-    if kept is None:
+    found = kept and kept.found()
+    if found is not None:
+        return found
+    if kept is None or not kept.is_pure():
         with compiling():
             return _as_made(make(), result)
     store, key = kept.store, kept.key
-    found = kept.found()
-    if found is not None:
-        return found
     with store.alone(key) as written:
         found = kept.loaded(written)
         if found is None:
             with compiling():
                 made = make()
-            kept.written(_content(made, takes, result, kept.reached))
+            kept.written(_content(made, takes, result, kept.fingerprint.reached))
             found = _as_made(made, result)
     return found
 

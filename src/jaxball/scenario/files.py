@@ -182,7 +182,7 @@ class Contents(NamedTuple):
 def read_contents(document: dict[str, Any]) -> Contents:
     """The contents of a file; raises as :func:`read_document`.
 
-    Numbers of ``document`` may be traced within :func:`~jaxball.scenario.errors.traced_conditions`.
+    Numbers of ``document`` may be traced within :func:`~jaxball.scenario.values.traced_conditions`.
     """
     if document.get("kind") in tuple(CLASSICAL) or is_python_name(document.get("kind")):
         return _read_classical(document)

@@ -88,7 +88,8 @@ def while_loop(
     """What is carried when ``unfinished`` says no, or after ``max_steps``.
 
     - ``advance``: a step. Its second argument says whether it counts: in a batch, steps go on until all are finished.
-    - ``buffers``: the arrays of a carry of which steps write rows, each once, by :func:`~.rows.put`, and read none.
+    - ``buffers``: the arrays of a carry of which steps write rows, each once, by :func:`~.reverse_rules.put`, and read
+      none.
     - ``reverse``: whether derivatives are those of reverse mode, once, or else those of forward mode.
     - ``rows``: how many steps are recorded at most, for reverse mode. If not given, all of them where that needs little
       memory, and at least the square root of ``max_steps``.

@@ -18,8 +18,8 @@ from ..physics.contact.released import ReleasedState
 from ..physics.dae import WITH_UNIT
 from ..physics.stick_slip import StickSlip
 from ..physics.system import AbstractState, AbstractSystem, require_one, require_state, shapes_of_state
-from ..simulation import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
 from ..solvers import NDF, TRBDF2, RadauIIA, Trapezoidal
+from . import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
 
 DEFAULT_SOLVER = diffrax.Dopri8()
 DEFAULT_ADJOINT = diffrax.RecursiveCheckpointAdjoint()

@@ -2,5 +2,5 @@
 
 ``add`` gives a parser the options of a command, and ``run`` runs it. A command imports at its top only what needs no
 JAX, so that help and refusals are quick; the rest is imported in the functions that use it, after
-:func:`~..jax_setup.set_up_jax`.
+:func:`~jaxball.cli.jax_setup.set_up_jax`.
 """
