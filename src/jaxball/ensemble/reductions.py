@@ -14,9 +14,9 @@ from ..numerics.vectors import cross, root
 from ..physics.body import System
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.modes import ContactState, Mode
-from ..physics.contact.reaction import Reaction, reaction
 from ..physics.contact.released import released_energy
 from ..physics.observables import observe
+from ..physics.rolling import Reaction
 from ..physics.state import BallState, DiskState, State
 
 # From a system, a time and a state to a number.
@@ -183,7 +183,7 @@ def _reaction(system: Any, t: Float[Array, ""], state: Any) -> Reaction:
     if isinstance(state, ContactState):
         R = system.interaction(t, state, system.response(t, state)).R
         return Reaction(R[2], jnp.sum(R[:2] ** 2))
-    return reaction(system, t, state)
+    return system.plane_reaction(t, state)
 
 
 def values(

@@ -13,7 +13,6 @@ from ..interface.arguments import require_callable, require_flags, traceable
 from ..interface.printing import Printed, is_single, shown
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, is_traced, numbers
-from ..physics.contact.reaction import reaction
 
 
 class Occurrences(Printed):
@@ -154,7 +153,7 @@ class Detachment(AbstractEvent):
     status: ClassVar[Status] = Status.DETACHED
 
     def value(self, system, t, state):
-        return reaction(system, t, state).normal
+        return system.plane_reaction(t, state).normal
 
 
 class Slip(AbstractEvent):
@@ -189,5 +188,5 @@ class Slip(AbstractEvent):
 
     def value(self, system, t, state):
         """μ²N|N| − |f|², which is smooth where f is zero, as μN − |f| is not."""
-        force = reaction(system, t, state)
+        force = system.plane_reaction(t, state)
         return self.friction**2 * force.normal * jnp.abs(force.normal) - force.friction_squared

@@ -27,6 +27,7 @@ from ..physics.contact.body_on_plane import ContactHistory
 from ..physics.hybrid import NO_HISTORY, AbstractHistory, NoHistory, Switches
 from ..physics.observables import Observables, movement, observed
 from ..physics.packing import Packing
+from ..physics.rolling import AbstractRollingSystem
 from ..physics.state import BallState, DiskState, ReducedState, State
 from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import find_problems, not_numbers
@@ -368,8 +369,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
 
 
 def always_rolls(trajectory: Trajectory[Any, Any]) -> bool:
-    """Whether a run is of a body that always rolls, without modes, and so has extremes of the contact force."""
-    return isinstance(trajectory.system, AbstractBody) and isinstance(trajectory.history, NoHistory)
+    """Whether a run is of a system that always rolls, without modes, and so has extremes of the contact force."""
+    return isinstance(trajectory.system, AbstractRollingSystem) and isinstance(trajectory.history, NoHistory)
 
 
 @functools.cache

@@ -17,9 +17,9 @@ from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.arrays import is_traced
 from ..numerics.differentiation import known_or_nothing, once, with_unknown_derivatives
-from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.packing import Packing
+from ..physics.rolling import AbstractRollingSystem
 from ..physics.system import AbstractSystem
 from ..solvers.dense.crossings import Crossings, Kind, crossings
 from ..solvers.dense.steps import Steps
@@ -41,10 +41,10 @@ def checked(system: AbstractSystem, events: Mapping[str, AbstractEvent] | None) 
         remedy = "Event(function) is one" if inspect.isfunction(event) else ""
         require(f"events[{name!r}]", event, AbstractEvent, "an event, such as Detachment()", remedy)
     touching = [name for name, event in events.items() if isinstance(event, Detachment | Slip)]
-    if touching and not isinstance(system.shown, AbstractBody):
+    if touching and not isinstance(system.shown, AbstractRollingSystem):
         raise TypeError(
-            f"Argument `events` must not hold a Detachment or a Slip for a {type(system.shown).__name__}, which is "
-            f'neither a Ball nor a Disk, but "{touching[0]}" is one.'
+            f"Argument `events` must not hold a Detachment or a Slip for a {type(system.shown).__name__}, which "
+            f'does not roll on a plane, but "{touching[0]}" is one.'
         )
     if touching and isinstance(system, BodyOnPlane):
         raise TypeError(
