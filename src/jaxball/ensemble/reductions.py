@@ -11,12 +11,12 @@ from jaxtyping import Array, Float
 from ..interface.arguments import traceable
 from ..interface.printing import Printed
 from ..numerics.vectors import cross, root
-from ..physics.body import System
+from ..physics.body import AbstractBody, System
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.modes import ContactState, Mode
 from ..physics.contact.released import released_energy
 from ..physics.observables import observe
-from ..physics.rolling import Reaction
+from ..physics.rolling import AbstractRollingSystem, Reaction
 from ..physics.state import BallState, DiskState, State
 
 # From a system, a time and a state to a number.
@@ -214,3 +214,15 @@ REDUCTIONS: dict[str, AbstractReduction] = {
     "distance": Integral(speed),
     "energy_drift": Drift(energy),
 }
+
+
+def reductions_of(system: Any) -> dict[str, AbstractReduction]:
+    """Those of ``REDUCTIONS`` that a system has: all for a ball or a disk, else those of the contact force if it rolls.
+
+    **Arguments:**
+
+    - ``system``: any :class:`~jaxball.AbstractSystem`.
+    """
+    if isinstance(system, AbstractBody):
+        return REDUCTIONS
+    return CONTACT if isinstance(system, AbstractRollingSystem) else {}

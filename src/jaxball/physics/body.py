@@ -247,8 +247,8 @@ class Ball(AbstractBody):
         if isinstance(state, ReducedState) and not self.is_reducible:
             what = "external force" if self.ground is None else "`ground` that is tilted or moves"
             raise ValueError(
-                f"Argument `ball` must have no {what} in the reduced system, because its direction in the body is not "
-                "known from (Omega, Gamma); use a BallState."
+                f"Argument `system` must have no {what} in the reduced system, because its direction in the body is "
+                "not known from (Omega, Gamma); use a BallState."
             )
 
     @property

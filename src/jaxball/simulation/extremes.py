@@ -85,7 +85,7 @@ class ContactExtremes(Printed):
             mu = float(self.friction_needed)
             lines.append(f"friction needed, max |f|/N, {mu if mu > ROUNDING else 0.0:.10g} {self.when[1]}")
         else:
-            lines.append("the ball would leave the plane, so no friction is enough")
+            lines.append("the body would leave the plane, so no friction is enough")
         return "\n".join(lines)
 
 
