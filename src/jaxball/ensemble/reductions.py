@@ -18,7 +18,9 @@ from ..physics.contact.released import released_energy
 from ..physics.observables import observe
 from ..physics.rolling import AbstractRollingSystem, Reaction
 from ..physics.state import BallState, DiskState, State
+from ..physics.system import AbstractState
 
+Held = AbstractRollingSystem | BodyOnPlane  # what a plane holds, and so has a contact force
 # From a system, a time and a state to a number.
 Quantity = Callable[[Any, Float[Array, ""], Any], Float[Array, ""]]
 
@@ -130,17 +132,17 @@ class Integral(AbstractReduction):
         return {"": observed.integral}
 
 
-def normal_force(system: System | BodyOnPlane, t: Float[Array, ""], state: State | ContactState) -> Float[Array, ""]:
+def normal_force(system: Held, t: Float[Array, ""], state: AbstractState) -> Float[Array, ""]:
     """N, the normal force; with a law of contact, in the mode that the body is in."""
     return _reaction(system, t, state).normal
 
 
-def friction(system: System | BodyOnPlane, t: Float[Array, ""], state: State | ContactState) -> Float[Array, ""]:
+def friction(system: Held, t: Float[Array, ""], state: AbstractState) -> Float[Array, ""]:
     """|f|, the friction."""
     return _reaction(system, t, state).friction
 
 
-def half_tangent(system: System | BodyOnPlane, t: Float[Array, ""], state: State | ContactState) -> Float[Array, ""]:
+def half_tangent(system: Held, t: Float[Array, ""], state: AbstractState) -> Float[Array, ""]:
     """tan(α/2) for the angle α of the reaction from the vertical, which grows with |f| / N, smoothly past N = 0.
 
     This avoids the arctangent, which takes as long as half of the equations of motion. 0 in flight.
