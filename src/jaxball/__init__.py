@@ -142,6 +142,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         Tube as Tube,
     )
     from .physics.resistance import AbstractResistance as AbstractResistance, Resistance as Resistance
+    from .physics.rolling import AbstractRollingSystem as AbstractRollingSystem, Reaction as Reaction
     from .physics.schedules import (
         AbstractSchedule as AbstractSchedule,
         ConstantRate as ConstantRate,

@@ -198,4 +198,6 @@ def test_a_run_ends_where_more_friction_is_needed_than_there_is(folder, monkeypa
 
 def test_friction_of_what_touches_no_plane(capsys):
     assert main(["simulate", "heavy-top", "--friction", "0.3"]) == 2
-    assert "must be left out for a system that is no ball or disk, such as the heavy top" in capsys.readouterr().err
+    assert (
+        "must be left out for a system that does not roll on a plane, such as the heavy top" in capsys.readouterr().err
+    )

@@ -10,7 +10,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 import jaxball
 from jaxball import Ball, BallState, Detachment, Disk, DiskState, Slip, Status, contact_extremes, simulate
-from jaxball.physics.contact.reaction import reaction
+from jaxball.physics.reaction import reaction
 from jaxball.solvers import Gauss
 from tests.support.paper import paper_ball, paper_disk
 
@@ -209,7 +209,7 @@ class TestArguments:
 
     def test_no_plane_no_detachment(self):
         top = jaxball.classical.FreeRigidBody(inertia=(1.0, 2.0, 3.0))
-        with pytest.raises(TypeError, match='FreeRigidBody, which is neither a Ball nor a Disk, but "lift" is one'):
+        with pytest.raises(TypeError, match='FreeRigidBody, which does not roll on a plane, but "lift" is one'):
             simulate(top, [0.0, 1.0], events={"lift": Detachment()})
 
 

@@ -60,7 +60,8 @@ def chart(
     - ``exponent_regardless``: the same whatever the normal force; the equations of motion continue where a real ball
       would leave the plane;
     - ``standard_error``: as in :class:`LyapunovSpectrum`;
-    - ``least_normal_force``: the least N at the start and at the ends of the steps, infinite for a classical system;
+    - ``least_normal_force``: the least N at the start and at the ends of the steps, infinite for a system that does not
+      roll on a plane;
     - ``status``: the number of a :class:`~jaxball.Status`, 0 where the solve reached its end.
 
     **Raises:** ``ValueError`` unless there are two parameters, each with a row of numbers, and for invalid times, and

@@ -12,6 +12,7 @@ from ..numerics.vectors import apply, cross, dot, inverse, outer, sine_cosine
 from ..numerics.versor import derivative
 from ..physics.conditions import Condition, positive, positive_inertia, real_inertia
 from ..physics.resistance import AbstractResistance
+from ..physics.rolling import AbstractRollingSystem, Reaction
 from .rigid_body import principal_moments, versor_squared
 from .state import AbstractClassicalSystem, OrientedState
 
@@ -47,7 +48,7 @@ class EllipsoidLaws(NamedTuple):
     versor_squared: Float[Array, ""]
 
 
-class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState]):
+class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState], AbstractRollingSystem[EllipsoidState]):
     """A rigid body with the surface of an ellipsoid, which rolls without slipping on a horizontal plane.
 
     It touches the plane where the outer normal of its surface is −Γ, at c = −A²Γ / √(Γ·A²Γ) from the geometric centre,
@@ -132,6 +133,16 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState]):
     def reaction(self, t: Float[Array, ""], state: EllipsoidState) -> Float[Array, "3"]:
         """The force of the plane in space axes: two components of friction, and the normal force."""
         return apply(state.Lambda, self._accelerations(state).reaction)
+
+    def plane_reaction(self, t: Float[Array, ""], state: EllipsoidState) -> Reaction:
+        R = self._accelerations(state).reaction
+        normal = dot(R, state.Gamma)
+        friction = R - normal * state.Gamma
+        return Reaction(normal, dot(friction, friction))
+
+    @property
+    def weight(self) -> Float[Array, "*batch"]:
+        return self.mass * self.gravity
 
     def dissipation(self, t: Float[Array, ""], state: EllipsoidState) -> Float[Array, ""]:
         """The power that resistance takes, mass length²/time³: E decreases at this rate."""

@@ -18,7 +18,6 @@ from ..numerics import programs
 from ..numerics.arrays import Numbers, to_numpy
 from ..numerics.batches import even_size, in_threads, unpadded
 from ..physics.body import System
-from ..physics.contact.reaction import reaction
 from ..physics.force import AbstractWrench
 from .feedback import AbstractFeedback
 from .loop import looped, plant_of, whole_number
@@ -190,7 +189,7 @@ def _outcome(feedback: AbstractFeedback, plant: SampledSystem, samples: int, del
     times, states, u, _, deviations, _ = looped(feedback, plant, start, samples, delay)
 
     def needed(t: Array, state: Any, u: Array) -> tuple[Array, Array]:
-        force = reaction(plant.held(u).prepare(), t, state)
+        force = plant.held(u).prepare().plane_reaction(t, state)
         return force.normal, force.ratio
 
     before = jax.tree.map(lambda leaf: leaf[:-1], states)

@@ -11,14 +11,16 @@ from jaxtyping import Array, Float
 from ..interface.arguments import traceable
 from ..interface.printing import Printed
 from ..numerics.vectors import cross, root
-from ..physics.body import System
+from ..physics.body import AbstractBody, System
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.modes import ContactState, Mode
-from ..physics.contact.reaction import Reaction, reaction
 from ..physics.contact.released import released_energy
 from ..physics.observables import observe
+from ..physics.rolling import AbstractRollingSystem, Reaction
 from ..physics.state import BallState, DiskState, State
+from ..physics.system import AbstractState
 
+Held = AbstractRollingSystem | BodyOnPlane  # what a plane holds, and so has a contact force
 # From a system, a time and a state to a number.
 Quantity = Callable[[Any, Float[Array, ""], Any], Float[Array, ""]]
 
@@ -130,17 +132,17 @@ class Integral(AbstractReduction):
         return {"": observed.integral}
 
 
-def normal_force(system: System | BodyOnPlane, t: Float[Array, ""], state: State | ContactState) -> Float[Array, ""]:
+def normal_force(system: Held, t: Float[Array, ""], state: AbstractState) -> Float[Array, ""]:
     """N, the normal force; with a law of contact, in the mode that the body is in."""
     return _reaction(system, t, state).normal
 
 
-def friction(system: System | BodyOnPlane, t: Float[Array, ""], state: State | ContactState) -> Float[Array, ""]:
+def friction(system: Held, t: Float[Array, ""], state: AbstractState) -> Float[Array, ""]:
     """|f|, the friction."""
     return _reaction(system, t, state).friction
 
 
-def half_tangent(system: System | BodyOnPlane, t: Float[Array, ""], state: State | ContactState) -> Float[Array, ""]:
+def half_tangent(system: Held, t: Float[Array, ""], state: AbstractState) -> Float[Array, ""]:
     """tan(α/2) for the angle α of the reaction from the vertical, which grows with |f| / N, smoothly past N = 0.
 
     This avoids the arctangent, which takes as long as half of the equations of motion. 0 in flight.
@@ -183,7 +185,7 @@ def _reaction(system: Any, t: Float[Array, ""], state: Any) -> Reaction:
     if isinstance(state, ContactState):
         R = system.interaction(t, state, system.response(t, state)).R
         return Reaction(R[2], jnp.sum(R[:2] ** 2))
-    return reaction(system, t, state)
+    return system.plane_reaction(t, state)
 
 
 def values(
@@ -214,3 +216,15 @@ REDUCTIONS: dict[str, AbstractReduction] = {
     "distance": Integral(speed),
     "energy_drift": Drift(energy),
 }
+
+
+def reductions_of(system: Any) -> dict[str, AbstractReduction]:
+    """Those of ``REDUCTIONS`` that a system has: all for a ball or a disk, else those of the contact force if it rolls.
+
+    **Arguments:**
+
+    - ``system``: any :class:`~jaxball.AbstractSystem`.
+    """
+    if isinstance(system, AbstractBody):
+        return REDUCTIONS
+    return CONTACT if isinstance(system, AbstractRollingSystem) else {}

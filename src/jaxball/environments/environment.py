@@ -18,7 +18,6 @@ from ..interface.printing import Printed
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, is_traced, number_or_none, numbers
 from ..physics.body import System
-from ..physics.contact.reaction import reaction
 from ..physics.state import BallState, DiskState, RotationState
 from ..physics.system import require_one_state
 from ..sensors import AbstractSensor
@@ -313,7 +312,7 @@ class Environment(Printed):
         """The status, or that of a robot that leaves the plane or slips."""
         if self.friction is None:
             return status
-        force = reaction(moment.system.prepare(), moment.t, moment.state)
+        force = moment.system.prepare().plane_reaction(moment.t, moment.state)
         slips = jnp.where(force.ratio > self.friction, int(Status.SLIPPED), int(Status.SUCCESS))
         found = jnp.where(force.normal > 0, slips, int(Status.DETACHED)).astype(status.dtype)
         return jnp.where(status == Status.SUCCESS, found, status)

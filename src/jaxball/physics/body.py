@@ -24,6 +24,8 @@ from .mechanisms import Accelerated
 from .moments import kinematics
 from .motion import Driven, OnRail
 from .parameters import BodyParameters, PointMass
+from .reaction import reaction
+from .rolling import AbstractRollingSystem, Reaction
 from .schedules import AbstractSchedule
 from .state import BallState, DiskState, ReducedState, RotationState, State
 from .sticking import sticking_slots
@@ -32,7 +34,7 @@ from .system import AbstractSystem
 AnyBody = TypeVar("AnyBody", bound="AbstractBody")
 
 
-class AbstractBody(BodyParameters, AbstractSystem[Any]):
+class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
     """What a ball and a disk share as systems.
 
     A solve advances the locked angular velocity W instead of Ω; the module ``locked`` explains why.
@@ -172,6 +174,13 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
     def packed_field(self, t: Float[Array, ""], packed: Any) -> Any:
         return locked_field(self, t, packed)
 
+    def plane_reaction(self, t: Float[Array, ""], state: Any) -> Reaction:
+        return reaction(self, t, state)
+
+    @property
+    def weight(self) -> Float[Array, "*batch"]:
+        return self.total_mass * self.gravity
+
     def confined(self, times: Float[Array, " T"], state: Any) -> Bool[Array, ""]:
         return confined(self, times, state) & all_hold(in_plane(self, times))
 
@@ -238,8 +247,8 @@ class Ball(AbstractBody):
         if isinstance(state, ReducedState) and not self.is_reducible:
             what = "external force" if self.ground is None else "`ground` that is tilted or moves"
             raise ValueError(
-                f"Argument `ball` must have no {what} in the reduced system, because its direction in the body is not "
-                "known from (Omega, Gamma); use a BallState."
+                f"Argument `system` must have no {what} in the reduced system, because its direction in the body is "
+                "not known from (Omega, Gamma); use a BallState."
             )
 
     @property

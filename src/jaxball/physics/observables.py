@@ -12,7 +12,6 @@ from ..numerics.vectors import apply, cross, dot
 from .body import AbstractBody
 from .contact.body_on_plane import BodyOnPlane
 from .contact.modes import Mode
-from .contact.reaction import ContactForce, reaction_in_body
 from .contact.released import slip_velocity
 from .dynamics import accelerations, equations
 from .energy import (
@@ -27,6 +26,7 @@ from .load import Load, in_three, load
 from .moments import AbstractMoments, joint_motion, kinematics, point_mass_values, principal_inertia
 from .momentum import contact_momentum, linear_momentum
 from .motion import Kinematics
+from .reaction import ContactForce, reaction_in_body
 from .state import BallState, DiskState, Rates, ReducedState, RotationState, centre_velocity
 from .system import require_one_state
 

@@ -18,7 +18,7 @@ from ..physics.hybrid import NO_HISTORY, AbstractHistory, History, Switches
 from ..physics.state import AbstractBodyState, DiskState, ReducedState
 from ..scenario.body import CONTACT
 from ..sensors import AbstractSensor
-from ..simulation.trajectory import Trajectory
+from ..simulation.trajectory import Trajectory, always_rolls
 from ..simulation.variables import CLASSICAL_STATE, EVENTS, HISTORY, LAWS, OBSERVABLES, STATE, SWITCHES, Variable
 
 Variables = dict[str, tuple[Variable, np.ndarray]]
@@ -27,8 +27,8 @@ Variables = dict[str, tuple[Variable, np.ndarray]]
 def values(trajectory: Trajectory[Any, Any]) -> Variables:
     """Every variable of a trajectory over time with its array; NaN at times that the solve did not reach.
 
-    A reduced trajectory has its state only, and one of a classical system its state and its laws. For a disk, ``z`` is
-    one number.
+    A reduced trajectory has its state only, and one of a classical system its state, its laws and, if it rolls on a
+    plane, the forces there. For a disk, ``z`` is one number.
 
     **Raises:** ``ValueError`` for a batch of trajectories.
     """
@@ -85,6 +85,10 @@ def _classical_values(trajectory: Trajectory[Any, Any]) -> Variables:
         variables[name] = of_classical_state(name, np.ndim(leaf) - 1), np.asarray(leaf)
     for name, leaf in trajectory.laws._asdict().items():
         variables[name] = LAWS.get(name) or undescribed(name, np.ndim(leaf) - 1), np.asarray(leaf)
+    if always_rolls(trajectory):
+        reaction = trajectory.plane_reaction
+        forces = {"normal_force": reaction.normal, "friction_ratio": reaction.ratio}
+        variables |= {name: (OBSERVABLES[name], np.asarray(array)) for name, array in forces.items()}
     return variables
 
 

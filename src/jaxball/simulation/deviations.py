@@ -11,9 +11,8 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics.batches import fill_vectors
-from ..physics.body import AbstractBody
-from ..physics.contact.reaction import reaction
 from ..physics.packing import Packing
+from ..physics.rolling import AbstractRollingSystem
 from ..physics.system import AbstractSystem
 from ..solvers import AbstractWrappingSolver
 from .loop import by_tolerances, kinks_of, to_kinks
@@ -95,9 +94,9 @@ class Flow(NamedTuple):
 
         def normal_force(t, x, parameters):
             inner = unpack(parameters)
-            return reaction(inner.system, t, inner.unpack(t, x)).normal
+            return inner.system.plane_reaction(t, inner.unpack(t, x)).normal
 
-        rolls = isinstance(system, AbstractBody)
+        rolls = isinstance(system, AbstractRollingSystem)
         return cls(field, parameters, kinks_of(system), normal_force if rolls else None)
 
     def monitored(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, ""]:

@@ -14,9 +14,8 @@ from ..interface.arguments import require, require_callable, require_flags, trac
 from ..interface.printing import Printed, is_single, shown
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, is_traced, numbers
-from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import BodyOnPlane
-from ..physics.contact.reaction import reaction
+from ..physics.rolling import AbstractRollingSystem
 from ..physics.system import AbstractSystem
 
 
@@ -168,7 +167,7 @@ class Detachment(AbstractEvent):
     status: ClassVar[Status] = Status.DETACHED
 
     def value(self, system, t, state):
-        return reaction(system, t, state).normal
+        return system.plane_reaction(t, state).normal
 
 
 class Slip(AbstractEvent):
@@ -203,7 +202,7 @@ class Slip(AbstractEvent):
 
     def value(self, system, t, state):
         """μ²N|N| − |f|², which is smooth where f is zero, as μN − |f| is not."""
-        force = reaction(system, t, state)
+        force = system.plane_reaction(t, state)
         return self.friction**2 * force.normal * jnp.abs(force.normal) - force.friction_squared
 
 
@@ -218,10 +217,10 @@ def check_events(system: AbstractSystem, events: Mapping[str, AbstractEvent] | N
         remedy = "Event(function) is one" if inspect.isfunction(event) else ""
         require(f"events[{name!r}]", event, AbstractEvent, "an event, such as Detachment()", remedy)
     touching = [name for name, event in events.items() if isinstance(event, Detachment | Slip)]
-    if touching and not isinstance(system.shown, AbstractBody):
+    if touching and not isinstance(system.shown, AbstractRollingSystem):
         raise TypeError(
-            f"Argument `events` must not hold a Detachment or a Slip for a {type(system.shown).__name__}, which is "
-            f'neither a Ball nor a Disk, but "{touching[0]}" is one.'
+            f"Argument `events` must not hold a Detachment or a Slip for a {type(system.shown).__name__}, which "
+            f'does not roll on a plane, but "{touching[0]}" is one.'
         )
     if touching and isinstance(system, BodyOnPlane):
         raise TypeError(

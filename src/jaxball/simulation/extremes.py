@@ -14,9 +14,8 @@ from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.calculus import with_derivatives
 from ..numerics.differentiation import differentiated_where, once
-from ..physics.body import AbstractBody
-from ..physics.contact.reaction import Reaction, reaction
 from ..physics.packing import Packing
+from ..physics.rolling import AbstractRollingSystem, Reaction
 from ..solvers.dense.maxima import maxima, moved
 from ..solvers.dense.steps import Steps
 from .trajectory import Interpolant, Trajectory, always_rolls
@@ -26,7 +25,7 @@ SAME = 1e-8  # the relative change that a constant value may have
 
 
 class ContactExtremes(Printed):
-    """How close a ball or disk came to leaving the plane or slipping, and when.
+    """How close what rolls on a plane came to leaving the plane or slipping, and when.
 
     The times are refined between the saved ones, to the accuracy of the solver's dense output. The values have the
     right first derivatives; the times have none, except where the extreme is at a kink of the motion or at the end of
@@ -86,7 +85,7 @@ class ContactExtremes(Printed):
             mu = float(self.friction_needed)
             lines.append(f"friction needed, max |f|/N, {mu if mu > ROUNDING else 0.0:.10g} {self.when[1]}")
         else:
-            lines.append("the ball would leave the plane, so no friction is enough")
+            lines.append("the body would leave the plane, so no friction is enough")
         return "\n".join(lines)
 
 
@@ -111,9 +110,9 @@ def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
     friction needed, max |f|/N, 0.12 at t = 0
     """
     require("trajectory", trajectory, Trajectory, "what jaxball.simulate returns")
-    if not isinstance(trajectory.system, AbstractBody):
+    if not isinstance(trajectory.system, AbstractRollingSystem):
         raise TypeError(
-            "Argument `trajectory` must be of a Ball or a Disk, which is supported by a plane, but it is of a "
+            "Argument `trajectory` must be of a system that rolls on a plane, such as a Ball, but it is of a "
             f"{type(trajectory.system).__name__}."
         )
     if not always_rolls(trajectory):
@@ -136,7 +135,7 @@ def _extremes(interpolant: Interpolant, reached: Float[Array, ""], status: Array
     packing, steps = interpolant.packing, Steps.of(interpolant.solution, reached)
 
     def forces_and_rates(t, x):
-        force = reaction(packing.system, t, packing.unpack(t, x))
+        force = packing.system.plane_reaction(t, packing.unpack(t, x))
         # The angle is largest where |f| / N is, and has no spike where N is small.
         return jnp.concatenate([jnp.stack([-force.normal, force.angle, force.friction]), packing.field(t, x)])
 
@@ -146,7 +145,7 @@ def _extremes(interpolant: Interpolant, reached: Float[Array, ""], status: Array
     extremes = (-N, found.time[0], mu, found.time[1], f, found.time[2])
     extremes = with_derivatives(extremes, _at, steps, packing, found.step, found.time)
     extremes = once("extremes of the contact force", extremes)
-    weight = packing.system.total_mass * packing.system.gravity
+    weight = packing.system.weight
     sizes = jax.lax.stop_gradient(jnp.stack([weight, jnp.ones_like(weight), weight]))
     constant = found.size - found.least <= jnp.maximum(SAME * jnp.abs(found.size), ROUNDING * jnp.abs(sizes))
     return ContactExtremes(
@@ -158,5 +157,5 @@ def _at(steps: Steps, packing: Packing, index: Int[Array, "3"], times: Float[Arr
     """N, |f| / N and |f|, each with its time, at three times in steps, with their derivatives."""
     kinks = packing.system.kinks()
     times, vectors = jax.vmap(lambda i, t: moved(steps, kinks, i, t))(index, times)
-    force = jax.lax.map(lambda at: reaction(packing.system, at[0], packing.unpack(*at)), (times, vectors))
+    force = jax.lax.map(lambda at: packing.system.plane_reaction(at[0], packing.unpack(*at)), (times, vectors))
     return force.normal[0], times[0], force.ratio[1], times[1], force.friction[2], times[2]

@@ -27,6 +27,7 @@ from ..physics.contact.body_on_plane import ContactHistory
 from ..physics.hybrid import NO_HISTORY, AbstractHistory, NoHistory, Switches
 from ..physics.observables import Observables, movement, observed
 from ..physics.packing import Packing
+from ..physics.rolling import AbstractRollingSystem, Reaction
 from ..physics.state import BallState, DiskState, ReducedState, State
 from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import find_problems, not_numbers
@@ -234,6 +235,21 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         return with_errors(errors, jnp.asarray(self.times), exact, key)
 
     @property
+    def plane_reaction(self) -> Reaction:
+        """N and |f| of the plane on which the system rolls, at every saved time; in a batch, those of each run.
+
+        **Raises:** ``ValueError`` for a system that does not roll on a plane, and for a run with modes, whose forces
+        are in ``observables``.
+        """
+        if not always_rolls(self):
+            which = "has modes" if isinstance(self.system, AbstractRollingSystem) else "does not roll on a plane"
+            raise ValueError(
+                "The reaction of the plane is that of a system that always rolls on it, but this trajectory is of a "
+                f"{type(self.system).__name__}, which {which}."
+            )
+        return self._evaluated(_react_all, self.system, self.state)
+
+    @property
     def laws(self) -> Any:
         """The laws of the system at every saved time: a named tuple, each entry with T as leading axis.
 
@@ -281,7 +297,9 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
 
         The latter is what files and the stores of sweeps call ``friction_needed``.
         """
-        return jnp.max(self.observables.friction_ratio, axis=-1)
+        by_contract = always_rolls(self) and not isinstance(self.system, AbstractBody)
+        ratio = self.plane_reaction.ratio if by_contract else self.observables.friction_ratio
+        return jnp.max(ratio, axis=-1)
 
     # A user who has a trajectory looks there for what can be done with it. These four import, when called,
     # modules that are built upon this one; the contracts in pyproject.toml name them as exceptions.
@@ -368,8 +386,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
 
 
 def always_rolls(trajectory: Trajectory[Any, Any]) -> bool:
-    """Whether a run is of a body that always rolls, without modes, and so has extremes of the contact force."""
-    return isinstance(trajectory.system, AbstractBody) and isinstance(trajectory.history, NoHistory)
+    """Whether a run is of a system that always rolls, without modes, and so has extremes of the contact force."""
+    return isinstance(trajectory.system, AbstractRollingSystem) and isinstance(trajectory.history, NoHistory)
 
 
 @functools.cache
@@ -397,6 +415,11 @@ def _measure_all(sensors, system, times, states, reached) -> dict[str, Array]:
         return {name: jnp.where(known, one.reading(system.shown, t, moves), jnp.nan) for name, one in sensors.items()}
 
     return _at_each(measured, system, times, states, reached)
+
+
+@programs.filter_jit
+def _react_all(system, times, state, reached) -> Reaction:
+    return _at_each(lambda system, t, x: system.plane_reaction(t, x), system, times, state, reached)
 
 
 @programs.filter_jit

@@ -153,6 +153,12 @@ EXTREMES = {
     "largest_friction": Variable((), "force", "largest friction of the run"),
     "largest_friction_time": Variable((), "time", "largest friction time of the run"),
 }
+# Of a row whose least normal force is found.
+LEFT_PLANE = {
+    "left_plane": Variable(
+        (), "", "1 if the body would have left the plane, because N was not positive; -1 if unknown", dtype="i1"
+    ),
+}
 # Of what a study can find by itself, in whose store there are no units.
 FINDS = {
     "distance": Variable((), "length", "distance of the run"),

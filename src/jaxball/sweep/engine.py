@@ -11,7 +11,7 @@ from ..ensemble import AbstractReduction, simulate_ensemble
 from ..ensemble.reductions import CONTACT as CONTACT_REDUCTIONS
 from ..numerics import programs
 from ..numerics.batches import of_rows
-from ..physics.body import AbstractBody
+from ..physics.rolling import AbstractRollingSystem
 from ..scenario.solvers import SOLVERS
 from ..simulation.events import AbstractEvent, Detachment
 from ..simulation.trajectory import Trajectory
@@ -108,5 +108,5 @@ def _closed_loops(batch: Batch, request: Request, reductions: Mapping[str, Abstr
 
 
 def _contact(batch: Batch, request: Request) -> Mapping[str, AbstractReduction]:
-    touches = request.contact and isinstance(batch.template.system, AbstractBody)
-    return CONTACT_REDUCTIONS if touches else {}
+    rolls = isinstance(batch.template.system, AbstractRollingSystem)
+    return CONTACT_REDUCTIONS if request.contact and rolls else {}

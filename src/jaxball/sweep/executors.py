@@ -22,7 +22,7 @@ from ..interface import interruption
 from ..interface.status import Status
 from ..scenario import Scenario
 from .errors import WorkerError
-from .outputs import Output, outputs_of, state_variables, with_extremes
+from .outputs import LEAST, LEFT, Output, left_plane, outputs_of, state_variables, went_on, with_extremes
 from .rows import Engine, Request, read_rows
 from .store import Store
 from .study import Study
@@ -39,11 +39,15 @@ class Task(NamedTuple):
 
 
 class ChunkResult(NamedTuple):
-    """How many rows a chunk had, how many of them failed, and the name of the worker: its machine, process, thread."""
+    """How many rows a chunk had, how many of them failed, and the name of the worker: its machine, process, thread.
+
+    - ``left``: how many rows went on although the body would have left the plane.
+    """
 
     rows: int
     failed: int
     worker: str
+    left: int = 0
 
 
 def solve_chunk(task: Task) -> ChunkResult:
@@ -54,7 +58,8 @@ def solve_chunk(task: Task) -> ChunkResult:
     arrays = compute(study, template, outputs, rows, task.engine, task.threads)
     Store(task.store, study, outputs).write(task.chunk, arrays)
     worker = f"{socket.gethostname()}-{os.getpid()}-{threading.get_ident()}"
-    return ChunkResult(len(rows), int(np.sum(arrays["status"] != Status.SUCCESS)), worker)
+    failed = int(np.sum(arrays["status"] != Status.SUCCESS))
+    return ChunkResult(len(rows), failed, worker, went_on(arrays["status"], arrays[LEFT]) if LEFT in arrays else 0)
 
 
 def solve_chunk_elsewhere(task: Task) -> ChunkResult:
@@ -86,6 +91,8 @@ def compute(
         arrays["time"][possible] = batch.times
     request = Request(study.contact, study.detachment, study.finds, study.chunk, threads, study.readings, study.within)
     solved = with_extremes(engine(batch, request), template if study.readings else None)
+    if LEFT in outputs and LEAST in solved:
+        solved = solved | {LEFT: left_plane(solved["status"], solved[LEAST])}
     for name in outputs.keys() & solved.keys():
         array = solved[name]
         at_each_time = name in state_variables(template) and study.save == "end"

@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float, Int
 
+from ..interface.status import Status
 from ..physics.contact.body_on_plane import BodyOnPlane, ContactHistory
 from ..physics.contact.modes import Mode
 from ..physics.contact.released import ReleasedState
@@ -20,13 +21,14 @@ from ..physics.system import AbstractSystem
 from ..results.variables import labels, of_classical_state
 from ..scenario import Scenario
 from ..sensors.base import Measurement
-from ..simulation.variables import EXTREMES, HISTORY, RUN, RUN_SWITCHES, STATE, Variable
+from ..simulation.variables import EXTREMES, HISTORY, LEFT_PLANE, RUN, RUN_SWITCHES, STATE, Variable
 from .axes import Axis, Designed, FromFile, Ranged, Zipped
 from .errors import StudyError
-from .study import Study
+from .study import Find, Study
 
 AXES = "axes"  # the group of a store that holds the points of each axis
 NAMES = "names"  # the attribute that has the labels along a dimension, if they are not numbers
+LEAST, LEFT = "least_normal_force", "left_plane"
 _LOGARITHMIC = ("log-uniform", "lognormal")
 
 
@@ -108,6 +110,8 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
         outputs |= {name: _output(known) for name, known in loop_variables(template).items()}
     if study.contact:
         outputs |= {name: _output(known) for name, known in EXTREMES.items()}
+    if finds_least_normal_force(study, template):
+        outputs |= {name: _output(known) for name, known in LEFT_PLANE.items()}
     for find in study.finds:
         for name, end in ((find.name + end, end) for end in find.reduction().ends):
             if find.kind and (name in outputs or name == AXES):
@@ -170,6 +174,25 @@ def _shown_system(template: Scenario) -> Any:
     from ..scenario.closed_loop import sampled_of  # as above
 
     return sampled_of(template).system
+
+
+def finds_least_normal_force(study: Study, template: Scenario) -> bool:
+    """Whether the least normal force is found of runs that are valid only as long as it is positive."""
+    return not template.may_slip and (study.contact or any(find == Find(LEAST) for find in study.finds))
+
+
+def left_plane(status: Int[np.ndarray, " rows"], least: Float[np.ndarray, " rows"]) -> Int[np.ndarray, " rows"]:
+    """1 for a row whose least normal force was not positive, else 0; ``NOT_COMPUTED`` where that is NaN.
+
+    A row that ended where it detached has left the plane, whatever the sign of a force that is zero but for rounding.
+    """
+    left = (least <= 0) | (status == Status.DETACHED)
+    return np.where(np.isnan(least) & ~left, NOT_COMPUTED, left).astype(np.int8)
+
+
+def went_on(status: Int[np.ndarray, " rows"], left: Int[np.ndarray, " rows"]) -> int:
+    """How many rows that left the plane did not end there."""
+    return int(np.sum((left == 1) & (status != Status.DETACHED)))
 
 
 EXTREME = {"least": np.nanmin, "largest": np.nanmax}

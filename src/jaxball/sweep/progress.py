@@ -11,18 +11,25 @@ from jaxtyping import Int
 
 from ..interface.activity import ERASE
 from ..interface.status import Status
+from ..interface.wording import counted
 from ..scenario import ScenarioError, read_document
 from ..scenario.paths import with_numbers
+from ..simulation.variables import LEFT_PLANE
 from .executors import ChunkResult
 from .files import STATUS, changed, check_intact, done, numbers_of
+from .outputs import LEFT, went_on
 from .store import read_attributes
 
 
 class StatusCounts(NamedTuple):
-    """How many rows of a store have each status, and the first one that failed, if one did."""
+    """How many rows of a store have each status, and the first one that failed, if one did.
+
+    - ``left``: how many rows went on although the body would have left the plane; 0 where a study does not look.
+    """
 
     counts: Int[np.ndarray, " statuses"]
     first: int | None
+    left: int = 0
 
     @property
     def rows(self) -> int:
@@ -39,12 +46,13 @@ def status_counts(folder: Path) -> StatusCounts:
     """The outcomes of the rows that are done.
 
     **Raises:** :class:`StoreError` when ``folder`` is not the store of a study, and when a file of it has been changed
-    from outside; of the numbers, only the statuses are read.
+    from outside; of the numbers, only the statuses and ``left_plane`` are read.
     """
     attributes = read_attributes(folder)
     check_intact(folder, numbers=False)
     rows, size = attributes["rows"], attributes["chunk"]
-    counts, first = np.zeros(len(Status), dtype=int), None
+    counts, first, left = np.zeros(len(Status), dtype=int), None, 0
+    looks = (folder / LEFT).is_dir()
     for chunk in done(folder):
         status = column(folder, "status", chunk, size, STATUS)[: rows - chunk * size]
         if not np.all((status >= 0) & (status < len(Status))):  # as a store of an earlier version may have them
@@ -52,7 +60,10 @@ def status_counts(folder: Path) -> StatusCounts:
         counts += np.bincount(status, minlength=len(Status))
         if first is None and np.any(status):
             first = chunk * size + int(np.argmax(status != Status.SUCCESS))
-    return StatusCounts(counts, first)
+        if looks:
+            flags = column(folder, LEFT, chunk, size, np.dtype(LEFT_PLANE[LEFT].dtype))[: status.size]
+            left += went_on(status, flags)
+    return StatusCounts(counts, first, left)
 
 
 def column(folder: Path, name: str, chunk: int, rows: int, dtype: np.dtype) -> np.ndarray:
@@ -71,7 +82,8 @@ def column(folder: Path, name: str, chunk: int, rows: int, dtype: np.dtype) -> n
 
 
 def describe(folder: str | Path) -> str:
-    """How many rows of a store are done, their statuses, and what is wrong with the first row that failed.
+    """How many rows of a store are done, their statuses, how many left the plane, and what is wrong with the first row
+    that failed.
 
     **Raises:** :class:`StoreError` when there is nothing at ``folder``, or something other than the store of a study,
     and when a file of it has been changed from outside.
@@ -85,6 +97,11 @@ def describe(folder: str | Path) -> str:
         f"{counts.rows:,} of {attributes['rows']:,} rows are done ({100 * counts.rows / attributes['rows']:.1f} %)"
     )
     lines += [f"  {int(counts.counts[status]):,} {status.name}" for status in Status if counts.counts[status]]
+    if counts.left:
+        lines.append(
+            f"  {counted(counts.left, 'row')} with a least normal force that is not positive (`left_plane`): the body "
+            "would leave the plane, and the equations of rolling do not hold after that"
+        )
     if counts.first is not None:
         lines.append(_failure(folder, attributes, counts.first))
     return "\n".join(lines)
@@ -136,7 +153,7 @@ class Progress:
     ):
         """``rows`` in all, those in the store ``before``, and ``mine`` to be done now by ``parallel`` workers."""
         self.stream, self.rows, self.mine, self.parallel, self.clock = stream, rows, mine, parallel, clock
-        self.done, self.failed, self.now = before.rows, before.failed, 0
+        self.done, self.failed, self.left, self.now = before.rows, before.failed, before.left, 0
         self.workers: dict[str, _Worker] = {}
         self.start = self.shown = self.last = clock()
         self.terminal, self.last_line = stream.isatty(), ""
@@ -148,6 +165,7 @@ class Progress:
         self.now += chunk.rows
         self.done += chunk.rows
         self.failed += chunk.failed
+        self.left += chunk.left
         self.last = self.clock()
         seen = self.workers.get(chunk.worker)
         now = _Worker(self.last, self.last, 0) if seen is None else seen.after(chunk.rows, self.last)
@@ -167,7 +185,7 @@ class Progress:
         if not self.last_line:
             return
         if after is not None:
-            self.done, self.failed = after.rows, after.failed
+            self.done, self.failed, self.left = after.rows, after.failed, after.left
         if self.terminal or self.last_line != self.line():
             self.show()
         if self.terminal:
@@ -176,7 +194,8 @@ class Progress:
     def line(self) -> str:
         """The line."""
         share = f"{100 * self.done / self.rows:.1f} %"
-        return f"{self.done:,} of {self.rows:,} rows ({share}), {self.failed:,} failed, {self._pace()}"
+        left = f"{self.left:,} left the plane, " if self.left else ""
+        return f"{self.done:,} of {self.rows:,} rows ({share}), {self.failed:,} failed, {left}{self._pace()}"
 
     def _pace(self) -> str:
         if not self.now:

@@ -14,8 +14,9 @@ import tomli_w
 from jaxtyping import Float, Int
 
 from ..ensemble import REDUCTIONS, AbstractReduction, Drift, Integral, Maximum, Minimum
+from ..ensemble.reductions import reductions_of
 from ..interface.wording import did_you_mean
-from ..physics.body import AbstractBody
+from ..physics.rolling import AbstractRollingSystem
 from ..scenario import Scenario, ScenarioError, read_document
 from ..scenario.errors import each_of, raise_first, tried
 from ..scenario.imports import imported
@@ -73,8 +74,8 @@ def read_finds(values: Any, template: Scenario) -> tuple[Find, ...]:
 
 def _read_find(value: Any, path: str, template: Scenario) -> Find:
     if isinstance(value, str):
-        if value not in REDUCTIONS or not isinstance(template.system, AbstractBody):
-            known = list(REDUCTIONS) if isinstance(template.system, AbstractBody) else []
+        known = reductions_of(template.system)
+        if value not in known:
             hint = f"the names are {', '.join(known)}" if known else "there are none for this system"
             raise StudyError(
                 f"Key `{path}` must be a table or a name that is known, but it is {shown(value)}"
@@ -287,8 +288,11 @@ def _template(value: Any, folder: Path) -> tuple[dict[str, Any], Scenario]:
 
 def _check_contact(table: dict[str, Any], template: Scenario) -> None:
     for key in ("contact", "detachment"):
-        if table[key] and not isinstance(template.system, AbstractBody):
-            raise StudyError(f"Key `{key}` must be false for a {template.system.title}, which is no ball or disk.")
+        if table[key] and not isinstance(template.system, AbstractRollingSystem):
+            raise StudyError(
+                f"Key `{key}` must be false for a {template.system.title}, which does not roll on a plane, but it is "
+                "true."
+            )
         if table[key] and template.may_slip:
             raise StudyError(
                 f"Key `{key}` must be false where the scenario has a law of contact, with which the body may slip and "

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from ..classical import HeavyTop
 from ..physics.body import AbstractBody, Disk
 from ..physics.moments import Moments
+from ..physics.rolling import AbstractRollingSystem
 from ..physics.state import DiskState
 from ..scenario import Scenario
 from ..simulation.extremes import contact_extremes
@@ -124,7 +125,8 @@ def laws_along(scenario: Scenario) -> dict[str, Callable[[Case], Row]]:
     if not isinstance(scenario.system, AbstractBody):
         start = jnp.asarray(scenario.times[0]), scenario.state
         names = eqx.filter_eval_shape(type(scenario.system).laws, scenario.system, *start)._fields
-        return {name: partial(balance, name) for name in names}
+        balances = {name: partial(balance, name) for name in names}
+        return balances | ({"contact": contact} if isinstance(scenario.system, AbstractRollingSystem) else {})
     return {**{name: partial(balance, name) for name in BALANCES}, "contact": contact}
 
 

@@ -22,7 +22,7 @@ COMPARISONS: dict[str, str] = {
 }
 LAWS: dict[str, str] = {
     **BALANCES,
-    "contact": "N > 0: the plane holds the ball",
+    "contact": "N > 0: the plane holds what rolls on it",
     **COMPARISONS,
 }
 """Every law by its name. A classical system has its own ``laws`` instead of the balances."""

@@ -20,7 +20,7 @@ from .comparisons import CHECKS, SLOW
 from .laws import LAWS
 from .report import Report, Row
 
-ROLLING_ONLY = "it is for a ball or a disk"
+BODIES_ONLY, NO_PLANE = "it is for a ball or a disk", "the system does not roll on a plane"
 UNSAID = ("closed-form", "moving-energy", "saved")  # without a closed form, a turntable or a file, these have no row
 
 
@@ -77,7 +77,7 @@ def _rows(case: Case, chosen: Sequence[str], known: Mapping[str, Callable[[Case]
         rows |= {name: row.result() for name, row in later.items()}
     finally:
         beside.shutdown(wait=False, cancel_futures=True)  # Ctrl-C does not wait for what is being compiled
-    return tuple(rows.get(name, Row(name, reason=ROLLING_ONLY)) for name in chosen)
+    return tuple(rows.get(name, Row(name, reason=NO_PLANE if name == "contact" else BODIES_ONLY)) for name in chosen)
 
 
 def _scenario(

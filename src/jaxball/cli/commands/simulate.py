@@ -68,7 +68,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         "[contact], as in sliding=0.3,static=0.4,restitution=0.5; replaces the scenario's law",
     )
     parser.add_argument("--friction", type=positive, metavar="MU", help="end where rolling needs more friction than MU")
-    parser.add_argument("--detachment", action="store_true", help="end where the ball would leave the plane")
+    parser.add_argument("--detachment", action="store_true", help="end where the body would leave the plane")
     add_output(parser)
 
 
@@ -103,13 +103,13 @@ def run(options: argparse.Namespace) -> int:
 
 def _simulate(options: argparse.Namespace, scenario: "Scenario") -> int:
     from ... import plot, results
-    from ...physics.body import AbstractBody
+    from ...physics.rolling import AbstractRollingSystem
     from ...plot.record import finite_rows
     from ...scenario.checks import message_in_keys
     from ..files import write_json
 
-    rolls = isinstance(scenario.system_to_solve, AbstractBody) and scenario.feedback is None
-    # Of what shows how close the ball came to slipping or leaving the plane.
+    rolls = isinstance(scenario.system_to_solve, AbstractRollingSystem) and scenario.feedback is None
+    # Of what shows how close the body came to slipping or leaving the plane.
     shown = not options.quiet or any(getattr(options, name) is not None for name in ("out", "json", "plot"))
     events = _events(options, scenario)
     with working(options, "simulating"):
@@ -143,11 +143,13 @@ def _evaluate(trajectory: "Trajectory[Any, Any]") -> None:
     """Compiles what a file needs: the observables on one core, and the extremes of contact on the other."""
     from ...physics.body import AbstractBody
     from ...simulation.extremes import contact_extremes
+    from ...simulation.trajectory import always_rolls
 
-    if not isinstance(trajectory.system, AbstractBody) or trajectory.interpolant is None:
+    if not always_rolls(trajectory) or trajectory.interpolant is None:
         return
+    forces = "observables" if isinstance(trajectory.system, AbstractBody) else "plane_reaction"
     with ThreadPoolExecutor(1) as beside:
-        beside.submit(lambda: trajectory.observables)  # an error will be reported by saving, which needs them as well
+        beside.submit(getattr, trajectory, forces)  # an error will be reported by saving, which needs them as well
         contact_extremes(trajectory)
 
 
@@ -183,7 +185,7 @@ def _content(scenario: "Scenario", trajectory: "Trajectory[Any, Any]") -> dict[s
 
 
 def _events(options: argparse.Namespace, scenario: "Scenario") -> "dict[str, AbstractEvent]":
-    from ...physics.body import AbstractBody
+    from ...physics.rolling import AbstractRollingSystem
     from ...simulation.events import Detachment, Slip
 
     events: dict[str, AbstractEvent] = {}
@@ -191,10 +193,10 @@ def _events(options: argparse.Namespace, scenario: "Scenario") -> "dict[str, Abs
         events["slip"] = Slip(options.friction)
     if options.detachment:
         events["detachment"] = Detachment()
-    if events and not isinstance(scenario.system, AbstractBody):
+    if events and not isinstance(scenario.system, AbstractRollingSystem):
         raise ScenarioError(
-            "Arguments `--friction` and `--detachment` must be left out for a system that is no ball or disk, such as "
-            f"the {scenario.system.title} of this scenario."
+            "Arguments `--friction` and `--detachment` must be left out for a system that does not roll on a plane, "
+            f"such as the {scenario.system.title} of this scenario."
         )
     if scenario.may_slip and events:
         raise ScenarioError(
@@ -210,16 +212,19 @@ def _events(options: argparse.Namespace, scenario: "Scenario") -> "dict[str, Abs
 
 
 def _checks(trajectory: "Trajectory[Any, Any]") -> list[str]:
-    """The lines about the contact of a body with its plane, or about conserved quantities."""
+    """The lines about the contact of a body with its plane, and about conserved quantities of other systems."""
     from ...physics.body import AbstractBody
     from ...simulation.extremes import contact_extremes
+    from ...simulation.trajectory import always_rolls
 
-    if isinstance(trajectory.system, AbstractBody):
-        if trajectory.interpolant is None:  # with modes or feedback, of which the trajectory's own lines tell
-            return []
-        return [f"  {line}" for line in str(contact_extremes(trajectory)).splitlines()]
-    changes = (f"{name} {change:.1e}" for name, change in _law_changes(trajectory).items())
-    return ["  change of conserved quantities: " + ", ".join(changes)]
+    lines = []
+    # With modes or feedback, of which the trajectory's own lines tell, there is no dense output.
+    if always_rolls(trajectory) and trajectory.interpolant is not None:
+        lines += str(contact_extremes(trajectory)).splitlines()
+    if not isinstance(trajectory.system, AbstractBody):
+        changes = (f"{name} {change:.1e}" for name, change in _law_changes(trajectory).items())
+        lines.append("change of conserved quantities: " + ", ".join(changes))
+    return [f"  {line}" for line in lines]
 
 
 def _law_changes(trajectory: "Trajectory[Any, Any]") -> dict[str, float]:

@@ -34,8 +34,8 @@ from ..energy import kinetic_energy, potential_energy
 from ..load import in_three, load, place, table_under
 from ..moments import kinematics, point_mass_values, principal_inertia
 from ..motion import Kinematics
+from ..reaction import reaction_in_body
 from ..state import DiskState, PlacedState, centre_velocity
-from .reaction import reaction_in_body
 
 
 class ReleasedState(Printed):

@@ -5,12 +5,13 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...numerics.vectors import apply, cross, dot, root
-from ..body import AbstractBody
-from ..dynamics import accelerations
-from ..load import Load, load
-from ..moments import Moments
-from ..state import State
+from ..numerics.vectors import cross, dot
+from .dynamics import accelerations
+from .load import Load, load
+from .moments import Moments
+from .parameters import BodyParameters
+from .rolling import Reaction, friction_ratio
+from .state import State
 
 
 class ContactForce(NamedTuple):
@@ -22,16 +23,7 @@ class ContactForce(NamedTuple):
     @property
     def ratio(self) -> Float[Array, ""]:
         """|f| / N, the coefficient of friction that this instant needs; infinite where N ≤ 0."""
-        return _ratio(jnp.sqrt(jnp.sum(self.friction**2, axis=-1)), self.normal)
-
-
-def contact_force(R: Float[Array, "3"], Lambda: Float[Array, "3 3"]) -> ContactForce:
-    """N and f in space axes, where R̃ is that of :func:`reaction_in_body`.
-
-    The paper's disk (section 3.3) writes the friction as −f_s e1.
-    """
-    in_space = apply(Lambda, R)
-    return ContactForce(normal=in_space[2], friction=in_space[:2])
+        return friction_ratio(jnp.sqrt(jnp.sum(self.friction**2, axis=-1)), self.normal)
 
 
 def reaction_in_body(
@@ -45,29 +37,7 @@ def reaction_in_body(
     return R if acting.force is None else R - acting.force
 
 
-class Reaction(NamedTuple):
-    """The size of the reaction: the normal force N and the square of the friction |f|."""
-
-    normal: Float[Array, "*batch"]
-    friction_squared: Float[Array, "*batch"]
-
-    @property
-    def friction(self) -> Float[Array, "*batch"]:
-        """|f|; its derivative is 0 where it is 0."""
-        return root(self.friction_squared)
-
-    @property
-    def ratio(self) -> Float[Array, "*batch"]:
-        """|f| / N; infinite where N ≤ 0."""
-        return _ratio(self.friction, self.normal)
-
-    @property
-    def angle(self) -> Float[Array, "*batch"]:
-        """The angle of the reaction from the vertical, atan2(|f|, N), which grows with |f| / N, smoothly past N = 0."""
-        return jnp.arctan2(self.friction, self.normal)
-
-
-def reaction(system: AbstractBody, t: Float[Array, ""], state: State) -> Reaction:
+def reaction(system: BodyParameters, t: Float[Array, ""], state: State) -> Reaction:
     """N and |f|² from any kind of state, in body axes, so that the heading need not be known.
 
     N = R̃·Γ, and f̃ = R̃ − NΓ.
@@ -89,8 +59,3 @@ def total_inertial_force(
 ) -> Float[Array, "3"]:
     """Σ m a in body axes, with a the accelerations in space."""
     return cross(Omegadot, at.M * r * Gamma + at.p) + cross(Omega, cross(Omega, at.p) + 2 * at.pdot) + at.pddot
-
-
-def _ratio(friction: Float[Array, "*batch"], normal: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
-    held = ~(normal <= 0)  # NaN counts as held, so that it stays NaN
-    return jnp.where(held, friction / jnp.where(held, normal, 1.0), jnp.inf)
