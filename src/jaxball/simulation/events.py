@@ -17,6 +17,7 @@ from ..numerics.arrays import Numbers, is_traced, numbers
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.rolling import AbstractRollingSystem
 from ..physics.system import AbstractSystem
+from .quantities import observables_of, quantity
 
 
 class Occurrences(Printed):
@@ -97,17 +98,26 @@ class AbstractEvent(Printed):
     def value(self, system: Any, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
         """The function that crosses zero."""
 
+    def value_in_solve(self, system: Any, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
+        """The same of a system and its state as they are solved, with modes if the system has any."""
+        return self.value(system.shown, t, system.shown_state(state))
+
 
 class Event(AbstractEvent):
-    """A position reached, an angle at a bound, a Poincaré section: wherever ``of(system, t, state)`` crosses zero.
+    """A position reached, an angle at a bound, a Poincaré section: wherever ``of(system, t, state)`` crosses a level.
 
     **Arguments:**
 
-    - ``of``: a scalar function, written with ``jax.numpy``. A named function, rather than a new ``lambda`` at each
-      call, avoids compiling again.
+    - ``of``: a scalar function, written with ``jax.numpy``. If it has a fourth parameter that is called
+      ``observables``, it is given those of that time, as ``run.observables`` has them. A named function, rather than a
+      new ``lambda`` at each call, avoids compiling again. Or the name of a number of the run: an observable, such as
+      ``"normal_force"``, a component of the state, such as ``"z[0]"``, or of another system one of its laws.
     - ``direction``: 1 for upward crossings only, −1 for downward ones, 0 for both.
     - ``terminal``: whether the first crossing ends the run.
     - ``room``: how many crossings are kept; all are counted.
+    - ``level``: the value that is crossed, in the units of the function.
+
+    **Raises:** ``ValueError`` for the name of no number of the run, when it is solved.
 
     **Example:**
 
@@ -120,27 +130,50 @@ class Event(AbstractEvent):
     Occurrences: It happened once, at t = 1.5.
     >>> run.message
     'The run ended at t = 1.5 before t = 2, where an event ended it.'
+    >>> run = simulate(disk, [0.0, 1.0, 2.0], start, events={"near": Event("z", level=0.5)})
+    >>> run.events["near"]
+    Occurrences: It happened once, at t = 0.5.
     """
 
-    of: Callable[[Any, Float[Array, ""], Any], Float[Array, ""]] = eqx.field(static=True)
+    of: Callable[..., Float[Array, ""]] | str = eqx.field(static=True)
     direction: int = eqx.field(static=True, default=EITHER)
     terminal: bool = eqx.field(static=True, default=False)
     room: int = eqx.field(static=True, default=64)
+    level: Float[Array, ""] = eqx.field(converter=numbers("level"), default=0.0)
     from_start: ClassVar[bool] = False
     status: ClassVar[Status] = Status.EVENT
 
     def __check_init__(self):
-        require_callable("of", self.of, "system", "t", "state")
+        if not isinstance(self.of, str):
+            more = ("observables",) if self._takes_observables else ()
+            require_callable("of", self.of, "system", "t", "state", *more)
+
+    @property
+    def _takes_observables(self) -> bool:
+        try:
+            return "observables" in inspect.signature(self.of).parameters  # pyright: ignore[reportArgumentType]
+        except (TypeError, ValueError):  # a name, or a function written in another language
+            return False
 
     def value(self, system, t, state):
+        return self.value_in_solve(system, t, state)
+
+    def value_in_solve(self, system, t, state):
+        if isinstance(self.of, str):
+            return self._above_level(quantity(self.of, system, t, state))
+        own = system.shown, t, system.shown_state(state)
         with traceable("of", self.of):
-            value = jnp.asarray(self.of(system, t, state))
+            observables = {"observables": observables_of(system, t, state)} if self._takes_observables else {}
+            return self._above_level(self.of(*own, **observables))
+
+    def _above_level(self, value: Any) -> Float[Array, ""]:
+        value = jnp.asarray(value)
         if value.shape != () or not jnp.issubdtype(value.dtype, jnp.floating):
             raise TypeError(
                 "Argument `of` must be a function whose value is one real number that crosses zero, but it gives "
                 f"{value.dtype} of shape {value.shape}."
             )
-        return value
+        return value - self.level.astype(value.dtype)
 
 
 class Detachment(AbstractEvent):

@@ -137,8 +137,8 @@ def values_of(
     packing: Packing[Any, Any], events: Mapping[str, AbstractEvent], t: Float[Array, ""], x: Float[Array, " size"]
 ) -> Float[Array, " k"]:
     """The values of the functions of all events, of a vector."""
-    system, state = packing.system.shown, packing.system.shown_state(packing.unpack(t, x))
-    return jnp.stack([event.value(system, t, state) for event in events.values()])
+    state = packing.unpack(t, x)
+    return jnp.stack([event.value_in_solve(packing.system, t, state) for event in events.values()])
 
 
 def occurrences_of(

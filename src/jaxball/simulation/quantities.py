@@ -1,0 +1,85 @@
+"""Numbers of a run by their names, such as ``z[0]`` or ``normal_force``: what events and others ask for by name."""
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..interface.wording import did_you_mean
+from ..physics.body import AbstractBody
+from ..physics.contact.modes import ContactState
+from ..physics.observables import Observables, movement, observed
+from ..physics.rolling import AbstractRollingSystem
+from ..physics.state import ReducedState
+
+_PATH = re.compile(r"(\w+)((?:\[\d+\])*)")
+# Of a body that may slip, fly and land, besides those of its state and its observables.
+_RELEASED = ("V", "height", "friction_loss", "impact_loss")
+
+
+def quantity(path: str, system: Any, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
+    """Evaluates a quantity by its path: a component of the state, an observable, or a law.
+
+    - ``path``: its name, with the index of a component in brackets, counted from 0.
+    - ``system``, ``state``: as they are solved, with modes if the system has any.
+
+    **Raises:** ``ValueError`` where there is no such number.
+    """
+    matched = _PATH.fullmatch(path.strip())
+    readers = _readers(system, t, state)
+    if matched is None or matched[1] not in readers:
+        hint = did_you_mean(path, readers, "it must be one of " + ", ".join(readers))
+        raise ValueError(
+            f'Argument `of` must be a function or the name of a number of a run, but it is "{path}", which a '
+            f"{type(system.shown).__name__} does not have{hint}"
+        )
+    value = jnp.asarray(readers[matched[1]]())
+    index = tuple(map(int, re.findall(r"\d+", matched[2])))
+    if len(index) != value.ndim or any(k >= size for k, size in zip(index, value.shape, strict=True)):
+        form = "a number, without an index" if not value.ndim else f"an array of shape {value.shape}; name one number"
+        example = "" if not value.ndim else f", such as {matched[1]}{'[0]' * value.ndim}"
+        raise ValueError(
+            f'Argument `of` must name one number, but it is "{path}", and `{matched[1]}` is {form}{example}.'
+        )
+    return value[index]
+
+
+def observables_of(system: Any, t: Float[Array, ""], state: Any) -> Observables:
+    """The observables of a body in one state, as ``run.observables`` has them; with modes, those of its mode.
+
+    **Raises:** ``TypeError`` for another system, ``ValueError`` for a state without the position of the body.
+    """
+    if not isinstance(system.shown, AbstractBody):
+        raise TypeError(
+            f"Observables are those of a ball or a disk, but the system is a {type(system.shown).__name__}; leave the "
+            "parameter `observables` out of the function."
+        )
+    if isinstance(state, ReducedState):
+        raise ValueError("Observables need the full state, but the state is a ReducedState; simulate with a BallState.")
+    return observed(system.shown, t, movement(system, t, state))
+
+
+def _readers(system: Any, t: Float[Array, ""], state: Any) -> dict[str, Callable[[], Any]]:
+    """Functions without arguments, by the names of what they compute."""
+    shown, seen = system.shown, system.shown_state(state)
+    readers: dict[str, Callable[[], Any]] = {name: lambda leaf=leaf: leaf for name, leaf in _fields(seen).items()}
+    if isinstance(state, ContactState):
+        readers |= {name: lambda name=name: getattr(state, name) for name in _RELEASED}
+    if isinstance(shown, AbstractBody) and not isinstance(state, ReducedState):
+        names = (*Observables.__dataclass_fields__, "energy")
+        return readers | {name: lambda name=name: getattr(observables_of(system, t, state), name) for name in names}
+    if isinstance(shown, AbstractRollingSystem):
+        readers["normal_force"] = lambda: shown.plane_reaction(t, seen).normal
+        readers["friction_ratio"] = lambda: shown.plane_reaction(t, seen).ratio
+    if not isinstance(shown, AbstractBody):
+        laws = jax.eval_shape(shown.laws, t, seen)
+        readers |= {name: lambda name=name: getattr(shown.laws(t, seen), name) for name in laws._fields}
+    return readers
+
+
+def _fields(state: Any) -> dict[str, Any]:
+    return {name: leaf for name, leaf in vars(state).items() if isinstance(leaf, jax.Array | np.ndarray)}
