@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 DIRECTIONS = {"rising": 1, "falling": -1, "both": 0}
 INTERVAL, INTERVAL_OF_A_CHART = 1.0, 10.0
-MOST_CROSSINGS = 100_000
+MOST_CROSSINGS = 10_000
 
 
 def add(parser: argparse.ArgumentParser) -> None:
