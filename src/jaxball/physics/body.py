@@ -15,7 +15,7 @@ from ..numerics import programs
 from ..numerics.arrays import Numbers, concatenated, default_dtype, namespace_of, to_array
 from .breaches import breaches, in_plane
 from .conditions import Condition, Problem, all_hold, positive, positive_inertia, real_inertia
-from .confinement import confined, is_off_plane, time_of_leaving
+from .confinement import clearance, confined, is_off_plane, time_of_leaving
 from .coupling import moved_masses
 from .dynamics import accelerations, solvable_friction
 from .feedback import AbstractLaw, FollowSchedules
@@ -186,6 +186,9 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
 
     def time_of_leaving(self, times: Float[Array, " T"], states: Any) -> Float[Array, ""]:
         return time_of_leaving(self, times, states.theta)
+
+    def clearance(self, t: Float[Array, ""], state: Any) -> Float[Array, ""] | None:
+        return clearance(self, t, state.theta)
 
     def breaches(self, times: Float[np.ndarray, " T"], state: Any | None, states: Any | None) -> Iterator[Problem]:
         for condition in in_plane(self, jnp.asarray(times, default_dtype())):

@@ -2,7 +2,8 @@
 
 The rule. A closed rail must lie in the body as a whole, wherever on it the mass goes. On an open rail, and in free
 motion, it is the mass that must stay, as long as a run lasts, and so must those of mechanisms. A mass on the shell
-counts as inside. A position that is not finite is not counted as outside.
+counts as inside. A position that is not finite is not counted as outside. When a mass leaves is known from its motion,
+where that is prescribed, and else from the states, by ``clearance``, which a solve watches in every step.
 
 All of it can be traced; it has no derivatives. Bounds on how far masses get, from the centre and out of a disk's plane,
 are cheaper than checking every time.
@@ -21,7 +22,7 @@ from ..interface.status import Status
 from ..numerics.arrays import AnyArray, namespace_of
 from ..numerics.calculus import Furthest, furthest
 from ..numerics.functions import HarmonicSeries
-from .mechanisms import AbstractMechanism
+from .mechanisms import AbstractMechanism, Hinge
 from .motion import AbstractMotion, AbstractPrescribedMotion, Driven, Fixed, OnRail, Oscillating
 from .parameters import BodyParameters
 from .rails import AbstractRail, Tube
@@ -108,22 +109,20 @@ def time_of_leaving(
     """The first time at which a mass is seen outside the shell; infinite where none is.
 
     A prescribed motion is checked between all of ``times``, and the time found to rounding, for a mechanism whose
-    joints are all prescribed to one of ``time_samples``; masses that a law drives and those on free joints are checked
-    at ``times`` only. ``system`` is prepared.
+    joints are all prescribed to one of ``time_samples``; one that swings on free hinges is checked at ``times`` only.
+    Masses whose :func:`clearance` tells are left out. ``system`` is prepared.
     """
     system, times, theta = jax.lax.stop_gradient((system, times, theta))
     first = jnp.asarray(jnp.inf, system.radius.dtype)
-    for group, places in _groups(system):
+    for group, _ in _groups(system):
         motion = group.motion
         if is_bounded(motion):
             continue
         if isinstance(motion, AbstractPrescribedMotion):
-            leaving = _leaving(system, motion, time_samples(times))
-        else:
-            outside = jnp.any(is_outside(system, norm(_positions(motion, times, theta[:, places]))), axis=1)
-            leaving = jnp.where(outside, times, jnp.inf)
-        first = jnp.minimum(first, jnp.min(leaving))
+            first = jnp.minimum(first, jnp.min(_leaving(system, motion, time_samples(times))))
     for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
+        if _slides(group):
+            continue
         t, own = times, theta
         if not group.in_state:  # known between them too
             t = time_samples(times)
@@ -133,16 +132,50 @@ def time_of_leaving(
     return first
 
 
+def clearance(system: BodyParameters, t: Time, theta: Float[Array, " driven"]) -> Float[Array, ""] | None:
+    """How far inside the shell are those masses whose places only a state tells: R² less the largest |χ|².
+
+    These are the masses that a law drives along open rails, and those of mechanisms with sliders and carriages in the
+    state; None without any. ``system`` is prepared.
+    """
+    squares = []
+    for group, places in _groups(system):
+        if isinstance(group.motion, Driven) and not is_bounded(group.motion):
+            squares.append(jnp.sum(_positions(group.motion, t[None], theta[None, places]) ** 2, axis=-1))
+    for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
+        if _slides(group):
+            squares.append(jnp.sum(mechanism_positions(system, group, order, t[None], theta[None]) ** 2, axis=-1))
+    if not squares:
+        return None
+    furthest = jnp.max(jnp.concatenate([jnp.ravel(square) for square in squares]))
+    return (system.radius * (1 + rounding(system.radius))) ** 2 - furthest
+
+
+def _slides(group: AbstractMechanism) -> bool:
+    """Whether masses of a mechanism may get further than its joints are long, with a parameter that is in the state."""
+    joints = getattr(group, "joints", ())
+    return bool(group.in_state) and not (joints and all(isinstance(joint, Hinge) for joint in joints))
+
+
 def until_left(
-    system: AbstractSystem, times: Float[Array, " T"], states: Any, reached: Float[Array, ""], status: Int[Array, ""]
+    system: AbstractSystem,
+    times: Float[Array, " T"],
+    states: Any,
+    reached: Float[Array, ""],
+    status: Int[Array, ""],
+    seen: Float[Array, ""] | None = None,
 ) -> tuple[Float[Array, ""], Int[Array, ""]]:
     """The time up to which a run is valid, and its status, where something leaves the inside of the system.
 
-    ``reached`` and ``status`` are those of its solve, ``states`` those at ``times``; ``system`` is prepared.
+    ``reached`` and ``status`` are those of its solve, ``states`` those at ``times``; ``seen`` is when the ``clearance``
+    fell to zero, NaN if it did not. ``system`` is prepared.
     """
     left = system.time_of_leaving(times, states)
-    if left is None:
+    if left is None and seen is None:
         return reached, status
+    left = jnp.full_like(reached, jnp.inf) if left is None else left
+    if seen is not None:
+        left = jnp.where(seen < left, jax.lax.stop_gradient(seen), left)
     return jnp.minimum(reached, left), jnp.where(left <= reached, int(Status.LEFT_SHELL), status)
 
 

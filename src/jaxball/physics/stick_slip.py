@@ -126,6 +126,9 @@ class StickSlip(AbstractSystem[StickSlipState]):
     def time_of_leaving(self, times: Float[Array, " T"], states: StickSlipState) -> Float[Array, ""] | None:
         return self.body.time_of_leaving(times, states.body)
 
+    def clearance(self, t: Float[Array, ""], state: StickSlipState) -> Float[Array, ""] | None:
+        return self.body.clearance(t, state.body)
+
     def breaches(self, times: Any, state: StickSlipState | None, states: StickSlipState | None) -> Iterator[Problem]:
         bodies = (None if given is None else given.body for given in (state, states))
         yield from self.body.breaches(times, *bodies)

@@ -158,7 +158,8 @@ class AbstractSystem(Printed, Generic[AnyState]):
       instead of a velocity;
     - ``guards``, ``reset``, ``time_event``: for a hybrid system, what ends a mode, and the state that follows;
     - ``phase_point``: which part of a state the motion depends on;
-    - ``confined``, ``time_of_leaving``, ``breaches``: for a system with an inside, checks that nothing leaves it.
+    - ``confined``, ``time_of_leaving``, ``clearance``, ``breaches``: for a system with an inside, checks that nothing
+      leaves it.
 
     Methods are traced: they are written with ``jax.numpy``, for one state without a batch, and without branches on
     numbers.
@@ -361,7 +362,17 @@ class AbstractSystem(Printed, Generic[AnyState]):
         return jnp.asarray(True)
 
     def time_of_leaving(self, times: Float[Array, " T"], states: AnyState) -> Float[Array, ""] | None:
-        """When something first leaves; infinite if never, None for a system without an inside. ``self`` is prepared."""
+        """When something first leaves; infinite if never, None for a system without an inside. ``self`` is prepared.
+
+        What ``clearance`` tells is left out.
+        """
+        return None
+
+    def clearance(self, t: Float[Array, ""], state: AnyState) -> Float[Array, ""] | None:
+        """A number that is positive while nothing leaves whose place only the state tells; None without such things.
+
+        A solve watches it in every step. ``self`` is prepared.
+        """
         return None
 
     def breaches(self, times: Any, state: AnyState | None, states: AnyState | None) -> Iterator[Problem]:

@@ -239,6 +239,27 @@ class Slip(AbstractEvent):
         return self.friction**2 * force.normal * jnp.abs(force.normal) - force.friction_squared
 
 
+class Leaving(AbstractEvent):
+    """Something leaves the inside of the system whose place only the state tells: what ``clearance`` says.
+
+    The run goes on, because its equations do not depend on the shell.
+    """
+
+    direction: int = eqx.field(static=True, default=DOWN, init=False)
+    terminal: bool = eqx.field(static=True, default=False, init=False)
+    room: int = eqx.field(static=True, default=1, init=False)
+    from_start: ClassVar[bool] = False
+    status: ClassVar[Status] = Status.LEFT_SHELL
+
+    def value(self, system, t, state):
+        clearance = system.clearance(t, state)
+        assert clearance is not None
+        return clearance
+
+    def value_in_solve(self, system, t, state):
+        return self.value(system, t, state)
+
+
 def check_events(system: AbstractSystem, events: Mapping[str, AbstractEvent] | None) -> dict[str, AbstractEvent]:
     """Checks the events to look for, of the ``system`` that is solved, and returns them.
 

@@ -45,7 +45,7 @@ from .arguments import (
     require_single,
     system_to_solve,
 )
-from .events import AbstractEvent, check_events
+from .events import AbstractEvent, Leaving, check_events
 from .loop import SolveLoop, by_tolerances, kinks_of, to_kinks
 from .observers import Observation, Observers
 from .switching import NoSwitching, Switching
@@ -53,6 +53,7 @@ from .trajectory import Interpolant, Trajectory
 from .watch import Watch, end_by_events, occurrences_of, values_of
 
 FEW_STEPS = (256, 2048)
+LEAVING = "(something leaves)"  # the name of an event among those of a solve, and not of its result
 
 
 def simulate(
@@ -110,8 +111,7 @@ def simulate(
     - ``progress``: a diffrax progress meter.
     - ``inside``: whether rails and masses must be in the body (module ``confinement``): where a rail or an initial
       position is not, the run is ``IMPOSSIBLE``, and one in which a mass leaves the shell has the status ``LEFT_SHELL``
-      and the time ``reached`` at which it does so. Motions that a law drives along an open rail are checked at
-      ``times`` only. The equations themselves do not depend on the shell; False is for searches that pass through such
+      and the time ``reached`` at which it does so. Mechanisms of hinges alone are checked at ``times`` only. The equations themselves do not depend on the shell; False is for searches that pass through such
       bodies.
     - ``throw``: whether a failed solve raises; otherwise it is a status on the trajectory.
 
@@ -237,6 +237,8 @@ def solve(
     startable, given = _startable(system, times, state, method.inside), (system, times, state)
     system, times, state, events = differentiated_where(startable, (system, times, state, events))
     packing, initial = _packed(system, times[0], state)
+    if method.inside and packing.system.clearance(times[0], state) is not None:
+        events = events | {LEAVING: Leaving()}
     # One array for all parameters: XLA copies each operand of a nested loop once an iteration.
     parameters, unravel = ravel_pytree((packing, events))
     leaves, structure = jax.tree.flatten((packing, events))
@@ -313,7 +315,8 @@ def solve(
         saved = jax.tree.map(lambda leaf: known_rows(times <= reached, leaf), saved)
     status, record = switching.outcome(cast(Any, solution.stats["switching"]), status, packing)
     if method.inside:
-        reached, status = until_left(packing.system, times, saved, reached, status)
+        left = occurrences.pop(LEAVING).times[0] if LEAVING in occurrences else None
+        reached, status = until_left(packing.system, times, saved, reached, status, left)
     status = jnp.where(startable, status, Status.IMPOSSIBLE)
     # The steps that were tried beyond that are part of what reverse mode goes through.
     spoilt = (status == int(Status.NOT_FINITE)) & isinstance(method.adjoint, diffrax.RecursiveCheckpointAdjoint)

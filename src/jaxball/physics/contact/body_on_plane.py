@@ -97,6 +97,9 @@ class BodyOnPlane(AbstractSystem[ContactState]):
     def time_of_leaving(self, times: Float[Array, " T"], states: ContactState) -> Float[Array, ""] | None:
         return self.body.time_of_leaving(times, states.body)
 
+    def clearance(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""] | None:
+        return self.body.clearance(t, state.body)
+
     def breaches(self, times: Any, state: ContactState | None, states: ContactState | None) -> Iterator[Problem]:
         bodies = (None if given is None else given.body for given in (state, states))
         yield from self.body.breaches(times, *bodies)
