@@ -1,5 +1,6 @@
 """Warnings: a result that may not be what was meant, and how to say that it is."""
 
+import functools
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -19,8 +20,8 @@ def warn_of_kinks(function: Callable[..., Any], symbols: tuple[str, ...], remedy
 
     - ``remedy``: how its times are given.
     """
-    while hasattr(function, "func"):
-        function = function.func  # of a functools.partial
+    while isinstance(function, functools.partial):
+        function = function.func
     code = getattr(function, "__code__", None)
     name = getattr(function, "__qualname__", type(function).__qualname__).replace("<locals>.", "")
     by = ", ".join(f"`{symbol}`" for symbol in symbols)

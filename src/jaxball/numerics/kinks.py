@@ -35,7 +35,7 @@ def kinks_of_function(part: Any, *others: Any) -> Float[Array, " kinks"]:
     if not (seen.size and declared.size):
         return declared if declared.size else seen
     near = CLOSE * jnp.finfo(seen.dtype).eps * jnp.abs(seen)
-    same = jnp.isfinite(seen) & (jnp.abs(declared[:, None] - seen) <= near)
+    same = jnp.isfinite(seen)[None] & (jnp.abs(declared[:, None] - seen[None]) <= near[None])
     return jnp.concatenate([jnp.where(jnp.any(same, axis=1), jnp.inf, declared), seen])
 
 
@@ -59,10 +59,12 @@ def _times_seen(
     def function(t: Float[Array, ""], parameters: Any, *others: Any) -> Any:
         return evaluate(eqx.combine(parameters, static), t, *others)
 
+    t = jnp.zeros((), default_dtype())
     try:
-        seen = compared_times(function, jnp.zeros((), default_dtype()), parameters, *others)
+        program = jax.make_jaxpr(function)(t, parameters, *others)
     except Exception:  # what is wrong with a user's function is said where it is evaluated
-        return jnp.zeros((0,), default_dtype())
+        return jnp.zeros_like(t, shape=(0,))
+    seen = compared_times(program, t, parameters)
     if seen.unresolved and remedy is not None:
         warn_of_kinks(of, seen.unresolved, remedy)
     return seen.times

@@ -53,14 +53,12 @@ class TimeComparisons(NamedTuple):
     unresolved: tuple[str, ...]
 
 
-def compared_times(function: Callable[..., Any], t: Float[Array, ""], parameters: Any, *others: Any) -> TimeComparisons:
-    """The times with which ``function(t, parameters, *others)`` compares ``t``, from its trace.
+def compared_times(program: Program, t: Float[Array, ""], parameters: Any) -> TimeComparisons:
+    """The times with which a function of (t, parameters, others) compares ``t``, from the program that it is traced to.
 
     - ``t``: any time; only its type matters.
-    - ``parameters``: arrays in a PyTree, by which the times are differentiable.
-    - ``others``: what changes with time in a way that is not known, such as a state; only shapes matter.
+    - ``parameters``: arrays in a PyTree, by which the times are differentiable. Of the others nothing is known.
     """
-    program = jax.make_jaxpr(function)(t, parameters, *others)
     known = [fixed(value) for value in jax.tree.leaves(parameters)]
     unknown = [Dependent(False, True)] * (len(program.jaxpr.invars) - 1 - len(known))
     trace = _Trace()
@@ -94,10 +92,9 @@ class _Trace:
 
         for equation in jaxpr.eqns:
             given = list(map(read, equation.invars))
+            constant = [value for value in given if isinstance(value, Fixed)]
             results = (
-                _carried_out(equation, given)
-                if all(isinstance(value, Fixed) for value in given)
-                else self._results(equation, given)
+                _carried_out(equation, constant) if len(constant) == len(given) else self._results(equation, given)
             )
             values |= dict(zip(equation.outvars, results, strict=True))
         return list(map(read, jaxpr.outvars))
@@ -236,11 +233,11 @@ def _as_rounded(time: Array, one: Piece, other: Piece, comparison: Comparison) -
     lower, upper = centre - width, centre + width
     at_first = None
     for _ in range(ROUNDS):
-        points = lower + (upper - lower) * shares[:, None]
+        points = lower[None] + (upper - lower)[None] * shares[:, None]
         values = jax.vmap(jax.vmap(compared), (0, None))(points, places)
-        at_first = values[0] if at_first is None else at_first
-        lower = jnp.max(jnp.where(values == at_first, points, lower), axis=0)
-        upper = jnp.min(jnp.where(values == at_first, upper, points), axis=0)
+        at_first = values[:1] if at_first is None else at_first
+        lower = jnp.max(jnp.where(values == at_first, points, lower[None]), axis=0)
+        upper = jnp.min(jnp.where(values == at_first, upper[None], points), axis=0)
     shift = jnp.where(known, upper.reshape(time.shape) - fixed_time, 0.0)
     return time + jax.lax.stop_gradient(shift)
 
@@ -325,7 +322,8 @@ def _compared(trace: _Trace, equation: Any, given: list[Value]) -> Value:
 
 def _of_larger_or_smaller(trace: _Trace, equation: Any, given: list[Value]) -> Value:
     if all(isinstance(value, Fixed | Piecewise) for value in given):
-        trace._take(*given)
+        left, right = given
+        trace._take(left, right)
         return Piecewise.of(tuple(piece for value in given for piece in pieces_of(value)))
     return _joined_by(equation.primitive.name, equation, given)
 

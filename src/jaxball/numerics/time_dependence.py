@@ -13,7 +13,7 @@ from ..compat import function_of
 
 MOST_PIECES = 16
 
-Lazy = Callable[[], Array]
+Lazy = Callable[[], Any]
 
 # Operations that are linear in what they are given, all of it or its first operand; indices come after that.
 OF_ALL = ("concatenate", "stack")

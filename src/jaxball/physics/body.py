@@ -144,9 +144,8 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
 
         Dry friction is proportional to the normal force, which jumps with prescribed accelerations.
         """
-        state, count = None, len(self.coordinates)
-        if self.law is not None or self.mechanism_groups:
-            state = self.state_type(theta=jnp.zeros(count), thetadot=jnp.zeros(count))
+        count = len(self.coordinates)
+        state = self.state_type(theta=jnp.zeros(count), thetadot=jnp.zeros(count))
         times = [] if self.law is None else [self.law.kinks_with(state)]
         times += [] if self.force is None else [self.force.kinks_with(unknown_motion(count))]
         times += [] if self.ground is None else [self.ground.kinks()]
