@@ -36,7 +36,6 @@ KEEP_SIGN += ("broadcast_in_dim", "reshape", "squeeze")
 STEPS = ("floor", "ceil", "round")
 
 
-PARTS, ROUNDS = 16, 5  # in which a time is searched for between floating-point numbers
 APART = 8  # roundings, of all numbers involved, between the time of a change and where it really is
 
 Comparison = Callable[[Any, Any], Any]
@@ -210,36 +209,49 @@ def _crossing(one: Piece, other: Piece) -> Array:
     return jnp.where(moves, difference / jnp.where(moves, slope, 1.0), jnp.inf)
 
 
-def _as_rounded(time: Array, one: Piece, other: Piece, comparison: Comparison) -> Array:
-    """The floating-point times nearest to these at which a comparison really changes.
+def _as_rounded(times: Array, one: Piece, other: Piece, comparison: Comparison) -> Array:
+    """The floating-point times, near these, at which a comparison really changes.
 
     Rounding within the function may move that by a few numbers. A step that ends beyond it would not see the side that
-    it is on.
+    it is on. Found by bisection, one number at a time: of a whole array, XLA divides in another way.
     """
-    fixed_time, size = jax.lax.stop_gradient(time), jnp.size(time)
-    eps = jnp.finfo(time.dtype).eps
-    places, shares = jnp.arange(size), jnp.linspace(0.0, 1.0, PARTS + 1, dtype=time.dtype)
+    offsets = jnp.abs(one.offset()) + jnp.abs(other.offset())
+    slopes = sum(jnp.abs(piece.slope()) for piece in (one, other) if piece.slope is not None)
+    moves = jnp.isfinite(times)
+    near = jnp.abs(times) + offsets / jnp.where(moves, slopes, 1.0)
+    width = APART * jnp.finfo(times.dtype).eps * jnp.where(moves, near, 0.0)
+    centre = jnp.where(moves, times, 0.0)
 
     def compared(t: Array, place: Array) -> Array:
-        result = comparison(one.evaluate(t), other.evaluate(t))
-        return jnp.any(jnp.ravel(jnp.broadcast_to(result, time.shape)) & (places == place))
+        results = jnp.ravel(jnp.broadcast_to(comparison(one.evaluate(t), other.evaluate(t)), times.shape))
+        return results[0] if times.size == 1 else jnp.any(results & (jnp.arange(times.size) == place))
 
-    known = jnp.isfinite(fixed_time)
-    centre = jnp.ravel(jnp.where(known, fixed_time, 0.0))
-    scale = jnp.abs(one.offset()) + jnp.abs(other.offset())
-    slopes = [jnp.abs(piece.slope()) for piece in (one, other) if piece.slope is not None]
-    scale = jnp.where(known, scale / jnp.where(known, sum(slopes), 1.0), 0.0)
-    width = jax.lax.stop_gradient(APART * eps * (jnp.abs(centre) + jnp.ravel(scale)))
-    lower, upper = centre - width, centre + width
-    at_first = None
-    for _ in range(ROUNDS):
-        points = lower[None] + (upper - lower)[None] * shares[:, None]
-        values = jax.vmap(jax.vmap(compared), (0, None))(points, places)
-        at_first = values[:1] if at_first is None else at_first
-        lower = jnp.max(jnp.where(values == at_first, points, lower[None]), axis=0)
-        upper = jnp.min(jnp.where(values == at_first, upper[None], points), axis=0)
-    shift = jnp.where(known, upper.reshape(time.shape) - fixed_time, 0.0)
-    return time + jax.lax.stop_gradient(shift)
+    def change(near: tuple[Array, Array, Array]) -> Array:
+        """The first time between two at which the comparison is not what it is at the first of them."""
+        first, last, place = near
+        before = compared(first, place)
+
+        def halve(bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+            lower, upper = bounds
+            middle = lower + 0.5 * (upper - lower)
+            same = compared(middle, place) == before
+            return jnp.where(same, middle, lower), jnp.where(same, upper, middle)
+
+        def wide(bounds: tuple[Array, Array]) -> Array:
+            lower, upper = bounds
+            middle = lower + 0.5 * (upper - lower)
+            return (middle > lower) & (middle < upper)
+
+        return jax.lax.while_loop(wide, halve, (first, last))[1]
+
+    bounds = jax.lax.stop_gradient((jnp.ravel(centre - width), jnp.ravel(centre + width)))
+    places = jnp.arange(times.size)
+    if times.size == 1:
+        changes = change((bounds[0][0], bounds[1][0], places[0]))[None]
+    else:
+        changes = jax.lax.map(change, (*bounds, places))
+    shift = jnp.where(moves, changes.reshape(times.shape) - jax.lax.stop_gradient(times), 0.0)
+    return times + jax.lax.stop_gradient(shift)
 
 
 def _hides_comparisons(name: str, primitives: set[str]) -> bool:
