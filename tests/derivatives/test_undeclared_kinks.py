@@ -1,7 +1,7 @@
 """Derivatives with respect to times at which users' functions jump, though nobody declared these as kinks.
 
-A disk of effective mass 1 + 0.5, or a ball, that is pushed by F until p is at z = F (p T − p²/2) / 1.5, so that dz/dp is
-F (T − p) / 1.5. A bound of 1e-8 is ten times what runs at the default tolerance err by.
+A disk of effective mass 1 + 0.5, or a ball, that is pushed by F until p is at z = F (p T − p²/2) / 1.5, so that dz/dp
+is F (T − p) / 1.5. A bound of 1e-8 is ten times what runs at the default tolerance err by.
 """
 
 import functools
