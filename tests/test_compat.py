@@ -232,6 +232,23 @@ def test_programs_within_are_found_where_their_operations_say_all():
         assert compat.called(the_equation(function, 1.0)) is None
 
 
+@pytest.mark.parametrize("function", [jax.jit(jnp.sin), _own_jvp, _own_vjp, jax.checkpoint(jnp.sin)])
+def test_programs_within_are_found_even_with_rules_for_derivatives(function):
+    inner = compat.program_within(the_equation(function, jnp.asarray(0.5)))
+    assert inner is not None
+    assert compat.evaluate(inner, inner.consts, [jnp.asarray(0.5)])[0] == function(jnp.asarray(0.5))
+
+
+def test_loops_and_choices_are_no_programs_within():
+    for function in (
+        lambda x: lax.cond(x > 0, jnp.sin, jnp.cos, x),
+        lambda x: lax.while_loop(lambda x: x < 1, lambda x: x + 1, x),
+        lambda x: lax.fori_loop(0, 3, lambda _, x: x + 1, x),
+    ):
+        jaxpr = jax.make_jaxpr(function)(0.5).jaxpr
+        assert compat.program_within(jaxpr.eqns[-1]) is None
+
+
 @pytest.mark.parametrize("function", [jnp.sin, _own_jvp, _own_vjp, jax.jit(_own_jvp), jax.jit(_own_vjp)])
 def test_an_equation_is_a_function_with_its_own_derivatives(function):
     equation = the_equation(function, 1.0)

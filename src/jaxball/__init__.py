@@ -52,6 +52,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         verify as verify,
     )
     from .interface.status import SolveError as SolveError, Status as Status
+    from .interface.warning import KinkWarning as KinkWarning
     from .native import compiler as compiler
     from .numerics.functions import HarmonicSeries as HarmonicSeries
     from .numerics.users_programs import jit as jit

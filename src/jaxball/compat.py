@@ -38,7 +38,7 @@ except ImportError:  # in a version that has it elsewhere
 
 # Releases of JAX have these in other places, or under types that type checkers see only in some of them.
 _core: Any = importlib.import_module("jax.extend.core")
-ClosedJaxpr, Literal, Primitive = _core.ClosedJaxpr, _core.Literal, _core.Primitive
+ClosedJaxpr, Jaxpr, Literal, Primitive = _core.ClosedJaxpr, _core.Jaxpr, _core.Literal, _core.Primitive
 Program = Any  # a jaxpr with its constants
 
 __all__ = [
@@ -62,6 +62,7 @@ __all__ = [
     "node_functions",
     "node_of",
     "primitive",
+    "program_within",
     "put",
     "same_mesh",
     "setting_of_traces",
@@ -271,6 +272,19 @@ def called(equation: Any) -> Program | None:
         return None
     inner = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
     return inner if isinstance(inner, ClosedJaxpr) else None
+
+
+def program_within(equation: Any) -> Program | None:
+    """The program that an equation calls once, even where it has a rule for derivatives; None of a loop or a choice."""
+    if equation.primitive.name in ("scan", "while", "cond"):
+        return None
+    for name in ("jaxpr", "call_jaxpr", "fun_jaxpr"):
+        inner = equation.params.get(name)
+        if isinstance(inner, ClosedJaxpr):
+            return inner
+        if isinstance(inner, Jaxpr):
+            return ClosedJaxpr(inner, ())
+    return None
 
 
 def evaluate(program: Program, constants: Sequence[Any], operands: Sequence[Any]) -> list[Any]:

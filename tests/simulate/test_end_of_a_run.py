@@ -29,7 +29,7 @@ from jaxball import (
 )
 from jaxball.design.problem.run import Run
 from jaxball.ensemble import simulate_ensemble
-from jaxball.numerics.functions import seen_from_before
+from jaxball.numerics.kinks import seen_from_before
 from jaxball.plot.coordinates import accelerations
 
 END, LITTLE = 1.0, 1e-9

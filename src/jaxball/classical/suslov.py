@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from ..interface.arguments import require_function
 from ..interface.printing import Printed
-from ..numerics.arrays import Numbers, a_number, default_dtype, require_shape, to_array
+from ..numerics.arrays import Numbers, a_number, require_shape, to_array
 from ..numerics.functions import HarmonicSeries, OfKinkedFunction
 from ..numerics.vectors import apply, dot
 from ..physics.conditions import Condition, positive_inertia, real_inertia
@@ -35,8 +35,11 @@ class AbstractAxis(Printed):
         return jax.jvp(self, (t,), (jnp.ones_like(t),))
 
     def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which ξ̇ or one of its derivatives jumps; ξ must not."""
-        return jnp.zeros((0,), dtype=default_dtype())
+        """The times at which ξ̇ or one of its derivatives jumps; ξ must not.
+
+        By default, those at which the trace of ``__call__`` compares the time with something else.
+        """
+        return kinks_seen(self, type(self).__call__)
 
 
 class HarmonicAxis(AbstractAxis):

@@ -19,6 +19,7 @@ from .confinement import clearance, confined, is_off_plane, time_of_leaving
 from .coupling import moved_masses
 from .dynamics import accelerations, solvable_friction
 from .feedback import AbstractLaw, FollowSchedules
+from .force import unknown_motion
 from .locked import from_locked, locked_field, to_locked
 from .mechanisms import Accelerated
 from .moments import kinematics
@@ -145,10 +146,13 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
 
         Dry friction is proportional to the normal force, which jumps with prescribed accelerations.
         """
-        sources = (self.law, self.force, self.ground)
-        times = [source.kinks() for source in sources if source is not None]
+        count = len(self.coordinates)
+        state = self.state_type(theta=jnp.zeros(count), thetadot=jnp.zeros(count))
+        times = [] if self.law is None else [self.law.kinks_with(state)]
+        times += [] if self.force is None else [self.force.kinks_with(unknown_motion(count))]
+        times += [] if self.ground is None else [self.ground.kinks()]
         times += [
-            jnp.ravel(eqx.filter_vmap(lambda mechanism: mechanism.driving_kinks())(group))
+            jnp.ravel(eqx.filter_vmap(lambda mechanism: mechanism.driving_kinks(state))(group))
             for group in self.mechanism_groups
         ]
         return concatenated([*times, *self._prescribed_kinks()] if self._is_dry else times)

@@ -11,7 +11,8 @@ from jaxtyping import Array, Float
 from ..interface.arguments import require_callable, require_each, traceable
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, default_dtype, numbers, require_shape
-from ..numerics.functions import OfKinkedFunction
+from ..numerics.functions import OfKinkedFunctionOfState
+from ..numerics.kinks import kinks_of_function, kinks_seen
 from .schedules import AbstractSchedule
 from .signals import AbstractSignal, as_signal
 from .state import State
@@ -38,12 +39,18 @@ class AbstractLaw(Printed):
         """The times at which u or one of its derivatives jumps."""
         return jnp.zeros((0,), dtype=default_dtype())
 
+    def kinks_with(self, state: State) -> Float[Array, " kinks"]:
+        """The same for such a state; of a class without ``kinks`` of its own, those seen in its trace."""
+        if type(self).kinks is not AbstractLaw.kinks:
+            return self.kinks()
+        return kinks_seen(self, type(self).__call__, state)
+
     def prepare(self) -> "AbstractLaw":
         """The same law, ready to be evaluated many times."""
         return self
 
 
-class FunctionLaw(OfKinkedFunction, AbstractLaw):
+class FunctionLaw(OfKinkedFunctionOfState, AbstractLaw):
     """u(t, state) = function(t, state, parameters), for any function that JAX can trace.
 
     ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again.
@@ -72,6 +79,9 @@ class FunctionLaw(OfKinkedFunction, AbstractLaw):
     def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
         with traceable("function", self.function):
             return self.function(t, state, self.parameters)
+
+    def kinks_with(self, state: State) -> Float[Array, " kinks"]:
+        return kinks_of_function(self, state)
 
 
 class FollowSchedules(AbstractLaw):

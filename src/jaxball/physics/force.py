@@ -11,7 +11,8 @@ from jaxtyping import Array, Float
 from ..interface.arguments import require_callable, require_function, require_value
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, a_number, default_dtype, numbers, require_shape, to_array
-from ..numerics.functions import HarmonicSeries, OfKinkedFunction
+from ..numerics.functions import HarmonicSeries, OfKinkedFunction, OfKinkedFunctionOfState
+from ..numerics.kinks import kinks_of_function, kinks_seen
 from ..numerics.vectors import apply
 
 
@@ -88,6 +89,12 @@ class AbstractWrench(Printed):
         """The times at which the force or the torque, or one of their derivatives, jumps."""
         return jnp.zeros((0,), dtype=default_dtype())
 
+    def kinks_with(self, motion: BodyMotion) -> Float[Array, " kinks"]:
+        """The same for such a motion; of a class without ``kinks`` of its own, those seen in its trace."""
+        if type(self).kinks is not AbstractWrench.kinks:
+            return self.kinks()
+        return kinks_seen(self, type(self).wrench, motion)
+
 
 class AbstractForce(AbstractWrench):
     """A force Fe(t) that acts at the geometric centre (section 3.2, ``eq_dS1``)."""
@@ -95,6 +102,13 @@ class AbstractForce(AbstractWrench):
     @abc.abstractmethod
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
         """Fe(t) in space axes."""
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        """The times at which Fe or one of its derivatives jumps.
+
+        By default, those at which the trace of ``__call__`` compares the time with something else.
+        """
+        return kinks_seen(self, type(self).__call__)
 
     def wrench(self, t: Float[Array, ""], motion: BodyMotion) -> Wrench:
         return Wrench(self(t))
@@ -167,7 +181,7 @@ class FunctionForce(OfKinkedFunction, AbstractForce):
         return self.function(t, self.parameters)
 
 
-class FunctionWrench(OfKinkedFunction, AbstractWrench):
+class FunctionWrench(OfKinkedFunctionOfState, AbstractWrench):
     """The force, or :class:`~jaxball.Wrench`, function(t, motion, parameters): wind, drag, a magnet.
 
     ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again.
@@ -198,20 +212,28 @@ class FunctionWrench(OfKinkedFunction, AbstractWrench):
         given = self.function(t, motion, self.parameters)
         return _checked("function", given if isinstance(given, Wrench) else Wrench(given))
 
+    def kinks_with(self, motion: BodyMotion) -> Float[Array, " kinks"]:
+        return kinks_of_function(self, motion)
+
 
 def require_wrench(name: str, force: AbstractWrench, coordinates: int) -> None:
     """Raises a ``TypeError`` unless ``force`` returns a force or a wrench for a body with so many ``coordinates``.
 
     It is traced for this; an error that it raises itself is passed on with a note.
     """
-    shapes = ((3,), (3,), (3, 3), (3,), (coordinates,), (coordinates,))
-    unknown: list[Any] = [jax.ShapeDtypeStruct(shape, default_dtype()) for shape in shapes]
 
     def traced(t, motion):
         return _checked(name, force.wrench(t, motion)).force
 
     traced.__name__ = getattr(force, "function", force.wrench).__name__
-    require_function(name, traced, (3,), t=a_number(), motion=BodyMotion(*unknown))
+    require_function(name, traced, (3,), t=a_number(), motion=unknown_motion(coordinates))
+
+
+def unknown_motion(coordinates: int) -> BodyMotion:
+    """The shapes of the motion of a body with so many ``coordinates``, for tracing a force."""
+    shapes = ((3,), (3,), (3, 3), (3,), (coordinates,), (coordinates,))
+    unknown: list[Any] = [jax.ShapeDtypeStruct(shape, default_dtype()) for shape in shapes]
+    return BodyMotion(*unknown)
 
 
 def _checked(name: str, wrench: Wrench) -> Wrench:
@@ -273,3 +295,6 @@ class Wrenches(AbstractWrench):
 
     def kinks(self) -> Float[Array, " kinks"]:
         return jnp.concatenate([term.kinks() for term in self.terms])
+
+    def kinks_with(self, motion: BodyMotion) -> Float[Array, " kinks"]:
+        return jnp.concatenate([term.kinks_with(motion) for term in self.terms])

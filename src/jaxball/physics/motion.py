@@ -15,9 +15,10 @@ from jaxtyping import Array, Float
 
 from ..interface.arguments import require, require_function
 from ..interface.printing import Printed
-from ..numerics.arrays import a_number, default_dtype, numbers, require_shape
+from ..numerics.arrays import a_number, numbers, require_shape
 from ..numerics.calculus import two_derivatives
 from ..numerics.functions import HarmonicSeries, OfKinkedFunction
+from ..numerics.kinks import kinks_seen
 from .rails import AbstractRail
 from .schedules import AbstractSchedule
 
@@ -54,8 +55,11 @@ class AbstractPrescribedMotion(AbstractMotion):
         return jax.jvp(self, (t,), (jnp.ones_like(t),))
 
     def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which χ̈ or one of its derivatives jumps; χ̇ must not."""
-        return jnp.zeros((0,), dtype=default_dtype())
+        """The times at which χ̈ or one of its derivatives jumps; χ̇ must not.
+
+        By default, those at which the trace of ``__call__`` compares the time with something else.
+        """
+        return kinks_seen(self, type(self).__call__)
 
 
 def along_rail(

@@ -8,9 +8,10 @@ from jaxtyping import Array, Float
 
 from ..interface.arguments import require_function
 from ..interface.printing import Printed
-from ..numerics.arrays import Numbers, a_number, default_dtype, numbers, to_array
+from ..numerics.arrays import Numbers, a_number, numbers, to_array
 from ..numerics.calculus import two_derivatives
 from ..numerics.functions import HarmonicSeries, OfFunction, PiecewisePolynomial, clamped_cubic_spline
+from ..numerics.kinks import kinks_of_function, kinks_seen
 
 
 class AbstractSchedule(Printed):
@@ -28,8 +29,11 @@ class AbstractSchedule(Printed):
         """The schedule θ(t) + ``by``."""
 
     def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which θ̈ or one of its derivatives jumps; θ̇ must not. The integrator ends steps at them."""
-        return jnp.zeros((0,), dtype=default_dtype())
+        """The times at which θ̈ or one of its derivatives jumps; θ̇ must not. The integrator ends steps at them.
+
+        By default, those at which the trace of ``__call__`` compares the time with something else.
+        """
+        return kinks_seen(self, type(self).__call__)
 
     def prepare(self) -> "AbstractSchedule":
         """The same schedule, ready to be evaluated many times."""
@@ -81,7 +85,7 @@ class FunctionSchedule(OfFunction, AbstractSchedule):
         return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
 
     def kinks(self) -> Float[Array, " kinks"]:
-        return self.kink_times
+        return kinks_of_function(self)
 
 
 class ConstantRate(AbstractSchedule):

@@ -9,7 +9,8 @@ from jaxtyping import Array, Float
 
 from ..interface.arguments import refusal
 from ..interface.printing import Printed
-from ..numerics.arrays import Numbers, default_dtype, numbers, require_not_nan, to_array
+from ..numerics.arrays import Numbers, numbers, require_not_nan, to_array
+from ..numerics.kinks import kinks_seen
 from .schedules import AbstractSchedule, PiecewiseAcceleration
 
 
@@ -21,8 +22,11 @@ class AbstractSignal(Printed):
         """s(t); at a jump, that of the later side."""
 
     def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which s or one of its derivatives jumps."""
-        return jnp.zeros((0,), dtype=default_dtype())
+        """The times at which s or one of its derivatives jumps.
+
+        By default, those at which the trace of ``__call__`` compares the time with something else.
+        """
+        return kinks_seen(self, type(self).__call__)
 
     def prepare(self) -> "AbstractSignal":
         """The same signal, ready to be evaluated many times."""

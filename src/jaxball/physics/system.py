@@ -23,6 +23,7 @@ from ..interface.printing import Printed, is_array
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, default_dtype, to_array
 from ..numerics.differentiation import differentiated_where
+from ..numerics.kinks import kinks_seen
 from .conditions import Condition, Problem, unit
 from .hybrid import (
     NO_HISTORY,
@@ -251,8 +252,15 @@ class AbstractSystem(Printed, Generic[AnyState]):
         return jnp.zeros((0,), dtype=default_dtype())
 
     def driving_kinks(self) -> Float[Array, " kinks"]:
-        """The unsorted times at which the field jumps or has a kink. A solve ends steps at them."""
-        return jnp.zeros((0,), dtype=default_dtype())
+        """The unsorted times at which the field jumps or has a kink. A solve ends steps at them.
+
+        By default, those at which the trace of ``field`` compares the time with something that depends on parameters
+        alone, if there is a default state.
+        """
+        default = default_of(self.state_type, default_dtype())
+        if default is None:
+            return jnp.zeros((0,), dtype=default_dtype())
+        return kinks_seen(self, type(self).field, default, method="driving_kinks")
 
     def kinks(self) -> Float[Array, " kinks"]:
         """The unsorted times of all kinks."""

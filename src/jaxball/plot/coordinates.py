@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array
-from ..numerics.functions import seen_from_before
+from ..numerics.kinks import seen_from_before
 from ..physics.body import System
 from ..physics.dynamics import given_angles
 from ..physics.mechanisms import Carriage, Hinge, Slider

@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
 from ..numerics.arrays import selected
-from ..numerics.functions import before_kink
+from ..numerics.kinks import before_kink
 from ..numerics.reverse_rules import CarryOut, pulled_by_forward_mode, put
 from ..physics.hybrid import NONE, START, Accuracy, GuardedStep, Record, Transition
 from ..physics.packing import Packing

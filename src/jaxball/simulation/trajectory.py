@@ -20,7 +20,7 @@ from ..numerics import programs
 from ..numerics.arrays import Numbers, is_traced, to_array
 from ..numerics.batches import map_rows
 from ..numerics.differentiation import differentiated_where, with_unknown_derivatives
-from ..numerics.functions import seen_from_before
+from ..numerics.kinks import seen_from_before
 from ..physics.body import AbstractBody, System
 from ..physics.conditions import Problem
 from ..physics.contact.body_on_plane import ContactHistory

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from ..numerics.functions import after, before, before_kink
+from ..numerics.kinks import after, before, before_kink
 
 
 class StepToKinks(diffrax.AbstractAdaptiveStepSizeController):

@@ -21,7 +21,8 @@ from ...numerics.arrays import (
     require_not_nan,
     to_array,
 )
-from ...numerics.functions import OfKinkedFunction
+from ...numerics.functions import OfKinkedFunctionOfState
+from ...numerics.kinks import kinks_of_function, kinks_seen
 from ..conditions import Condition
 from ..schedules import AbstractSchedule
 from ..signals import AbstractIntegrableSignal, AbstractSignal, PiecewiseSignal, as_signal
@@ -69,6 +70,12 @@ class AbstractJointForce(Printed):
     def kinks(self) -> Float[Array, " kinks"]:
         """The times at which the rest of Q or one of its derivatives jumps."""
         return jnp.zeros((0,), dtype=default_dtype())
+
+    def kinks_with(self, state: State) -> Float[Array, " kinks"]:
+        """The same for such a state; of a class without ``kinks`` of its own, those seen in its trace."""
+        if type(self).kinks is not AbstractJointForce.kinks:
+            return self.kinks()
+        return kinks_seen(self, type(self).__call__, *_joint_at_rest(), state)
 
     @property
     def sticking(self) -> "tuple[AbstractJointForce, ...]":
@@ -128,6 +135,9 @@ class JointForces(AbstractJointForce):
 
     def kinks(self) -> Float[Array, " kinks"]:
         return concatenated([term.kinks() for term in self.terms])
+
+    def kinks_with(self, state: State) -> Float[Array, " kinks"]:
+        return concatenated([term.kinks_with(state) for term in self.terms])
 
     @property
     def sticking(self) -> tuple[AbstractJointForce, ...]:
@@ -385,7 +395,7 @@ class EndStops(AbstractJointForce):
         yield not_negative(f"{name}.damping", self.damping, "0 or positive")
 
 
-class FunctionJointForce(OfKinkedFunction, AbstractJointForce):
+class FunctionJointForce(OfKinkedFunctionOfState, AbstractJointForce):
     """Q = function(t, theta, thetadot, state, parameters), for any function that JAX can trace.
 
     ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again. It may depend
@@ -416,6 +426,13 @@ class FunctionJointForce(OfKinkedFunction, AbstractJointForce):
             force = self.function(t, theta, thetadot, state, self.parameters)
         require_value("function", force, ())
         return force
+
+    def kinks_with(self, state: State) -> Float[Array, " kinks"]:
+        return kinks_of_function(self, *_joint_at_rest(), state)
+
+
+def _joint_at_rest() -> tuple[Float[Array, ""], Float[Array, ""]]:
+    return jnp.zeros((), default_dtype()), jnp.zeros((), default_dtype())
 
 
 def _limited(force: Float[Array, ""], limit: Float[Array, ""] | None) -> Float[Array, ""]:

@@ -169,9 +169,9 @@ class AbstractMechanism(Printed):
         times += [drive.motion_kinks() for drive in self.drives if isinstance(drive, AbstractJointForce)]
         return concatenated(times)
 
-    def driving_kinks(self) -> Float[Array, " kinks"]:
-        """The times at which any other force jumps or has a kink."""
-        return concatenated([drive.kinks() for drive in self.drives if isinstance(drive, AbstractJointForce)])
+    def driving_kinks(self, state: State) -> Float[Array, " kinks"]:
+        """The times at which any other force jumps or has a kink, for such a state."""
+        return concatenated([drive.kinks_with(state) for drive in self.drives if isinstance(drive, AbstractJointForce)])
 
     @abc.abstractmethod
     def driven_by(self: AnyMechanism, drives: Sequence[Drive]) -> AnyMechanism:

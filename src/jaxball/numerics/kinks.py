@@ -1,0 +1,104 @@
+"""Times at which functions jump or have kinks: those seen in a function's trace, and the instants beside each.
+
+A function that a user gives may compare the time with something, which is a kink that nobody has declared. Such times
+are read off its trace, with their derivatives.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..interface.printing import is_array
+from ..interface.warning import warn_of_kinks
+from .arrays import default_dtype
+from .time_comparisons import compared_times
+
+CLOSE = 100  # roundings within which two times are the same: a kink and the end of a run, or two kinks
+
+
+def kinks_of_function(part: Any, *others: Any) -> Float[Array, " kinks"]:
+    """The kinks, declared in ``kink_times`` or seen, of a ``part`` with a ``function`` of (t, ``others``, parameters).
+
+    A declared time that is also seen in the trace is taken from there, for its derivatives.
+    """
+    declared = part.kink_times
+
+    def evaluate(part: Any, t: Float[Array, ""], *others: Any) -> Any:
+        return part.function(t, *others, part.parameters)
+
+    remedy = None if declared.size else "give the times in `kink_times`"
+    seen = _times_seen(part, evaluate, others, part.function, remedy)
+    if not (seen.size and declared.size):
+        return declared if declared.size else seen
+    near = CLOSE * jnp.finfo(seen.dtype).eps * jnp.abs(seen)
+    same = jnp.isfinite(seen)[None] & (jnp.abs(declared[:, None] - seen[None]) <= near[None])
+    return jnp.concatenate([jnp.where(jnp.any(same, axis=1), jnp.inf, declared), seen])
+
+
+def kinks_seen(part: Any, evaluate: Callable[..., Any], *others: Any, method: str = "kinks") -> Float[Array, " kinks"]:
+    """The kinks of a ``part`` whose class declares none, from the trace of ``evaluate(part, t, *others)``.
+
+    Classes of jaxball declare all that they have. ``method`` is the one in which a class of a user's does.
+    """
+    kind = type(part)
+    if kind.__module__.partition(".")[0] == __name__.partition(".")[0]:
+        return jnp.zeros((0,), default_dtype())
+    return _times_seen(part, evaluate, others, kind, f"return the times from its method `{method}`")
+
+
+def _times_seen(
+    part: Any, evaluate: Callable[..., Any], others: tuple[Any, ...], of: Callable[..., Any], remedy: str | None
+) -> Float[Array, " times"]:
+    """The times in a trace; with a ``remedy``, a warning where there may be others."""
+    parameters, static = eqx.partition(part, is_array)
+
+    def function(t: Float[Array, ""], parameters: Any, *others: Any) -> Any:
+        return evaluate(eqx.combine(parameters, static), t, *others)
+
+    t = jnp.zeros((), default_dtype())
+    try:
+        program = jax.make_jaxpr(function)(t, parameters, *others)
+    except Exception:  # what is wrong with a user's function is said where it is evaluated
+        return jnp.zeros_like(t, shape=(0,))
+    seen = compared_times(program, t, parameters)
+    if seen.unresolved and remedy is not None:
+        warn_of_kinks(of, seen.unresolved, remedy)
+    return seen.times
+
+
+def before_kink(kinks: Float[Array, " kinks"], t0: Float[Array, ""], t1: Float[Array, ""]) -> Float[Array, ""]:
+    """``t1``, or the last time before the next kink after ``t0`` if that is earlier."""
+    ends = before(kinks)
+    return jnp.minimum(jnp.min(jnp.where(ends > t0, ends, jnp.inf), initial=jnp.inf), t1)
+
+
+def seen_from_before(kinks: Float[Array, " kinks"], end: Float[Array, ""]) -> Float[Array, ""]:
+    """The time at which to evaluate the end of a run: just before a kink there, otherwise ``end`` itself.
+
+    A quantity that jumps there has, at the kink, the value of the later side, which is not part of the run.
+    """
+    kinks, near = kinks.astype(end.dtype), CLOSE * jnp.finfo(end.dtype).eps * jnp.abs(end)
+    here = (kinks <= end) & (end - kinks <= near)
+    earlier = jnp.min(jnp.where(here, before(kinks), jnp.inf), initial=jnp.inf)
+    return end + jax.lax.stop_gradient(jnp.minimum(earlier, end) - end)
+
+
+def before(t: Float[Array, "..."]) -> Float[Array, "..."]:
+    """The floating-point number before ``t``, with the derivative of ``t``."""
+    return _neighbour(t, -1.0)
+
+
+def after(t: Float[Array, "..."]) -> Float[Array, "..."]:
+    """The floating-point number after ``t``, with the derivative of ``t``."""
+    return _neighbour(t, 1.0)
+
+
+def _neighbour(t: Float[Array, "..."], direction: float) -> Float[Array, "..."]:
+    """XLA treats the neighbours of 0 as 0, so the smallest numbers that it distinguishes from 0 are used instead."""
+    fixed = jax.lax.stop_gradient(t)
+    distance = jnp.abs(jnp.nextafter(fixed, jnp.full_like(fixed, direction * jnp.inf)) - fixed)
+    return t + direction * jnp.maximum(distance, jnp.finfo(fixed.dtype).tiny)

@@ -1,0 +1,397 @@
+"""Times at which a function of time compares the time with something, found in its trace.
+
+A comparison such as ``t < p`` in a user's function is a jump or a kink of it. Where the time enters linearly, with
+coefficients that depend on nothing but parameters, the time of the change is known, with its derivatives.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..compat import Literal, Program, argument, branches, function_of, loop, program_within
+from .time_dependence import (
+    Dependent,
+    Fixed,
+    Piece,
+    Piecewise,
+    Value,
+    fixed,
+    is_linear,
+    joined,
+    pieces_of,
+    through,
+    written,
+)
+
+MOST_TIMES = 64  # of one comparison: steps end at each of them
+MOST_EQUATIONS = 4096  # of a loop that is followed turn by turn
+GUARD = 1e-6  # a number of one sign that is compared with less is kept from 0, as before a division
+
+COMPARISONS = {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "lt_to": "<", "le_to": "<="}
+KEEP_SIGN = ("add", "mul", "div", "max", "reduce_sum", "reduce_max", "convert_element_type")
+KEEP_SIGN += ("broadcast_in_dim", "reshape", "squeeze")
+STEPS = ("floor", "ceil", "round")
+
+
+APART = 8  # roundings, of all numbers involved, between the time of a change and where it really is
+
+Comparison = Callable[[Any, Any], Any]
+
+
+class TimeComparisons(NamedTuple):
+    """What the trace of a function of time shows.
+
+    - ``times``: those at which a comparison changes, unsorted; infinite where it never does.
+    - ``unresolved``: the operations that compare or round the time in another way, as they are written in Python.
+    """
+
+    times: Float[Array, " times"]
+    unresolved: tuple[str, ...]
+
+
+def compared_times(program: Program, t: Float[Array, ""], parameters: Any) -> TimeComparisons:
+    """The times with which a function of (t, parameters, others) compares ``t``, from the program that it is traced to.
+
+    - ``t``: any time; only its type matters.
+    - ``parameters``: arrays in a PyTree, by which the times are differentiable. Of the others nothing is known.
+    """
+    known = [fixed(value) for value in jax.tree.leaves(parameters)]
+    unknown = [Dependent(False, True)] * (len(program.jaxpr.invars) - 1 - len(known))
+    trace = _Trace()
+    trace.follow(program, list(map(fixed, program.consts)), [_the_time(t), *known, *unknown])
+    times = [jnp.ravel(time).astype(t.dtype) for time in trace.times]
+    return TimeComparisons(
+        jnp.concatenate(times) if times else jnp.zeros((0,), t.dtype), tuple(dict.fromkeys(trace.unresolved))
+    )
+
+
+def _the_time(t: Float[Array, ""]) -> Value:
+    return Piecewise((Piece(lambda: jnp.ones_like(t), lambda: jnp.zeros_like(t), lambda t: t, True),))
+
+
+class _Trace:
+    """The comparisons that are met on the way through a program."""
+
+    def __init__(self):
+        self.times: list[Array] = []
+        self.unresolved: list[str] = []
+        self.tables_are_smooth = False  # as between the rows of an interpolation
+        self.loops = 0  # that are not followed turn by turn, around what is being looked at
+
+    def follow(self, program: Program, constants: Sequence[Value], operands: Sequence[Value]) -> list[Value]:
+        """The results of a program, as they depend on time."""
+        jaxpr = program.jaxpr
+        values = dict(zip(jaxpr.constvars, constants, strict=True)) | dict(zip(jaxpr.invars, operands, strict=True))
+
+        def read(variable: Any) -> Value:
+            return written(variable) if isinstance(variable, Literal) else values[variable]
+
+        for equation in jaxpr.eqns:
+            given = list(map(read, equation.invars))
+            constant = [value for value in given if isinstance(value, Fixed)]
+            results = (
+                _carried_out(equation, constant) if len(constant) == len(given) else self._results(equation, given)
+            )
+            values |= dict(zip(equation.outvars, results, strict=True))
+        return list(map(read, jaxpr.outvars))
+
+    def _results(self, equation: Any, given: list[Value]) -> Sequence[Value]:
+        name, inner = equation.primitive.name, program_within(equation)
+        if inner is not None:
+            return self._of_call(equation, inner, given)
+        if name == "cond":
+            which, *operands = given
+            each = [self.follow(branch, list(map(fixed, branch.consts)), operands) for branch in branches(equation)]
+            return [_chosen(which, cases) for cases in zip(*each, strict=True)]
+        if name == "scan":
+            return self._of_scan(equation, given)
+        if name == "while":
+            return self._of_while(equation, given)
+        if is_linear(name, equation, given):
+            return [through(equation, given)]
+        rule = _RULES.get(name)
+        result = rule(self, equation, given) if rule is not None else _joined_by(name, equation, given)
+        return [result] * len(equation.outvars)
+
+    def _of_call(self, equation: Any, inner: Program, given: list[Value]) -> Sequence[Value]:
+        name = str(equation.params.get("name", ""))
+        primitives = {within.primitive.name for within in inner.jaxpr.eqns}
+        if _hides_comparisons(name, primitives):
+            return [joined(given)] * len(equation.outvars)
+        if name.startswith("_searchsorted"):
+            # In any order of operands: the table is the only sequence that no time changes.
+            tables = [value for value, variable in zip(given, equation.invars, strict=True) if variable.aval.ndim == 1]
+            queries = [value for value in given if not isinstance(value, Fixed)]
+            if len(tables) == len(queries) == 1 and isinstance(tables[0], Fixed) and isinstance(queries[0], Piecewise):
+                return [self._looked_up(tables[0], queries[0])] * len(equation.outvars)
+        before = self.tables_are_smooth
+        self.tables_are_smooth = before or name == "_interp"
+        try:
+            return self.follow(inner, list(map(fixed, inner.consts)), given)
+        finally:
+            self.tables_are_smooth = before
+
+    def _looked_up(self, table: Fixed, query: Piecewise) -> Value:
+        """The row of a table of times in which a time is."""
+        if jnp.size(table.value()) <= MOST_TIMES:
+            self._take(query.to_each(), table)
+        elif not self.tables_are_smooth:
+            self.unresolved.append("searchsorted")
+        return Dependent(False, False)
+
+    def _of_scan(self, equation: Any, given: list[Value]) -> Sequence[Value]:
+        scan = loop(equation)
+        constants, carried = given[: scan.constants], given[scan.constants : scan.constants + scan.carried]
+        sequences, own = given[scan.constants + scan.carried :], list(map(fixed, scan.body.consts))
+        if scan.length * len(scan.body.jaxpr.eqns) > MOST_EQUATIONS:
+            self._follow_any_turn(scan.body, constants, carried, sequences)
+            return [joined(given)] * len(equation.outvars)
+        turns, rows = range(scan.length), []
+        for turn in reversed(turns) if scan.backwards else turns:
+            elements = [_element(sequence, turn) for sequence in sequences]
+            results = self.follow(scan.body, own, [*constants, *carried, *elements])
+            carried = results[: scan.carried]
+            rows.append(results[scan.carried :])
+        return (
+            [*carried, *(joined(column) for column in zip(*rows, strict=True))]
+            if rows
+            else [joined(given)] * len(equation.outvars)
+        )
+
+    def _of_while(self, equation: Any, given: list[Value]) -> Sequence[Value]:
+        first = argument(equation, "cond_nconsts")
+        start = first + argument(equation, "body_nconsts")
+        # Whether there is another turn is no jump of what an iteration converges to.
+        self._follow_any_turn(argument(equation, "body_jaxpr"), given[first:start], given[start:], [])
+        return [joined(given)] * len(equation.outvars)
+
+    def _follow_any_turn(
+        self, body: Program, constants: Sequence[Value], carried: Sequence[Value], sequences: Sequence[Value]
+    ) -> None:
+        unknown = joined([*constants, *carried, *sequences])
+        self.loops += 1
+        self.follow(body, list(map(fixed, body.consts)), [*constants, *[unknown] * (len(carried) + len(sequences))])
+        self.loops -= 1
+
+    def _compare(self, symbol: str, comparison: Comparison, left: Value, right: Value) -> Value:
+        """The result of a comparison, which changes at times that are taken if they are known."""
+        either = joined([left, right])
+        if isinstance(left, Fixed | Piecewise) and isinstance(right, Fixed | Piecewise):
+            self._take(left, right, comparison)
+            return Dependent(False, False)
+        if either.time and not _is_guard(left, right) and (not self.loops or _is_linear_in_time(left, right)):
+            self.unresolved.append(symbol)
+        return Dependent(False, either.state)
+
+    def _take(self, left: Value, right: Value, comparison: Comparison = jnp.less) -> None:
+        """The times at which a comparison of two values changes."""
+        for one in pieces_of(left):
+            for other in pieces_of(right):
+                if one.slope is None and other.slope is None:
+                    continue
+                time = _crossing(one, other)
+                if time.size > MOST_TIMES:
+                    self.unresolved.append(f"a comparison with {time.size} numbers")
+                    continue
+                if not (one.exact and other.exact and (one.slope is None or other.slope is None)):
+                    time = _as_rounded(time, one, other, comparison)
+                self.times.append(time)
+
+
+def _crossing(one: Piece, other: Piece) -> Array:
+    """The times at which two linear functions are equal; infinite where they never are, or always."""
+    slope = sum(sign * piece.slope() for sign, piece in ((1, one), (-1, other)) if piece.slope is not None)
+    moves = jnp.asarray(slope != 0)
+    difference = other.offset() - one.offset()
+    return jnp.where(moves, difference / jnp.where(moves, slope, 1.0), jnp.inf)
+
+
+def _as_rounded(times: Array, one: Piece, other: Piece, comparison: Comparison) -> Array:
+    """The floating-point times, near these, at which a comparison really changes.
+
+    Rounding within the function may move that by a few numbers. A step that ends beyond it would not see the side that
+    it is on. Found by bisection, one number at a time: of a whole array, XLA divides in another way.
+    """
+    offsets = jnp.abs(one.offset()) + jnp.abs(other.offset())
+    slopes = sum(jnp.abs(piece.slope()) for piece in (one, other) if piece.slope is not None)
+    moves = jnp.isfinite(times)
+    near = jnp.abs(times) + offsets / jnp.where(moves, slopes, 1.0)
+    width = APART * jnp.finfo(times.dtype).eps * jnp.where(moves, near, 0.0)
+    centre = jnp.where(moves, times, 0.0)
+
+    def compared(t: Array, place: Array) -> Array:
+        results = jnp.ravel(jnp.broadcast_to(comparison(one.evaluate(t), other.evaluate(t)), times.shape))
+        return results[0] if times.size == 1 else jnp.any(results & (jnp.arange(times.size) == place))
+
+    def change(near: tuple[Array, Array, Array]) -> Array:
+        """The first time between two at which the comparison is not what it is at the first of them."""
+        first, last, place = near
+        before = compared(first, place)
+
+        def halve(bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+            lower, upper = bounds
+            middle = lower + 0.5 * (upper - lower)
+            same = compared(middle, place) == before
+            return jnp.where(same, middle, lower), jnp.where(same, upper, middle)
+
+        def wide(bounds: tuple[Array, Array]) -> Array:
+            lower, upper = bounds
+            middle = lower + 0.5 * (upper - lower)
+            return (middle > lower) & (middle < upper)
+
+        return jax.lax.while_loop(wide, halve, (first, last))[1]
+
+    bounds = jax.lax.stop_gradient((jnp.ravel(centre - width), jnp.ravel(centre + width)))
+    places = jnp.arange(times.size)
+    if times.size == 1:
+        changes = change((bounds[0][0], bounds[1][0], places[0]))[None]
+    else:
+        changes = jax.lax.map(change, (*bounds, places))
+    shift = jnp.where(moves, changes.reshape(times.shape) - jax.lax.stop_gradient(times), 0.0)
+    return times + jax.lax.stop_gradient(shift)
+
+
+def _hides_comparisons(name: str, primitives: set[str]) -> bool:
+    """Whether a function of JAX only compares so as to be accurate, as ``logaddexp``, or periodic, as ``mod``."""
+    return {"max", "exp", "log1p"} <= primitives or (name == "remainder" and "rem" in primitives)
+
+
+def _joined_by(name: str, equation: Any, given: list[Value]) -> Value:
+    """What an operation without a rule of its own does: its result depends on what its operands depend on."""
+    return joined(given)._replace(positive=_gives_positive(name, equation, given))
+
+
+def _gives_positive(name: str, equation: Any, given: Sequence[Value]) -> bool:
+    """Whether a result is never negative."""
+    if name in ("exp", "exp2", "logistic", "square", "sqrt", "abs"):
+        return True
+    if name == "integer_pow" and argument(equation, "y") % 2 == 0:
+        return True
+    if name in ("mul", "dot_general") and equation.invars[0] is equation.invars[1]:
+        return True
+    return name in KEEP_SIGN and all(map(_is_positive, given))
+
+
+def _is_positive(value: Value) -> bool:
+    return not isinstance(value, Piecewise) and value.positive
+
+
+def _is_guard(left: Value, right: Value) -> bool:
+    """Whether a number that is never negative is compared with 0, or almost: to touch that is no change of sign."""
+    for one, other in ((left, right), (right, left)):
+        small = isinstance(one, Fixed) and one.known is not None and abs(one.known) <= GUARD
+        if small and _is_positive(other):
+            return True
+    return False
+
+
+def _is_linear_in_time(*values: Value) -> bool:
+    return any(isinstance(value, Piecewise) and joined([value]).time for value in values)
+
+
+def _chosen(which: Value, cases: Sequence[Value]) -> Value:
+    """One of several values, by an index."""
+    by = joined([which])
+    if not by.time and not by.state and all(isinstance(case, Fixed | Piecewise) for case in cases):
+        pieces = tuple(dict.fromkeys(piece for case in cases for piece in pieces_of(case)))
+        return Piecewise.of(pieces)
+    whole = joined([which, *cases])
+    return whole._replace(positive=all(map(_is_positive, cases)))
+
+
+def _element(sequence: Value, turn: int) -> Value:
+    if isinstance(sequence, Fixed):
+        return Fixed(lambda: sequence.value()[turn])
+    return joined([sequence])
+
+
+def _carried_out(equation: Any, given: Sequence[Fixed]) -> Iterator[Fixed]:
+    """The results of an operation on numbers that depend on nothing but parameters, computed if they are needed."""
+    results: list[Any] = []
+
+    def compute() -> list[Any]:
+        if not results:
+            value = function_of(equation)(*(operand.value() for operand in given))
+            results.extend(value if equation.primitive.multiple_results else [value])
+        return results
+
+    name = equation.primitive.name
+    copies = name in ("convert_element_type", "broadcast_in_dim", "reshape", "squeeze", "copy")
+    known, positive = given[0].known if copies else None, _gives_positive(name, equation, given)
+    for index, _ in enumerate(equation.outvars):
+        yield Fixed(lambda index=index: compute()[index], known, positive)
+
+
+# What operations that jump or have kinks do. Each takes the trace, the equation and its operands, and gives its result.
+
+
+def _compared(trace: _Trace, equation: Any, given: list[Value]) -> Value:
+    return trace._compare(COMPARISONS[equation.primitive.name], function_of(equation), *given)
+
+
+def _of_larger_or_smaller(trace: _Trace, equation: Any, given: list[Value]) -> Value:
+    if all(isinstance(value, Fixed | Piecewise) for value in given):
+        left, right = given
+        trace._take(left, right)
+        return Piecewise.of(tuple(piece for value in given for piece in pieces_of(value)))
+    return _joined_by(equation.primitive.name, equation, given)
+
+
+def _clamped(trace: _Trace, equation: Any, given: list[Value]) -> Value:
+    lowest, value, highest = given
+    return _of_larger_or_smaller(trace, equation, [_of_larger_or_smaller(trace, equation, [lowest, value]), highest])
+
+
+def _magnitude(trace: _Trace, equation: Any, given: list[Value]) -> Value:
+    (value,) = given
+    if isinstance(value, Piecewise):
+        trace._take(value, _zero(equation))
+        return Piecewise.of(tuple(piece for both in value.pieces for piece in (both, both.transformed(jnp.negative))))
+    return _joined_by("abs", equation, given)
+
+
+def _sign(trace: _Trace, equation: Any, given: list[Value]) -> Value:
+    return trace._compare("sign", jnp.less, given[0], _zero(equation))
+
+
+def _zero(equation: Any) -> Fixed:
+    of = equation.invars[0].aval
+    return Fixed(lambda: jnp.zeros(of.shape, of.dtype), 0.0)
+
+
+def _rounded(trace: _Trace, equation: Any, given: list[Value]) -> Value:
+    whole = joined(given)
+    if whole.time and not trace.loops:
+        trace.unresolved.append(name if (name := equation.primitive.name) in STEPS else "astype(int)")
+    return Dependent(False, whole.state)
+
+
+def _converted(trace: _Trace, equation: Any, given: list[Value]) -> Value:
+    was, becomes = equation.invars[0].aval.dtype, equation.outvars[0].aval.dtype
+    if jnp.issubdtype(was, jnp.floating) and jnp.issubdtype(becomes, jnp.integer):
+        return _rounded(trace, equation, given)
+    return _joined_by("convert_element_type", equation, given)
+
+
+def _equal(trace: _Trace, equation: Any, given: list[Value]) -> Value:
+    return Dependent(False, joined(given).state)  # at single instants, which no integral notices
+
+
+def _selected(trace: _Trace, equation: Any, given: list[Value]) -> Value:
+    return _chosen(given[0], given[1:])
+
+
+_RULES: dict[str, Callable[[_Trace, Any, list[Value]], Value]] = {
+    **dict.fromkeys(COMPARISONS, _compared),
+    **dict.fromkeys(STEPS, _rounded),
+    **dict.fromkeys(("eq", "ne", "eq_to", "is_finite"), _equal),
+    **dict.fromkeys(("max", "min"), _of_larger_or_smaller),
+    "clamp": _clamped,
+    "abs": _magnitude,
+    "sign": _sign,
+    "convert_element_type": _converted,
+    "select_n": _selected,
+}
