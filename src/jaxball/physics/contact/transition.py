@@ -148,8 +148,8 @@ def _decided(plane: "BodyOnPlane", done: "_Progress", cause: Int[Array, ""]) -> 
     found, given, flies = _response(plane, t, state), state.released, done.flies
     slip = slip_velocity(body, t, given)
     still = done.still | plane.is_still(slip, state)
-    R = friction.rolling(found).R
-    holds = (friction.margin(R, contact.static) >= 0) & (R[2] > 0) & (contact.static > 0)
+    R, slack = friction.rolling(found).R, plane.rounding_of_force(state, found)
+    holds = (friction.margin(R, contact.static) > -slack) & (R[2] > -slack) & (contact.static > 0)
     rolls = still & holds & (cause != int(Cause.GIVES_WAY))
     sigma = jax.lax.cond(
         still & ~rolls & ~flies,
@@ -157,7 +157,7 @@ def _decided(plane: "BodyOnPlane", done: "_Progress", cause: Int[Array, ""]) -> 
         lambda: friction.slip_direction(slip, jnp.zeros_like(slip[:2])),
     )
     mu = plane.coefficient(jnp.where(still, 0.0, slip))
-    flies |= ~rolls & ~(friction.sliding(found, mu, sigma).normal > 0)
+    flies |= ~rolls & ~(friction.sliding(found, mu, sigma).normal > -slack)
     mode = jnp.where(flies, int(Mode.FLIGHT), jnp.where(rolls, int(Mode.ROLLING), int(Mode.SLIDING)))
     # The rest of a slip that ends is dissipated by friction.
     stopped = with_slip(body, given, found, slip, jnp.zeros_like(slip))
