@@ -217,7 +217,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         cause = cause_of(state.mode, step.zero)
         weightless = guards[1, -1] <= NOTHING * jnp.max(jnp.abs(guards[1]))
         cause = jnp.where((cause == int(Cause.GIVES_WAY)) & weightless, int(Cause.LIFTS), cause)
-        ends = (step.zero != NONE) & jnp.where(cause == int(Cause.STOPS), slow, step.is_zero)
+        ends = (step.zero != NONE) & jnp.where(cause == int(Cause.STOPS), slow, step.has_fallen)
         before, after = guards[0, 0] + least, guards[0, -1] + least
         slides = state.is_in(Mode.SLIDING)
         stops = slides & slow & slips.nears_its_end(before, after, least)
