@@ -247,6 +247,11 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         g = jnp.abs(self.body.gravity)
         return root(self.body.radius / jnp.where(g > 0, g, 1.0))
 
+    def unit_of_speed(self, found: Response) -> Float[Array, ""]:
+        """√(g r); without gravity, the acceleration by which the body would fall takes the place of g."""
+        g = jnp.abs(self.body.gravity)
+        return root(jnp.where(g > 0, g, jnp.abs(found.free[2])) * self.body.radius)
+
     def speed_of(self, state: ReleasedState | ContactState) -> Float[Array, ""]:
         """A reference speed for errors of velocities."""
         return root(jnp.sum(state.V**2)) + self.body.radius * root(jnp.sum(state.body.Omega**2))

@@ -130,9 +130,7 @@ def _with_impact(plane: "BodyOnPlane", done: "_Progress") -> "_Progress":
     """After an impact. A rebound that is too slow is treated as none."""
     t, state, contact = done.t, done.state, plane.contact
     found, slip = _response(plane, t, state), slip_velocity(plane.body, t, state.released)
-    coming = -slip[2]
-    unit = root(jnp.abs(plane.body.gravity) * plane.body.radius)
-    rebounds = contact.restitution * coming > contact.slowest * unit
+    rebounds = contact.restitution * -slip[2] > contact.slowest * plane.unit_of_speed(found)
     e = jnp.where(rebounds, contact.restitution, 0.0)
     after = impact(plane.body, t, state.released, found, plane.coefficient(slip), e)
     V = after.state.V.at[2].set(jnp.where(rebounds, after.state.V[2], 0.0))
