@@ -142,10 +142,12 @@ def at_zero(
 
 def _after_kink(kinks: Float[Array, " kinks"], t: Float[Array, ""]) -> tuple[Bool[Array, ""], Float[Array, ""]]:
     """Whether a time follows a kink as closely as a step can end, and a zero with the derivative of that kink."""
+    if not kinks.size:
+        return jnp.zeros_like(t, bool), jnp.zeros_like(t)
     fixed = jax.lax.stop_gradient(kinks)
     here = (fixed <= t) & (t <= after(fixed) + SOON * float(jnp.finfo(t.dtype).eps) * jnp.abs(t))
-    number = jnp.sum(here)
-    return number > 0, jnp.sum(jnp.where(here, kinks - fixed, 0.0)) / jnp.maximum(number, 1)
+    number = jnp.sum(jnp.where(here, 1.0, 0.0))
+    return jnp.any(here), jnp.sum(jnp.where(here, kinks - fixed, 0.0)) / jnp.maximum(number, 1.0)
 
 
 def _flows(leaf: Any) -> bool:

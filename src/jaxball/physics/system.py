@@ -37,7 +37,6 @@ from .hybrid import (
     Switches,
     Transition,
     at_zero,
-    entry,
 )
 
 AnyState = TypeVar("AnyState", bound="AbstractState")

@@ -11,7 +11,6 @@ from jaxtyping import Array, Bool, Float, Int
 from ...interface.status import Status
 from ...numerics.arrays import selected
 from ...numerics.differentiation import without_derivatives
-from ...numerics.vectors import root
 from ..hybrid import START, Accuracy, Transition, at_zero
 from . import friction, slip as slips
 from .impact import impact
