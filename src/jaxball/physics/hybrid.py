@@ -18,10 +18,12 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.printing import Printed, is_single, shown
 from ..numerics.differentiation import once, without_derivatives
+from ..numerics.functions import after
 
 NONE = -1  # no event
 START = -2  # the start of a run
 ZERO = 1e-6  # a guard below this part of its size in a step is zero
+SOON = 16  # after a kink, in units of rounding of the time: where the shortest of steps may end, and no other does
 MOST_SHOWN = 8  # switches in a summary; `lines` of the switches has all
 
 
@@ -67,6 +69,11 @@ class GuardedStep(NamedTuple):
     def is_zero(self) -> Bool[Array, ""]:
         """Whether that guard is zero; polynomials through a few values have spurious zeros, too."""
         return (self.zero != NONE) & (jnp.abs(entry(self.zero, self.guards[:, -1])) <= ZERO * self.size)
+
+    @property
+    def has_fallen(self) -> Bool[Array, ""]:
+        """Whether that guard is zero or below, where it has jumped, as at the start of a push."""
+        return self.is_zero | (self.zero != NONE) & (entry(self.zero, self.guards[:, -1]) <= 0)
 
 
 class Assessment(NamedTuple):
@@ -116,7 +123,8 @@ def at_zero(
     """The time and the state at the zero of guard ``which`` that is next to nothing away, and the rate of the guard.
 
     By one step of Newton's method along the field of the system, which changes next to nothing, but has the first
-    derivatives of the zero. Where it does not apply or there is no such guard, time and state are unchanged.
+    derivatives of the zero. Where it does not apply or there is no such guard, time and state are unchanged. Just after
+    a kink, where the guard has jumped, the time has the derivative of the kink, and the rate is infinite.
     """
     still, t0, x0 = without_derivatives((system, t, state))
     rates = still.field(t0, x0)
@@ -126,9 +134,20 @@ def at_zero(
     applies &= (which >= 0) & (which < values.shape[0])
     sloping = applies & (slope != 0)
     shift = jnp.where(sloping, -entry(which, values) / jnp.where(sloping, slope, 1.0), 0.0)
-    shift = once("runs with events of a hybrid system", shift)
+    jumped, late = _after_kink(system.driving_kinks().astype(t.dtype), t0)
+    shift = once("runs with events of a hybrid system", jnp.where(applies & jumped, late, shift))
     moved = jax.tree.map(lambda x, rate: x + shift * rate if _flows(x) else x, state, rates)
-    return t + shift, moved, jnp.where(applies, slope, jnp.inf)
+    return t + shift, moved, jnp.where(applies & ~jumped, slope, jnp.inf)
+
+
+def _after_kink(kinks: Float[Array, " kinks"], t: Float[Array, ""]) -> tuple[Bool[Array, ""], Float[Array, ""]]:
+    """Whether a time follows a kink as closely as a step can end, and a zero with the derivative of that kink."""
+    if not kinks.size:
+        return jnp.zeros_like(t, bool), jnp.zeros_like(t)
+    fixed = jax.lax.stop_gradient(kinks)
+    here = (fixed <= t) & (t <= after(fixed) + SOON * float(jnp.finfo(t.dtype).eps) * jnp.abs(t))
+    number = jnp.sum(jnp.where(here, 1.0, 0.0))
+    return jnp.any(here), jnp.sum(jnp.where(here, kinks - fixed, 0.0)) / jnp.maximum(number, 1.0)
 
 
 def _flows(leaf: Any) -> bool:

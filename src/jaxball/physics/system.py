@@ -38,7 +38,6 @@ from .hybrid import (
     Switches,
     Transition,
     at_zero,
-    entry,
 )
 
 AnyState = TypeVar("AnyState", bound="AbstractState")
@@ -310,9 +309,8 @@ class AbstractSystem(Printed, Generic[AnyState]):
 
     def assess(self, step: GuardedStep, accuracy: Accuracy) -> Assessment:
         """Whether there is an event at the end of a step, and how long the next step may be."""
-        fallen = step.is_zero | (step.zero != NONE) & (entry(step.zero, step.guards[:, -1]) <= 0)
         timed = jnp.where(step.timed, step.guards.shape[0], NONE)
-        return Assessment(jnp.where(fallen, step.zero, timed), jnp.full_like(step.end, jnp.inf))
+        return Assessment(jnp.where(step.has_fallen, step.zero, timed), jnp.full_like(step.end, jnp.inf))
 
     def transition(self, t: Float[Array, ""], state: AnyState, event: Int[Array, ""], accuracy: Accuracy) -> Transition:
         """What happens at an event: the state is reset, or, at the ``START`` of a run, left as it is."""

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from ..interface.wording import all_of
 from ..numerics.arrays import to_array
 from ..physics.body import AbstractBody, Ball, Disk, System
-from ..physics.contact.law import COEFFICIENTS, SLOWEST, AbstractFriction, Contact
+from ..physics.contact.law import COEFFICIENTS, ROOM, SLOWEST, AbstractFriction, Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.force import AbstractWrench, FunctionWrench, HarmonicForce, require_wrench
 from ..physics.ground import Ground, Turntable
@@ -90,9 +90,6 @@ def read_resistance(values: Any, path: str) -> AbstractResistance:
     resistance = RESISTANCE.read(values, path)
     require_conditions(resistance)
     return resistance
-
-
-ROOM = 64
 
 
 FRICTIONS = Open(AbstractFriction, {})

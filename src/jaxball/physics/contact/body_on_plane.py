@@ -35,6 +35,7 @@ from .released import PlacedState, ReleasedState, Response, rates, released, res
 from .transition import WINDOW, transition
 
 ROUNDING = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none
+FORCES = 32  # of the reaction, in units of rounding of a force that compares with it: what is smaller is none
 SLOW = 0.4  # power of rounding: of the speed of a body, the slip that is followed to its end in no step of a solve
 ERRORS = 30  # of velocities, in tolerances: a slip that ends may be faster by so much
 UNTOLD = 10  # the same: of a slip as slow as that, steps cannot tell the direction
@@ -183,9 +184,10 @@ class BodyOnPlane(AbstractSystem[ContactState]):
 
     def guards_in_step(self, t: Float[Array, ""], state: ContactState, reference: Heading) -> Float[Array, "3"]:
         """The three guards; ``CAUSES`` gives the meaning of each. A slip lasts while it goes along its heading."""
-        acting = self.interaction(t, state, self.response(t, state))
+        found = self.response(t, state)
+        acting, slack = self.interaction(t, state, found), self.rounding_of_force(state, found)
         slip, one = slip_velocity(self.body, t, state.released), jnp.ones_like(state.height)
-        spare = friction.margin(acting.R, self.contact.static)
+        spare = friction.margin(acting.R, self.contact.static) + slack
         # On a smooth plane, the end of a slip is the beginning of another.
         forward = jnp.sum(slip[:2] * reference.sigma) - reference.least
         forward = jnp.where(self.coefficient(slip) > 0, forward, one)
@@ -195,7 +197,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         return jnp.stack(
             [
                 jnp.where(rolls, spare, jnp.where(slides, forward, above)),
-                jnp.where(rolls | slides, acting.R[2], one),
+                jnp.where(rolls | slides, acting.R[2] + slack, one),
                 jnp.where(slides, acting.solvability, one),
             ]
         )
@@ -218,7 +220,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         cause = cause_of(state.mode, step.zero)
         weightless = guards[1, -1] <= NOTHING * jnp.max(jnp.abs(guards[1]))
         cause = jnp.where((cause == int(Cause.GIVES_WAY)) & weightless, int(Cause.LIFTS), cause)
-        ends = (step.zero != NONE) & jnp.where(cause == int(Cause.STOPS), slow, step.is_zero)
+        ends = (step.zero != NONE) & jnp.where(cause == int(Cause.STOPS), slow, step.has_fallen)
         before, after = guards[0, 0] + least, guards[0, -1] + least
         slides = state.is_in(Mode.SLIDING)
         stops = slides & slow & slips.nears_its_end(before, after, least)
@@ -232,10 +234,26 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         least = ROUNDING * float(jnp.finfo(slip.dtype).eps) * self.speed_of(state)
         return root(jnp.sum(slip[:2] ** 2)) <= least
 
+    def rounding_of_force(self, state: ContactState, found: Response) -> Float[Array, ""]:
+        """What rounding may make of N and |f|, with which a body still rolls where friction just holds it.
+
+        Nor does it leave a plane on which nothing presses it. It grows with the weight and with the rotation.
+        """
+        R, rest = jax.lax.stop_gradient((found.rolling.reaction, (found.yielding.reaction[2, 2], state.body.Omega)))
+        m, Omega = rest
+        g, r = jax.lax.stop_gradient((jnp.abs(self.body.gravity), self.body.radius))
+        scale, limits = root(jnp.sum(R**2)) + m * (g + r * jnp.sum(Omega**2)), jnp.finfo(R.dtype)
+        return FORCES * float(limits.eps) * scale + float(limits.tiny) ** 0.5
+
     def unit_of_time(self) -> Float[Array, ""]:
         """√(r/g); √r without gravity."""
         g = jnp.abs(self.body.gravity)
         return root(self.body.radius / jnp.where(g > 0, g, 1.0))
+
+    def unit_of_speed(self, found: Response) -> Float[Array, ""]:
+        """√(g r); without gravity, the acceleration by which the body would fall takes the place of g."""
+        g = jnp.abs(self.body.gravity)
+        return root(jnp.where(g > 0, g, jnp.abs(found.free[2])) * self.body.radius)
 
     def speed_of(self, state: ReleasedState | ContactState) -> Float[Array, ""]:
         """A reference speed for errors of velocities."""

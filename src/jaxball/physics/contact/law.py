@@ -15,6 +15,7 @@ from ...numerics.arrays import Numbers, is_traced, namespace_of, numbers
 from ..conditions import Condition
 
 SLOWEST = 1e-6
+ROOM = 64
 COEFFICIENTS: tuple[str, ...] = ("sliding", "static", "restitution", "slowest")
 
 
@@ -56,7 +57,8 @@ class Contact(Printed):
     - ``static``: the static friction coefficient μ_s; ``sliding`` if not given.
     - ``restitution``: Newton's e, from 0 to 1.
     - ``slowest``: a rebound slower than this times √(g r) is treated as none, because bounces get shorter and shorter,
-      and infinitely many of them end in a finite time (Zeno).
+      and infinitely many of them end in a finite time (Zeno). Without gravity, g is the acceleration by which other
+      forces press the body on.
     - ``room``: how many switches of the mode are kept; all are counted.
     - ``friction``: the function in the place of ``sliding``, as ``dataclasses.replace`` passes it on.
 
@@ -82,7 +84,7 @@ class Contact(Printed):
         static: Numbers | None = None,
         restitution: Numbers = 0.0,
         slowest: Numbers = SLOWEST,
-        room: int = 64,
+        room: int = ROOM,
         friction: AbstractFriction | None = None,
     ):
         if isinstance(sliding, AbstractFriction):

@@ -11,7 +11,6 @@ from jaxtyping import Array, Bool, Float, Int
 from ...interface.status import Status
 from ...numerics.arrays import selected
 from ...numerics.differentiation import without_derivatives
-from ...numerics.vectors import root
 from ..hybrid import START, Accuracy, Transition, at_zero
 from . import friction, slip as slips
 from .impact import impact
@@ -130,9 +129,7 @@ def _with_impact(plane: "BodyOnPlane", done: "_Progress") -> "_Progress":
     """After an impact. A rebound that is too slow is treated as none."""
     t, state, contact = done.t, done.state, plane.contact
     found, slip = _response(plane, t, state), slip_velocity(plane.body, t, state.released)
-    coming = -slip[2]
-    unit = root(jnp.abs(plane.body.gravity) * plane.body.radius)
-    rebounds = contact.restitution * coming > contact.slowest * unit
+    rebounds = contact.restitution * -slip[2] > contact.slowest * plane.unit_of_speed(found)
     e = jnp.where(rebounds, contact.restitution, 0.0)
     after = impact(plane.body, t, state.released, found, plane.coefficient(slip), e)
     V = after.state.V.at[2].set(jnp.where(rebounds, after.state.V[2], 0.0))
@@ -148,8 +145,8 @@ def _decided(plane: "BodyOnPlane", done: "_Progress", cause: Int[Array, ""]) -> 
     found, given, flies = _response(plane, t, state), state.released, done.flies
     slip = slip_velocity(body, t, given)
     still = done.still | plane.is_still(slip, state)
-    R = friction.rolling(found).R
-    holds = (friction.margin(R, contact.static) >= 0) & (R[2] > 0) & (contact.static > 0)
+    R, slack = friction.rolling(found).R, plane.rounding_of_force(state, found)
+    holds = (friction.margin(R, contact.static) > -slack) & (R[2] > -slack) & (contact.static > 0)
     rolls = still & holds & (cause != int(Cause.GIVES_WAY))
     sigma = jax.lax.cond(
         still & ~rolls & ~flies,
@@ -157,7 +154,7 @@ def _decided(plane: "BodyOnPlane", done: "_Progress", cause: Int[Array, ""]) -> 
         lambda: friction.slip_direction(slip, jnp.zeros_like(slip[:2])),
     )
     mu = plane.coefficient(jnp.where(still, 0.0, slip))
-    flies |= ~rolls & ~(friction.sliding(found, mu, sigma).normal > 0)
+    flies |= ~rolls & ~(friction.sliding(found, mu, sigma).normal > -slack)
     mode = jnp.where(flies, int(Mode.FLIGHT), jnp.where(rolls, int(Mode.ROLLING), int(Mode.SLIDING)))
     # The rest of a slip that ends is dissipated by friction.
     stopped = with_slip(body, given, found, slip, jnp.zeros_like(slip))

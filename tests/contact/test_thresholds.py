@@ -1,0 +1,235 @@
+"""Bodies that need exactly the friction that there is: they roll, whatever rounding makes of the difference."""
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxball
+from jaxball import Cause, Contact, Mode, ReleasedState
+from jaxball.control import Push
+from jaxball.ensemble import simulate_ensemble
+
+M, R, G = 1.3, 0.9, 9.81
+TIMES = np.linspace(0.0, 2.0, 9)
+COEFFICIENTS = np.linspace(0.02, 1.2, 40)
+CLOSE = 1e-13  # relative: rounding of a few steps; without slip, a homogeneous body is advanced exactly
+BESIDE = 1e-12  # of tan α beside the threshold: there a body slides, or rolls, as it should
+DIFFERENTIATE = {
+    "forward": (jax.jacfwd, diffrax.ForwardMode()),
+    "reverse": (jax.jacrev, diffrax.RecursiveCheckpointAdjoint()),
+}
+SHARES = {"solid ball": 2 / 5, "hollow ball": 2 / 3, "disk": 1 / 2, "hoop": 1.0}
+
+
+def body(name, **others):
+    """A homogeneous body of the inertia k M r², k from ``SHARES``."""
+    D, common = SHARES[name] * M * R**2, {"mass": M, "radius": R, "gravity": G, **others}
+    return jaxball.Ball(inertia=(D, D, D), **common) if "ball" in name else jaxball.Disk(inertia=D, **common)
+
+
+def threshold(name, mu):
+    """The angle α of the steepest slope on which the body rolls: tan α = μ (1 + 1/k)."""
+    return np.arctan((1 + 1 / SHARES[name]) * mu)
+
+
+def on_slope(name, angle):
+    return body(name, ground=jaxball.Ground(angle))
+
+
+def at_rest(name):
+    return jaxball.BallState() if "ball" in name else jaxball.DiskState()
+
+
+def side_by_side(name, angles):
+    """Bodies on slopes of these angles, at rest, and the laws with the coefficients."""
+    bodies, laws = jax.vmap(lambda angle: on_slope(name, angle))(angles), jax.vmap(Contact)(COEFFICIENTS)
+    states = jax.tree.map(lambda x: jnp.broadcast_to(x, (angles.size, *x.shape)), at_rest(name))
+    return simulate_ensemble(bodies, TIMES, states, contact=laws, max_steps=400).trajectory
+
+
+def places(run):
+    """The first coordinates of the places, down the slope."""
+    z = np.asarray(run.state.z)
+    return z[..., 0] if z.ndim > np.asarray(run.contact.mode).ndim else z
+
+
+def require_rolling(name, run, mu, angle):
+    """That a run from rest rolls all the time, at (g sin α)/(1 + k), with |f| = μ N."""
+    assert np.all(np.asarray(run.status) == 0)
+    assert np.all(np.asarray(run.contact.mode) == Mode.ROLLING)
+    assert np.all(np.asarray(run.contact.switches.count) == 0)
+    expected = 0.5 * G * np.sin(angle)[..., None] / (1 + SHARES[name]) * TIMES**2
+    np.testing.assert_allclose(places(run), expected, rtol=CLOSE, atol=CLOSE)
+    np.testing.assert_allclose(
+        run.observables.friction_ratio, np.broadcast_to(mu[..., None], expected.shape), rtol=1e-12
+    )
+
+
+@pytest.mark.parametrize("name", ["solid ball", "disk"])
+def test_an_ensemble_at_the_threshold_rolls(name):
+    """tan α = 7/2 μ for a solid ball, 3 μ for a disk."""
+    angles = threshold(name, COEFFICIENTS)
+    require_rolling(name, side_by_side(name, angles), COEFFICIENTS, angles)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-8, 1e-12])
+@pytest.mark.parametrize("name", SHARES)
+def test_single_runs_at_the_threshold_roll(name, tolerance):
+    for mu in COEFFICIENTS:
+        angle = threshold(name, mu)
+        run = jaxball.simulate(
+            on_slope(name, float(angle)), TIMES, contact=Contact(mu), rtol=tolerance, atol=tolerance, max_steps=400
+        )
+        require_rolling(name, run, mu, angle)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", ["solid ball", "disk"])
+def test_runs_through_xla_at_the_threshold_roll(name):
+    """One after another and side by side."""
+
+    def run(mu, angle):
+        return jaxball.simulate(on_slope(name, angle), TIMES, contact=Contact(mu), max_steps=400)
+
+    angles, single = threshold(name, COEFFICIENTS), jax.jit(run)
+    require_rolling(name, jax.jit(jax.vmap(run))(COEFFICIENTS, angles), COEFFICIENTS, angles)
+    for mu, angle in zip(COEFFICIENTS[::4], angles[::4], strict=True):
+        require_rolling(name, single(mu, angle), mu, angle)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", ["solid ball", "disk"])
+def test_beside_the_threshold_a_body_slides_or_rolls(name):
+    for beside, mode in ((-BESIDE, Mode.ROLLING), (BESIDE, Mode.SLIDING)):
+        angles = np.arctan((1 + 1 / SHARES[name]) * COEFFICIENTS * (1 + beside))
+        run = side_by_side(name, angles)
+        assert np.all(np.asarray(run.contact.mode) == mode)
+        expected = 0.5 * G * np.sin(angles)[:, None] / (1 + SHARES[name]) * TIMES**2
+        np.testing.assert_allclose(places(run), expected, rtol=10 * BESIDE)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("mode", DIFFERENTIATE)
+@pytest.mark.parametrize("name", ["solid ball", "disk"])
+def test_derivatives_at_the_threshold_are_those_of_rolling(name, mode):
+    """By α, ½ t² g cos α/(1 + k), and 0 by μ."""
+    mu, (differentiate, adjoint) = 0.4, DIFFERENTIATE[mode]
+    angle = float(threshold(name, mu))
+
+    def end(numbers):
+        settings = {"contact": Contact(numbers[1]), "max_steps": 400, "adjoint": adjoint}
+        return jnp.ravel(jaxball.simulate(on_slope(name, numbers[0]), TIMES, **settings).state.z[-1])[0]
+
+    by_angle, by_mu = jax.jit(differentiate(end))(jnp.array([angle, mu]))
+    assert float(by_angle) == pytest.approx(0.5 * TIMES[-1] ** 2 * G * np.cos(angle) / (1 + SHARES[name]), rel=1e-12)
+    assert float(by_mu) == 0.0
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", SHARES)
+def test_a_slip_that_ends_at_the_threshold_is_followed_by_rolling(name):
+    """Thrown up the slope, it slips at the rate −2 g sin α there, and has risen by what friction leaves."""
+    up = 1.5
+    for mu in COEFFICIENTS[::5]:
+        angle = float(threshold(name, mu))
+        slope = on_slope(name, angle)
+        thrown = ReleasedState(at_rest(name), V=(-up, 0.0, 0.0))
+        stops = up / (2 * G * np.sin(angle))
+        run = jaxball.simulate(slope, [0.0, 2 * stops], thrown, contact=Contact(mu), rtol=1e-11, atol=1e-11)
+        switches = run.contact.switches
+        assert int(switches.count) == 1
+        assert (switches.target[0], switches.cause[0]) == (Mode.ROLLING, Cause.STOPS)
+        assert float(switches.times[0]) == pytest.approx(stops, rel=1e-9)
+        slides, rolls = G * (np.sin(angle) + mu * np.cos(angle)), G * np.sin(angle) / (1 + SHARES[name])
+        expected = -up * stops + 0.5 * slides * stops**2 + (slides * stops - up) * stops + 0.5 * rolls * stops**2
+        assert float(places(run)[-1]) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", SHARES)
+def test_a_constant_force_that_needs_all_friction_rolls_the_body(name):
+    """On a level plane, |f| = k/(1 + k) F."""
+    k = SHARES[name]
+    for mu in COEFFICIENTS[::3]:
+        force = mu * M * G * (1 + k) / k
+        driven = body(name, force=jaxball.HarmonicForce((force, 0.0, 0.0)))
+        run = jaxball.simulate(driven, TIMES, contact=Contact(mu), max_steps=400)
+        assert np.all(np.asarray(run.contact.mode) == Mode.ROLLING)
+        np.testing.assert_allclose(places(run), 0.5 * force / (M * (1 + k)) * TIMES**2, rtol=CLOSE)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("mu", [0.05, 0.3, 0.9])
+@pytest.mark.parametrize("name", ["solid ball", "disk"])
+def test_a_force_that_needs_all_friction_at_its_peaks_rolls_the_body(name, mu):
+    k, w = SHARES[name], 2.7
+    force = mu * M * G * (1 + k) / k
+    shaken = body(name, force=jaxball.HarmonicForce((0.0, 0.0, 0.0), amplitude=[(force, 0.0, 0.0)], frequency=[w]))
+    run = jaxball.simulate(shaken, TIMES, contact=Contact(mu), rtol=1e-10, atol=1e-10)
+    assert run.ok
+    assert np.all(np.asarray(run.contact.mode) == Mode.ROLLING)
+    expected = force / (M * (1 + k)) * (TIMES / w - np.sin(w * TIMES) / w**2)
+    np.testing.assert_allclose(places(run), expected, atol=1e-8)
+
+
+# What a push changes at once.
+
+MU = 0.25
+
+
+def pushed(name, force, start, T, mode="reverse"):
+    """A body at rest that is pushed for a time of 0.5."""
+    pushed_body, adjoint = body(name, force=Push(force, start, 0.5)), DIFFERENTIATE[mode][1]
+    settings = {"contact": Contact(MU), "rtol": 1e-11, "atol": 1e-11, "max_steps": 800, "adjoint": adjoint}
+    return jaxball.simulate(pushed_body, jnp.array([0.0, T]), **settings)
+
+
+@pytest.mark.parametrize("name", ["solid ball", "disk"])
+def test_friction_gives_way_at_the_start_of_a_push(name):
+    """Then the slip grows, and after the push it ends; all of it moves with the start."""
+    k, start, push = SHARES[name], 0.7, 20.0
+    run = pushed(name, (push, 0.0, 0.0), start, 3.0)
+    growth, decay = push / M - MU * G * (1 + 1 / k), MU * G * (1 + 1 / k)
+    stops = start + 0.5 + growth * 0.5 / decay
+    switches = run.contact.switches
+    assert switches.cause[: int(switches.count)].tolist() == [Cause.GIVES_WAY, Cause.STOPS]
+    np.testing.assert_allclose(switches.times[:2], [start, stops], atol=1e-9)
+    assert not np.any(switches.grazing[:2])
+    # The momentum about a line in the plane is that of the push.
+    speed = push * 0.5 / (M * (1 + k))
+    assert float(run.contact.V[-1, 0]) == pytest.approx(speed, rel=1e-9)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("mode", DIFFERENTIATE)
+@pytest.mark.parametrize("name", ["solid ball", "disk"])
+def test_derivatives_by_the_start_of_a_push_that_slips(name, mode):
+    """The motion after it is that after an earlier start, later: dz/d(start) = −V."""
+    differentiate = DIFFERENTIATE[mode][0]
+
+    def end(start):
+        run = pushed(name, (20.0, 0.0, 0.0), start, 3.0, mode)
+        return jnp.ravel(run.state.z[-1])[0], run.contact.V[-1, 0], run.contact.switches.times[:2]
+
+    values = end(0.7)
+    place, speed, times = jax.jit(differentiate(end))(0.7)
+    assert float(place) == pytest.approx(-float(values[1]), rel=1e-8)
+    assert float(speed) == pytest.approx(0.0, abs=1e-8)
+    np.testing.assert_allclose(times, 1.0, rtol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["solid ball", "disk"])
+def test_a_push_lifts_the_body_at_its_start(name):
+    start, push, T = 0.7, 30.0, 1.25
+    run = pushed(name, (0.0, 0.0, push), start, T)
+    switches, rise = run.contact.switches, push / M - G
+    assert (switches.cause[0], switches.target[0]) == (Cause.LIFTS, Mode.FLIGHT)
+    assert float(switches.times[0]) == pytest.approx(start, abs=1e-12)
+    later = T - start - 0.5
+    height = 0.5 * rise * 0.5**2 + 0.5 * rise * later - 0.5 * G * later**2
+    assert float(run.contact.height[-1]) == pytest.approx(height, rel=1e-9)
+    derivative = jax.grad(lambda start: pushed(name, (0.0, 0.0, push), start, T).contact.height[-1])
+    assert float(jaxball.jit(derivative)(start)) == pytest.approx(-(0.5 * rise - G * later), rel=1e-9)
