@@ -12,7 +12,8 @@ from .. import scenario
 from ..results.files import READ_BACK, saved_text
 from ..scenario.errors import ScenarioError
 from ..scenario.paths import with_values
-from ..scenario.sources import document_of, naming, scenario_text
+from ..scenario.sources import document_of, naming, scenario_text, text_of
+from .kinds import SCENARIO, FileKind, check_kind
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -77,12 +78,37 @@ def scenario_document(options: argparse.Namespace, end: float | None = None) -> 
 def named_document(source: str) -> dict[str, Any]:
     """The document of a scenario file, of a built-in name, of a saved run, or on standard input.
 
-    **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read.
+    **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read, and for a file of another kind.
     """
     text = input_text(source)
-    text = scenario_text(source) if text is None else text
+    return _document(scenario_text(source) if text is None else text, source, "scenario", SCENARIO)
+
+
+def text_and_document(source: str, what: str, *kinds: FileKind) -> tuple[str, dict[str, Any]]:
+    """The text and the document of the file ``source``, which must be ``what``, of one of these kinds.
+
+    **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read, and for a file of another kind.
+    """
+    text = text_of(source, f"{what} file", ScenarioError)
+    return text, _document(text, source, what, *kinds)
+
+
+def refuse_document(path: Path) -> None:
+    """Raises a :class:`~jaxball.ScenarioError` where a file that must be something else is a scenario or the like."""
+    if is_run(str(path)):
+        return  # which may be large
+    try:
+        document = document_of(path.read_text(encoding="utf-8"), "file", ScenarioError)
+    except (OSError, UnicodeDecodeError, ScenarioError):
+        return
+    check_kind(document, str(path), str(path))
+
+
+def _document(text: str, source: str, what: str, *kinds: FileKind) -> dict[str, Any]:
     with naming(source_name(source)):
-        return document_of(text, "scenario", ScenarioError)
+        document = document_of(text, what, ScenarioError)
+    check_kind(document, source_name(source), "FILE" if source == STDIN else source, *kinds)
+    return document
 
 
 def scenario_of(document: dict[str, Any], source: str) -> "Scenario":

@@ -7,7 +7,7 @@ from pathlib import Path
 from ...interface.output import check_destination, write_text
 from ...scenario.errors import ScenarioError
 from ...scenario.sources import text_of
-from ..input import STDIN
+from ..input import STDIN, refuse_document
 from ..jax_setup import set_up_jax
 from ..options import STDOUT, add_quiet, positive, say, written_line
 
@@ -32,6 +32,8 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     if options.out != STDOUT:
         check_destination(options.out, (".toml",), "--out")
+    if options.file != STDIN:
+        refuse_document(Path(options.file))
     text = sys.stdin.read() if options.file == STDIN else text_of(options.file, "file of MuJoCo", ScenarioError)
     set_up_jax()
     import numpy as np

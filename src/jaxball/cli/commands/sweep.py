@@ -8,9 +8,10 @@ from pathlib import Path
 from ...interface.interruption import STOPPED, exit_code, interrupt_message
 from ...interface.output import check_folder
 from ...interface.wording import all_of, counted, pip_install
-from ...scenario.errors import ScenarioError
-from ...scenario.sources import document_of, naming, text_of
+from ...scenario.sources import naming
+from ..input import text_and_document
 from ..jax_setup import set_up_jax
+from ..kinds import STUDY
 from ..options import FAILED_SOLVE, BadInputError, add_formats, add_replacing, count, working
 
 NEEDED = ("zarr", "google_crc32c", "pandas", "pyarrow", "scipy")
@@ -68,9 +69,7 @@ def run(options: argparse.Namespace) -> int:
     if options.out is None and not options.dry_run:
         parser.error("the following argument is required: --out")
     require_packages(NEEDED)
-    text = text_of(options.study, "study file", ScenarioError)
-    with naming(options.study):
-        document_of(text, "study", ScenarioError)
+    text, _ = text_and_document(options.study, "study", STUDY)
     set_up_jax()
     return _sweep(options, text)
 
