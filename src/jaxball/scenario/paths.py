@@ -58,13 +58,19 @@ def numbers_of(document: Any, path: str = "", measured: bool = False) -> Iterato
 
 
 def check_number(
-    document: Mapping[str, Any], path: str, measured: bool = False, key: str = "", every: bool = False
+    document: Mapping[str, Any],
+    path: str,
+    measured: bool = False,
+    key: str = "",
+    every: bool = False,
+    has_defaults: bool = False,
 ) -> None:
     """Raises a :class:`ScenarioError` unless ``path`` is that of a number that a study can change.
 
     - ``measured``: whether sensors are read.
-    - ``key``: the key that has the path as its value, which the sentence names; the document then has its defaults.
+    - ``key``: the key that has the path as its value, which the sentence names.
     - ``every``: whether ``[*]`` stands for every index.
+    - ``has_defaults``: whether the document is one :func:`~jaxball.scenario.files.with_defaults`.
     """
     known = list(numbers_of(document, measured=measured))
     if path in known:
@@ -74,10 +80,10 @@ def check_number(
         raise ScenarioError(f"{names} must be the same in all rows, because it determines what is computed and saved.")
     reason = _not_one_number(document, path, every)
     if not reason:
-        default = "" if key else "; write it there if it has its default"
+        default = "" if has_defaults else "; write it there if it has its default"
         reason = f"is not there{default}{did_you_mean(path, known, quote='`', most=SUGGESTED)}"
-    number, this = ("of", f"`{path}`") if key else ("written in", "it")
-    raise ScenarioError(f"Key `{key or path}` must name a number {number} the scenario, but {this} {reason}")
+    where, this = "of" if has_defaults else "written in", f"`{path}`" if key else "it"
+    raise ScenarioError(f"Key `{key or path}` must name a number {where} the scenario, but {this} {reason}")
 
 
 def _not_one_number(document: Mapping[str, Any], path: str, every: bool) -> str:

@@ -104,7 +104,7 @@ class _Cells:
         self.template: Scenario = read_document(dict(document))
         document = with_defaults(document, self.template, (axis.path for axis in axes))
         for axis in axes:
-            check_number(document, axis.path)
+            check_number(document, axis.path, has_defaults=True)
         self.document, self.axes = document, axes
         rolling_state(self.template, what)
         rows = math.prod(axis.size for axis in axes)

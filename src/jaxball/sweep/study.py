@@ -313,7 +313,7 @@ def _check_paths(axes: tuple[Axis, ...], scenario: dict[str, Any], template: Sce
     keys = [item for k, axis in enumerate(axes) for item in keys_of_paths(axis, f"axes[{k}]")]
     paths = [path for path, _ in keys]
     measured = readings or template.estimator is not None
-    each_of(*(functools.partial(check_number, scenario, path, measured, key) for path, key in keys))
+    each_of(*(functools.partial(check_number, scenario, path, measured, key, has_defaults=True) for path, key in keys))
     if template.feedback is not None:
         each_of(*(functools.partial(_check_of_loop, scenario, path) for path in paths))
     for path, count in Counter(paths).items():

@@ -10,8 +10,7 @@ from typing import Any
 from ...interface.activity import Line
 from ...interface.interruption import interrupt_message
 from ...interface.output import check_folder
-from ...scenario.sources import naming
-from ..input import text_and_document
+from ..input import all_told, text_and_document
 from ..jax_setup import set_up_jax
 from ..kinds import PROBLEMS
 from ..options import working
@@ -34,7 +33,7 @@ def run(options: argparse.Namespace) -> int:
     from ...design.result import Source
 
     file = Path(options.problem)
-    with naming(options.problem):
+    with all_told(options.problem):
         problem_file = (read_control if TABLE in document else problem_of)(document, file.parent)
     source = Source(shlex.join(["jaxball", "design", str(file), "--out", str(options.out)]), file, text)
     source.check(options.out)

@@ -8,8 +8,7 @@ from pathlib import Path
 from ...interface.interruption import STOPPED, exit_code, interrupt_message
 from ...interface.output import check_folder
 from ...interface.wording import all_of, counted, pip_install
-from ...scenario.sources import naming
-from ..input import text_and_document
+from ..input import all_told, text_and_document
 from ..jax_setup import set_up_jax
 from ..kinds import STUDY
 from ..options import FAILED_SOLVE, BadInputError, add_formats, add_replacing, count, working
@@ -78,7 +77,7 @@ def _sweep(options: argparse.Namespace, text: str) -> int:
     """Runs the study of a file with this text, or says how much there is to run."""
     from ... import sweep
 
-    with naming(options.study):
+    with all_told(options.study):
         study = sweep.read_study(text, Path(options.study).parent)
     if options.dry_run:
         with working(options, "solving a few rows"):

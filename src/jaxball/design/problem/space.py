@@ -95,7 +95,8 @@ def expanded(variable: Variable, document: Mapping[str, Any], key: str = "") -> 
     if "*" not in variable.name:
         for index, path in enumerate(variable.paths):
             try:
-                check_number(document, path, key=f"{key}[{index}]" if variable.paths[1:] else key, every=True)
+                own = f"{key}[{index}]" if variable.paths[1:] else key
+                check_number(document, path, key=own, every=True, has_defaults=True)
             except ScenarioError as error:
                 raise DesignError(str(error)) from None  # which is not the scenario's
         return [variable]
