@@ -118,7 +118,7 @@ def test_permanent_rotations_of_a_top(folder, capsys):
         ([*CHART, "body.inertia[0]=1:2:2", "body.inertia[0]=1:2:3"], "names `body.inertia[0]` twice"),
         (
             [*CHART, "body.inerta[0]=1:2:2", "body.inertia[0]=1:2:3"],
-            "did you mean `body.inertia[0]`, `body.inertia[2]` or",
+            "did you mean `body.inertia[0]`, `body",
         ),
         (["chaos", "body.toml", "--plot", "means.txt"], "must end in one of .png, .pdf, .svg"),
     ],

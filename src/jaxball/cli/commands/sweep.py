@@ -27,7 +27,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("study", metavar="STUDY", help="a study file, or the word status or plot")
     parser.add_argument("store", nargs="?", type=Path, metavar="STORE", help="the store to describe or draw")
     parser.add_argument("--out", type=Path, metavar="STORE", help="the store, .zarr; for figures, their folder")
-    parser.add_argument("--workers", type=count, default=1, metavar="N", help="number of processes (default: 1)")
+    parser.add_argument("--workers", type=count, metavar="N", help="number of processes (default: 1, which uses every core)")
     parser.add_argument("--shard", type=_shard, default=(1, 1), metavar="K/N", help="only the K-th of N parts")
     parser.add_argument("--dry-run", action="store_true", help="print the number of rows and the size of the store")
     parser.add_argument("--measure", action="store_true", help="with --dry-run: solve a few rows to estimate the time")
@@ -81,13 +81,13 @@ def _sweep(options: argparse.Namespace, text: str) -> int:
         study = sweep.read_study(text, Path(options.study).parent)
     if options.dry_run:
         with working(options, "solving a few rows"):
-            estimate = sweep.estimate(study, measure=options.measure, workers=options.workers)
-            estimate = estimate.sentence(options.workers)
+            estimate = sweep.estimate(study, measure=options.measure, workers=options.workers).sentence()
         print(estimate if options.measure else f"{estimate}; --measure solves a few rows to estimate the time")
         return 0
     try:
         with interrupt_message(lambda: _stopped(options.out)):
-            outcome = sweep.sweep(study, options.out, workers=options.workers, shard=options.shard, stream=sys.stderr)
+            workers = options.workers or 1
+            outcome = sweep.sweep(study, options.out, workers=workers, shard=options.shard, stream=sys.stderr)
     except sweep.WorkerError as error:
         print(f"jaxball: {error}", file=sys.stderr)
         return FAILED_SOLVE
