@@ -363,7 +363,7 @@ def test_a_removed_store_is_made_again_beside_its_table(tmp_path, whole):
     store = sweep(one, tmp_path / "s.zarr", engine=pretend).store
     shutil.rmtree(store)
     table = (tmp_path / "s.parquet").read_bytes()
-    with pytest.raises(StoreError, match="without its store, and it is of a study with other axes; choose another"):
+    with pytest.raises(StoreError, match="without its store, and it is of a study with other axes, settings; choose"):
         sweep(other, store, engine=pretend)
     assert not store.exists()
     assert (tmp_path / "s.parquet").read_bytes() == table

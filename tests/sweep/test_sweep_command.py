@@ -1,11 +1,12 @@
 """``jaxball sweep``."""
 
 import os
+import time
 
 import pytest
 
 from jaxball.cli import main
-from jaxball.sweep import estimate, sweep
+from jaxball.sweep import estimate, run, sweep
 from tests.sweep.studies import files, pretend, study, study_text
 
 

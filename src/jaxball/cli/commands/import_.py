@@ -38,14 +38,17 @@ def run(options: argparse.Namespace) -> int:
     set_up_jax()
     import numpy as np
 
-    from ...mjcf import from_mjcf
+    from ...mjcf import read_mjcf
     from ...scenario import write_scenario
 
     times = options.step * np.arange(max(round(options.end / options.step), 1) + 1)
-    written = write_scenario(from_mjcf(text, times=times, contact=options.contact))
+    robot = read_mjcf(text, times=times, contact=options.contact)
+    written = write_scenario(robot.scenario)
     if options.out == STDOUT:
         sys.stdout.write(written)
+        for note in () if options.quiet else robot.notes:
+            print(note, file=sys.stderr)
     else:
         write_text(options.out, written)
-        say(options, written_line([options.out]))
+        say(options, *robot.notes, written_line([options.out]))
     return 0

@@ -27,7 +27,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("study", metavar="STUDY", help="a study file, or the word status or plot")
     parser.add_argument("store", nargs="?", type=Path, metavar="STORE", help="the store to describe or draw")
     parser.add_argument("--out", type=Path, metavar="STORE", help="the store, .zarr; for figures, their folder")
-    parser.add_argument("--workers", type=count, metavar="N", help="number of processes (default: 1, which uses every core)")
+    parser.add_argument("--workers", type=count, metavar="N", help="number of processes (default: 1, on every core)")
     parser.add_argument("--shard", type=_shard, default=(1, 1), metavar="K/N", help="only the K-th of N parts")
     parser.add_argument("--dry-run", action="store_true", help="print the number of rows and the size of the store")
     parser.add_argument("--measure", action="store_true", help="with --dry-run: solve a few rows to estimate the time")
