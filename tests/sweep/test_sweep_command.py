@@ -43,7 +43,7 @@ def test_a_finished_study_is_not_computed_again(folder, capsys):
     ("arguments", "sentence"),
     [
         (["none.toml", "--out", "s.zarr"], '"none.toml" (No such file or directory)'),
-        (["wrong.toml", "--out", "s.zarr"], "did you mean `body.mass`?"),
+        (["wrong.toml", "--out", "s.zarr"], "did you mean `body.mass`, `"),
         (["study.toml", "--out", "s.nc"], "must end in .zarr"),
         (["study.toml", "--out", "file/s.zarr"], "must lie in a folder that can be written"),
         (["study.toml", "--out", "mine.zarr"], "must be the store of a study, but it is something else"),
