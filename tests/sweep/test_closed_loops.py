@@ -152,7 +152,12 @@ AXIS = together(**{"body.mass": [1.0]})
     ("text", "axes", "settings", "sentence"),
     [
         (OF_STATE, together(**{"time.end": [1.0]}), {}, "Key `time.end` must be the same in all rows with feedback"),
-        (PREDICTIVE, together(**{"feedback.horizon": [4]}), {}, "names `feedback.horizon`, which must be the same in all rows"),
+        (
+            PREDICTIVE,
+            together(**{"feedback.horizon": [4]}),
+            {},
+            "names `feedback.horizon`, which must be the same in all rows",
+        ),
         (
             WANDERS_NOT,
             together(**{"sensors.gyro.errors.random_walk": [0.1]}),
