@@ -75,7 +75,10 @@ def test_bad_input_leaves_the_output_as_it_was(folder):
     (folder / "run.csv").write_text("precious")
     done = jaxball("simulate", "bad.toml", "--out", "run.csv", folder=folder)
     assert done.returncode == 2
-    assert done.stderr == "jaxball: bad.toml: Key `body.gravty` is not known; did you mean `gravity`?\n"
+    assert done.stderr == (
+        "jaxball: bad.toml: Key `body.gravty` is not known; did you mean `gravity`?\n"
+        "jaxball: bad.toml: Key `body.gravity` must be a finite number, but it is missing.\n"
+    )
     assert done.stdout == ""
     assert (folder / "run.csv").read_text() == "precious"
 

@@ -63,7 +63,7 @@ def test_files_go_to_standard_output(robot, capsys):
     [
         (["export", "suslov", "--to", "mjcf"], "Key `kind` must be a ball or a disk to be written as MJCF"),
         (["export", "robot.toml", "--to", "mjcf", "--out", "a.txt"], "Argument `--out` must end in .xml"),
-        (["import", "robot.toml"], "The file must be XML, but it is not"),
+        (["import", "robot.toml"], "robot.toml is a scenario; run it with `jaxball simulate robot.toml`."),
         (["import", "none.xml"], 'FILE must be a file of MuJoCo, but it is "none.xml"'),
         (["bench", "engines", "slop"], "PROBLEM must contain slope, slide"),
         (["bench", "--gradients"], "Argument `--gradients` must be left out without the word engines"),
@@ -75,3 +75,9 @@ def test_what_is_impossible_is_refused_with_a_sentence(robot, capsys, arguments,
     assert main(arguments) == 2
     assert capsys.readouterr().err.startswith(f"jaxball: {sentence}")
     assert sorted(path.name for path in robot.iterdir()) == ["robot.toml"]
+
+
+def test_what_is_no_xml_is_refused(robot, capsys):
+    (robot / "robot.txt").write_text("a robot")
+    assert main(["import", "robot.txt"]) == 2
+    assert capsys.readouterr().err.startswith("jaxball: The file must be XML, but it is not")

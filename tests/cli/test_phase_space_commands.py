@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -115,7 +116,10 @@ def test_permanent_rotations_of_a_top(folder, capsys):
         (["chaos", "body.toml", "--poincare", "Omega[0]=0", "--exponents", "2"], "leave it out with --poincare"),
         ([*CHART, "a=1:2", "b=1:2:3"], "must be PATH=FROM:TO:COUNT, with two different numbers"),
         ([*CHART, "body.inertia[0]=1:2:2", "body.inertia[0]=1:2:3"], "names `body.inertia[0]` twice"),
-        ([*CHART, "body.inerta[0]=1:2:2", "body.inertia[0]=1:2:3"], "did you mean `body.inertia[0]`?"),
+        (
+            [*CHART, "body.inerta[0]=1:2:2", "body.inertia[0]=1:2:3"],
+            "did you mean `body.inertia[0]`, `body",
+        ),
         (["chaos", "body.toml", "--plot", "means.txt"], "must end in one of .png, .pdf, .svg"),
     ],
 )
@@ -126,3 +130,14 @@ def test_bad_arguments(folder, capsys, arguments, sentence):
     assert sentence in captured.err
     assert captured.out == ""
     assert sorted(folder.iterdir()) == before
+
+
+def test_a_state_that_is_not_steady_is_one_for_another_command(capsys):
+    """In the summary and in JSON, where Python names a function."""
+    assert main(["stability", "rolling-robot", "--initial", "--json", "found.json"]) == 0
+    summary = capsys.readouterr().out
+    message = json.loads(Path("found.json").read_text())["motions"][0]["message"]
+    for text in (summary, message):
+        assert "is not steady" in text
+        assert "use `jaxball periodic` for motions that repeat" in text
+        assert "periodic_motion" not in text

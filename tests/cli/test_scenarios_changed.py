@@ -167,7 +167,8 @@ def test_values_that_are_refused_by_the_options(capsys, arguments):
     ("arguments", "sentence"),
     [
         (["none.nc", "--out", "figures"], '"none.nc" does not exist.'),
-        (["disk.toml", "--out", "figures"], 'from a .nc or .npz file, but this is "disk.toml".'),
+        (["disk.toml", "--out", "figures"], "disk.toml is a scenario; run it with `jaxball simulate disk.toml`."),
+        (["disk.txt", "--out", "figures"], 'from a .nc or .npz file, but this is "disk.txt".'),
         (["disk.toml", "--out", "disk.toml"], '`--out` must be a folder, but "disk.toml" is a file'),
     ],
 )
@@ -187,3 +188,29 @@ def test_a_part_of_a_run_is_filmed(folder, scenario):
         assert film.size == (320, 180)
         assert film.n_frames == 9
         assert film.info["duration"] == 250
+
+
+def test_the_solver_of_an_option_is_known_when_changes_are_checked(capsys):
+    """In the differential-algebraic form, which only --solver makes possible, with the end of the usual form."""
+    both = ["--set", "solve.dae=true", "--solver", "radau9"]
+    ends = []
+    for more in (both, []):
+        assert main(["simulate", "ball", "--end", "1", "--quiet", "--json", "-", *more]) == 0
+        ends.append(json.loads(capsys.readouterr().out)["state"]["z"])
+    np.testing.assert_allclose(*ends, atol=1e-8)
+    assert main(["simulate", "ball", "--set", "solve.dae=true", "--solver", "dopri5"]) == 2
+    assert capsys.readouterr().err.startswith('jaxball: Argument `--solver` must be one of "radau5", "radau9", ')
+    assert main(["simulate", "ball", "--set", "solve=3", "--solver", "radau9"]) == 2
+    assert capsys.readouterr().err.startswith("jaxball: ball: Key `solve` must be a table")
+
+
+@pytest.mark.parametrize("command", [["simulate"], ["verify"], ["export", "--to", "mjcf"], ["stability"]])
+def test_every_problem_of_a_scenario_is_told(folder, capsys, command):
+    """The sentences are those of validate, whose number is that of the mistakes made here."""
+    wrong = DISK.replace("format = 1", 'format = 1\ntitel = "x"').replace("[body]", "[body]\nmas = 1\nheight = 2", 1)
+    (folder / "wrong.toml").write_text(wrong)
+    assert main(["validate", "wrong.toml"]) == 2
+    sentences = capsys.readouterr().err.splitlines()
+    assert [line.split("`")[1] for line in sentences] == ["titel", "body.mas", "body.height"]
+    assert main([*command[:1], "wrong.toml", *command[1:]]) == 2
+    assert capsys.readouterr().err.splitlines() == [f"jaxball: {line}" for line in sentences]

@@ -102,7 +102,7 @@ def test_mistakes_in_one_part_of_a_study_do_not_hide_those_in_another(folder, ca
     of_paths = wrong.replace("body.gravity", "body.gravty").replace("body.mass", "body.mas")
     for study, axes in (
         (of_axes, ["axes[0].values", "axes[1].linear.count"]),
-        (of_paths, ["body.mas", "body.gravty"]),
+        (of_paths, ["axes[0].path", "axes[1].path"]),
     ):
         (folder / "study.toml").write_text(study)
         assert main(["validate", "study.toml"]) == 2

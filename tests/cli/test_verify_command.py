@@ -104,3 +104,18 @@ def test_bad_arguments(capsys, arguments, sentence):
     captured = capsys.readouterr()
     assert sentence in captured.err
     assert captured.out == ""
+
+
+def test_a_changed_scenario_is_verified(tmp_path, capsys):
+    """At this tolerance the error is above what is expected; at the scenario's own it is not."""
+    only = ["--laws", "error"]
+    assert main(["verify", "loose.toml", *only]) == 1
+    assert main(["verify", "loose.toml", *only, "--set", "solve.rtol=1e-10", "--set", "solve.atol=1e-10"]) == 0
+    assert main(["verify", "loose.toml", "--set", "solve.rtl=1"]) == 2
+    assert "Key `solve.rtl` is not known" in capsys.readouterr().err
+
+
+def test_a_saved_run_is_not_changed(tmp_path, capsys):
+    assert main(["simulate", "nonholonomic-particle", "--out", "run.nc", "--quiet"]) == 0
+    assert main(["verify", "run.nc", "--set", "time.end=1"]) == 2
+    assert 'Argument `--set` must be left out for a saved run, such as "run.nc"' in capsys.readouterr().err

@@ -7,9 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import tomli_w
 from hypothesis import given, strategies as st
 
 from jaxball.design import Bounds, DesignError, DesignSpace, Variable
+from jaxball.design.files import read_problem
 from jaxball.scenario import builtin_text
 from tests.design.documents import builtin
 from tests.support import corpus
@@ -172,3 +174,36 @@ def test_an_elevation_over_the_pole_is_written_as_the_same_direction():
     for k in range(3):
         one, other = (jax.tree.map(lambda leaf, k=k: leaf[k], frame).matrix() for frame in (found, read))
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("paths", "words"),
+    [
+        (
+            ("body.inertia",),
+            r"`variables\[1\].path` must .* is a list of 3 numbers; .*`body.inertia\[\*\]`",
+        ),
+        (("body.mass", "masses[0].rail"), r"`variables\[1\].path\[1\]` must .* `masses\[0\].rail` is a table; name a"),
+        (("body.mas",), r"`variables\[1\].path` must .* `body.mas` is not there; did you mean `body.mass`"),
+    ],
+)
+def test_a_path_that_is_none_of_a_number_is_the_variables_and_not_the_scenarios(paths, words):
+    with pytest.raises(DesignError, match=words):
+        DesignSpace(builtin("ball"), [Variable(("masses[0].mass",)), Variable(paths)])
+    file = {"scenario": "ball", "variables": [{"path": "masses[0].mass"}, {"path": list(paths)}]}
+    with pytest.raises(DesignError, match=words) as caught:
+        read_problem(tomli_w.dumps({"format": 1, **file, "objectives": [{"kind": "go-far"}]}))
+    assert "The scenario of the problem" not in str(caught.value)
+
+
+def test_a_number_left_to_its_default_is_a_variable():
+    """The space is that of the document in which the number is written by hand."""
+    document = builtin("ball")
+    document["body"].pop("offset")
+    by_hand = builtin("ball")
+    by_hand["body"]["offset"] = [0.0, 0.0, 0.0]
+    variables = [Variable(("body.offset[*]",), lower=-0.5, upper=0.5)]
+    space, expected = (DesignSpace(item, variables) for item in (document, by_hand))
+    assert space.names == expected.names == tuple(f"body.offset[{k}]" for k in range(3))
+    x = np.array([0.1, -0.2, 0.3])
+    assert_same(space.candidate_of(jnp.asarray(x)), expected.scenario_of(x), 0.0)

@@ -2,11 +2,14 @@
 
 import itertools
 
+import jax
 import numpy as np
 import pandas
 import pytest
 import scipy.stats
 
+from jaxball.scenario import ScenarioError, builtin_text, read_scenario
+from tests.scenario.documents import DISK
 from tests.sweep.studies import study
 
 EVERY = np.arange
@@ -123,3 +126,21 @@ def test_the_scenario_of_a_row_has_its_numbers_and_no_other(tmp_path):
     assert (float(first.system.mass), float(first.system.gravity)) == (0.5, 0.5)
     assert (float(last.system.mass), float(last.system.gravity)) == (2.0, 2.0)
     assert found.template().system.mass == 1.0
+
+
+def test_a_number_left_to_its_default_can_change(tmp_path):
+    """The disk of a row is that of a scenario in which the number is written by hand."""
+    one = study(tmp_path, '[[axes]]\npath = "body.offset[0]"\nvalues = [0.0, 0.125]\n')
+    assert "offset" not in DISK
+    by_hand = read_scenario(DISK.replace("[body]", "[body]\noffset = [0.125, 0.0, 0.0]"))
+    assert np.array_equal(np.asarray(one.scenario(0).system.offset), np.zeros(3))
+    row = one.scenario(1)
+    leaves, expected = (jax.tree.leaves((item.system, item.state)) for item in (row, by_hand))
+    for leaf, other in zip(leaves, expected, strict=True):
+        assert np.array_equal(leaf, other)
+
+
+def test_a_key_that_does_not_go_with_those_there_has_no_default(tmp_path):
+    """An axis beside a versor would be a second orientation."""
+    with pytest.raises(ScenarioError, match=r"`initial.axis\[0\]` is not there"):
+        study(tmp_path, '[[axes]]\npath = "initial.axis[0]"\nvalues = [0.5]\n', scenario=builtin_text("ball"))

@@ -152,7 +152,12 @@ AXIS = together(**{"body.mass": [1.0]})
     ("text", "axes", "settings", "sentence"),
     [
         (OF_STATE, together(**{"time.end": [1.0]}), {}, "Key `time.end` must be the same in all rows with feedback"),
-        (PREDICTIVE, together(**{"feedback.horizon": [4]}), {}, "Key `feedback.horizon` must be the same in all rows"),
+        (
+            PREDICTIVE,
+            together(**{"feedback.horizon": [4]}),
+            {},
+            "names `feedback.horizon`, which must be the same in all rows",
+        ),
         (
             WANDERS_NOT,
             together(**{"sensors.gyro.errors.random_walk": [0.1]}),
@@ -163,9 +168,9 @@ AXIS = together(**{"body.mass": [1.0]})
             OF_STATE,
             together(**{"sensors.gyro.errors.noise": [0.1]}),
             {},
-            "Key `sensors.gyro.errors.noise` must be the same in all rows",
+            "names `sensors.gyro.errors.noise`, which must be the same in all rows",
         ),
-        (OF_STATE, together(**{"feedback.start.ph": [0.1]}), {}, "did you mean `feedback.start.phi`?"),
+        (OF_STATE, together(**{"feedback.start.ph": [0.1]}), {}, "did you mean `feedback.start.phi`"),
         (OF_STATE, AXIS, {"detachment": True}, "Key `detachment` must be false where the scenario has feedback"),
         (OF_STATE, AXIS, {"within": 0.0}, "Key `within` must be a positive number"),
         (DISK, AXIS, {"readings": True}, "Key `readings` must be false where the scenario has no [sensors]"),

@@ -12,6 +12,10 @@ def axis(line, path="body.mass"):
     return f'[[axes]]\npath = "{path}"\n{line}\n'
 
 
+PATH = "Key `axes\\[0\\].path` must name a number of the scenario, but"
+ZIPPED = '[[axes]]\nzip = [{ path = "body.radius", values = [1] }, { path = "body.gravty", values = [1] }]\n'
+
+
 def design(line, count=8, kind="random"):
     return f'[[axes]]\ndesign = "{kind}"\ncount = {count}\nnumbers = {{ "body.mass" = {{ {line} }} }}\n'
 
@@ -19,11 +23,28 @@ def design(line, count=8, kind="random"):
 @pytest.mark.parametrize(
     ("axes", "sentence"),
     [
-        (axis("values = [1]", "body.mas"), "Key `body.mas` must name a number .* did you mean `body.mass`?"),
-        (axis("values = [1]", "body.offset[1]"), "`body.offset\\[1\\]` must name a number written in the scenario"),
-        (axis("values = [1]", "masses[1].mass"), "Key `masses\\[1\\].mass` must name a number"),
-        (axis("values = [1]", "time.saves"), "Key `time.saves` must be the same in all rows"),
-        (axis("values = [1]", "kind"), "Key `kind` must name a number"),
+        (axis("values = [1]", "body.mas"), f"{PATH} `body.mas` is not there; did you mean `body.mass`"),
+        (
+            axis("values = [1]", "body.offset[5]"),
+            f"{PATH} `body.offset\\[5\\]` is not there; did you mean `body.offset",
+        ),
+        (axis("values = [1]", "masses[1].mass"), f"{PATH} `masses\\[1\\].mass` is not there; did you mean `masses"),
+        (
+            axis("values = [1]", "body.offset"),
+            f"{PATH} `body.offset` is a list of 3 numbers; name one of them, such as",
+        ),
+        (axis("values = [1]", "body"), f"{PATH} `body` is a table; name a number in it, such as `body.mass`."),
+        (axis("values = [1]", "masses"), f"{PATH} `masses` is a list of tables; name a number in it, such as `masses"),
+        (
+            axis("values = [1]", "time.saves"),
+            "`axes\\[0\\].path` names `time.saves`, which must be the same in all rows",
+        ),
+        (axis("values = [1]", "kind"), f'{PATH} `kind` is "disk".'),
+        (axis("values = [1]") + ZIPPED, "Key `axes\\[1\\].zip\\[1\\].path` must .* `body.gravty` is not there"),
+        (
+            design("uniform = [1, 2]").replace("mass", "mas"),
+            "Key `axes\\[0\\].numbers` must .* `body.mas` is not there",
+        ),
         (axis("values = []"), "Key `axes\\[0\\].values` must be a list of finite numbers, but it is \\[\\]"),
         (axis("values = [1, inf]"), "Key `axes\\[0\\].values` must be a list of finite numbers"),
         (axis("linear = { from = 1, to = 2, count = 0 }"), "`axes\\[0\\].linear.count` must be a whole number from 1"),
@@ -85,3 +106,13 @@ def test_a_file_that_is_not_there(tmp_path):
 def test_a_row_that_no_body_can_have_names_itself(tmp_path):
     with pytest.raises(StudyError, match=r"Row 1: Key `body.mass` must be a positive number, but it is -2"):
         study(tmp_path, axis("values = [1, -2]")).scenario(1)
+
+
+def test_a_wrong_path_in_a_large_scenario_gets_a_short_sentence(tmp_path):
+    text = 'format = 1\nscenario = "six-tubes"\n[[axes]]\npath = "masses[7].mas"\nvalues = [1]\n'
+    with pytest.raises(ScenarioError) as caught:
+        read_study(text, tmp_path)
+    sentence = str(caught.value)
+    assert sentence.startswith(f"{PATH} ".replace("\\", ""))
+    assert len(sentence) < 200
+    assert sentence.count("masses[") == 4  # the wrong one, and three that may be meant

@@ -4,6 +4,7 @@ import concurrent.futures
 import io
 import json
 import os
+import shutil
 import signal
 
 import numpy as np
@@ -156,7 +157,7 @@ def test_what_is_no_store_is_refused_and_left(tmp_path, content):
 
 def test_a_table_of_something_else_is_refused_and_left(tmp_path):
     (tmp_path / "s.parquet").write_text("precious")
-    with pytest.raises(StoreError, match=r'"\S+s.parquet", but that file belongs to another study'):
+    with pytest.raises(StoreError, match=r'"\S+s.parquet", but there is .* does not say of which'):
         sweep(study(tmp_path), tmp_path / "s.zarr", engine=pretend)
     assert (tmp_path / "s.parquet").read_text() == "precious"
     assert not (tmp_path / "s.zarr").exists()
@@ -354,3 +355,17 @@ def test_a_worker_that_is_killed_is_told(tmp_path):
 
     with pytest.raises(executors.WorkerError, match="A worker ended before its chunk was done"):
         sweep(study(tmp_path), tmp_path / "s.zarr", executor=Broken(), engine=engine.solve_in_lanes)
+
+
+def test_a_removed_store_is_made_again_beside_its_table(tmp_path, whole):
+    """The same command computes what it did before; the table of another study is neither used nor replaced."""
+    one, other = study(tmp_path, settings=SMALL), study(tmp_path, axes=GRAVITIES, settings=SMALL)
+    store = sweep(one, tmp_path / "s.zarr", engine=pretend).store
+    shutil.rmtree(store)
+    table = (tmp_path / "s.parquet").read_bytes()
+    with pytest.raises(StoreError, match="without its store, and it is of a study with other axes, settings; choose"):
+        sweep(other, store, engine=pretend)
+    assert not store.exists()
+    assert (tmp_path / "s.parquet").read_bytes() == table
+    assert sweep(one, store, engine=pretend).finished
+    assert files(store) == whole

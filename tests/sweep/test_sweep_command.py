@@ -1,11 +1,12 @@
 """``jaxball sweep``."""
 
 import os
+import time
 
 import pytest
 
 from jaxball.cli import main
-from jaxball.sweep import estimate, sweep
+from jaxball.sweep import estimate, run, sweep
 from tests.sweep.studies import files, pretend, study, study_text
 
 
@@ -42,7 +43,7 @@ def test_a_finished_study_is_not_computed_again(folder, capsys):
     ("arguments", "sentence"),
     [
         (["none.toml", "--out", "s.zarr"], '"none.toml" (No such file or directory)'),
-        (["wrong.toml", "--out", "s.zarr"], "did you mean `body.mass`?"),
+        (["wrong.toml", "--out", "s.zarr"], "did you mean `body.mass`, `"),
         (["study.toml", "--out", "s.nc"], "must end in .zarr"),
         (["study.toml", "--out", "file/s.zarr"], "must lie in a folder that can be written"),
         (["study.toml", "--out", "mine.zarr"], "must be the store of a study, but it is something else"),
@@ -88,8 +89,8 @@ def test_a_dry_run_solves_nothing(folder, capsys):
     found = estimate(study(folder, axes), never)
     size = 123 * 8192 * (8 + 8 + 1 + 4 + 4 + 8 + 3 * 8) + 8 * 1_000_000  # bytes a row, in whole chunks, and the axis
     size += 4 * (9 * 123 + 1)  # a checksum for each file
-    assert found == (1_000_000, 123, size, None, None)
-    assert found.sentence(2) == "1,000,000 rows in 123 chunks, a store of 65.4 MB"
+    assert found[:5] == (1_000_000, 123, size, None, None)
+    assert found.sentence() == "1,000,000 rows in 123 chunks, a store of 65.4 MB"
     assert main(["sweep", "study.toml", "--dry-run"]) == 0
     assert capsys.readouterr().out == (
         "15 rows in 1 chunk, a store of 1.09 kB; --measure solves a few rows to estimate the time\n"
@@ -110,9 +111,35 @@ def test_an_estimate_that_is_measured_keeps_compiling_apart(folder, monkeypatch)
         return pretend(batch, wanted)
 
     monkeypatch.setattr("time.perf_counter", clock)
-    found = estimate(study(folder, settings="chunk = 4"), compiling_at_first, measure=True)
+    found = estimate(study(folder, settings="chunk = 4"), compiling_at_first, measure=True, workers=1)
     assert (found.compiling, found.solving) == (30.0, 1.5 * 15 / 4)
-    assert found.sentence(2).endswith(", about 2.8 s with 2 workers after compiling for 30 s")
+    assert found.sentence().endswith(", about 5.6 s with 1 worker after compiling for 30 s")
+
+
+def test_an_estimate_for_processes_has_their_start(folder):
+    """A process imports JAX before it solves, which takes longer than these rows; so one worker is the quickest."""
+    one = study(folder, settings="chunk = 4")
+    two = estimate(one, pretend, measure=True, workers=2)
+    start = time.perf_counter()
+    assert sweep(one, folder / "two.zarr", workers=2, engine=pretend).finished
+    took = time.perf_counter() - start
+    assert two.workers == 2
+    assert two.starting > 0.25 * took
+    assert ", about " in two.sentence()
+    assert " of it to start after compiling" in two.sentence()
+    assert estimate(one, pretend, measure=True).workers == 1
+
+
+def test_the_quickest_number_of_workers_is_estimated(folder, monkeypatch):
+    """Where processes take half the time of one, and half a second to start."""
+    monkeypatch.setattr(run, "_alone", lambda *_: {"compiling": 1.0, "solving": 40.0})
+    monkeypatch.setattr(run, "_together", lambda *_: {"starting": 0.5, "solving": 20.0})
+    monkeypatch.setattr(run, "cores", lambda: 2)
+    one = study(folder, settings="chunk = 1")
+    assert estimate(one, pretend, measure=True)[3:] == (1.0, 20.0, 0.5, 2)
+    monkeypatch.setattr(run, "_together", lambda *_: {"starting": 25.0, "solving": 20.0})
+    assert estimate(one, pretend, measure=True)[3:] == (1.0, 40.0, 0.0, 1)
+    assert estimate(one, pretend, measure=True, workers=2)[3:] == (1.0, 20.0, 25.0, 2)
 
 
 def never(batch, wanted):

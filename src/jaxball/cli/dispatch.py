@@ -48,7 +48,8 @@ def run(arguments: Sequence[str]) -> int:
     except BrokenPipeError:  # such as from `| head`, which stops reading
         return BROKEN_PIPE
     except (UserError, OSError) as error:
-        print(f"jaxball: {sentence(error)}", file=sys.stderr)
+        for line in sentence(error).splitlines():  # one for each problem of a file
+            print(f"jaxball: {line}", file=sys.stderr)
         return BAD_INPUT
 
 

@@ -20,7 +20,7 @@ from ..scenario import Scenario, ScenarioError, read_document, write_scenario
 from ..scenario.paths import entries
 from ..simulation.trajectory import Trajectory
 from .input import STDIN
-from .options import FAILED_SOLVE, STDOUT, ChartAxis, say, working, written_line
+from .options import FAILED_SOLVE, STDOUT, ChartAxis, in_commands, say, working, written_line
 
 if TYPE_CHECKING:
     import xarray
@@ -207,7 +207,9 @@ def complex_numbers(values: np.ndarray) -> str:
 
 def motion_content(motion: "Motion", names: Names, complex_names: Names) -> dict[str, Any]:
     """A motion for JSON: its state and some of its attributes."""
-    return {"state": _state(motion), **{name: getattr(motion, name) for name in (*names, *complex_names)}}
+    content = {name: getattr(motion, name) for name in (*names, *complex_names)}
+    texts = {name: in_commands(value) for name, value in content.items() if isinstance(value, str)}
+    return {"state": _state(motion), **content, **texts}
 
 
 def save_motions(motions: "Sequence[Motion]", path: Path, names: Names, complex_names: Names) -> None:

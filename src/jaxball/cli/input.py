@@ -4,15 +4,18 @@ As a document it needs no JAX; :func:`scenario_of` does.
 """
 
 import argparse
+import contextlib
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import scenario
 from ..results.files import READ_BACK, saved_text
-from ..scenario.errors import ScenarioError
+from ..scenario.errors import ScenarioError, all_problems
 from ..scenario.paths import with_values
-from ..scenario.sources import document_of, naming, scenario_text
+from ..scenario.sources import document_of, naming, scenario_text, text_of
+from .kinds import SCENARIO, FileKind, check_kind
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -27,13 +30,18 @@ def add_scenario(parser: argparse.ArgumentParser) -> None:
         metavar="FILE|NAME",
         help="a scenario file, a built-in scenario, a saved run (.nc or .npz), or - for standard input",
     )
+    add_changes(parser, "the scenario")
+
+
+def add_changes(parser: argparse.ArgumentParser, what: str) -> None:
+    """Adds --set, which changes ``what``."""
     parser.add_argument(
         "--set",
         action="append",
         default=[],
         metavar="PATH=VALUE",
-        help="change a value of the scenario, as in body.mass=2 or 'masses[0].mass=0.3', or remove a key, as in "
-        "time.step=; can be given several times",
+        help=f"change a value of {what}, as in body.mass=2 or 'masses[0].mass=0.3', or remove a key, as in time.step=; "
+        "can be given several times",
     )
 
 
@@ -77,12 +85,37 @@ def scenario_document(options: argparse.Namespace, end: float | None = None) -> 
 def named_document(source: str) -> dict[str, Any]:
     """The document of a scenario file, of a built-in name, of a saved run, or on standard input.
 
-    **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read.
+    **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read, and for a file of another kind.
     """
     text = input_text(source)
-    text = scenario_text(source) if text is None else text
+    return _document(scenario_text(source) if text is None else text, source, "scenario", SCENARIO)
+
+
+def text_and_document(source: str, what: str, *kinds: FileKind) -> tuple[str, dict[str, Any]]:
+    """The text and the document of the file ``source``, which must be ``what``, of one of these kinds.
+
+    **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read, and for a file of another kind.
+    """
+    text = text_of(source, f"{what} file", ScenarioError)
+    return text, _document(text, source, what, *kinds)
+
+
+def refuse_document(path: Path) -> None:
+    """Raises a :class:`~jaxball.ScenarioError` where a file that must be something else is a scenario or the like."""
+    if is_run(str(path)):
+        return  # which may be large
+    try:
+        document = document_of(path.read_text(encoding="utf-8"), "file", ScenarioError)
+    except (OSError, UnicodeDecodeError, ScenarioError):
+        return
+    check_kind(document, str(path), str(path))
+
+
+def _document(text: str, source: str, what: str, *kinds: FileKind) -> dict[str, Any]:
     with naming(source_name(source)):
-        return document_of(text, "scenario", ScenarioError)
+        document = document_of(text, what, ScenarioError)
+    check_kind(document, source_name(source), "FILE" if source == STDIN else source, *kinds)
+    return document
 
 
 def scenario_of(document: dict[str, Any], source: str) -> "Scenario":
@@ -90,8 +123,19 @@ def scenario_of(document: dict[str, Any], source: str) -> "Scenario":
 
     **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read.
     """
-    with naming(source_name(source)):
+    with all_told(source):
         return scenario.read_document(document)
+    raise AssertionError("A document that cannot be read has a problem.")
+
+
+@contextlib.contextmanager
+def all_told(source: str) -> Iterator[None]:
+    """Makes the error raised within, in what ``source`` has, one of all its problems, each in a line of its own."""
+    with all_problems() as problems:
+        yield
+    if problems:
+        name = source_name(source)
+        raise ScenarioError("\n".join(f"{name}: {problem}" for problem in problems))
 
 
 def source_name(source: str) -> str:

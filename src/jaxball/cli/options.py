@@ -31,6 +31,8 @@ POSITIONAL = {
     "inclination": "INCLINATION",
     "precession": "PRECESSION",
 }
+# And Python functions that sentences recommend.
+COMMANDS = {"`periodic_motion`": "`jaxball periodic`", "`stability`": "`jaxball stability --initial`"}
 
 
 class BadInputError(UserError):
@@ -161,7 +163,7 @@ def say(options: argparse.Namespace, *lines: object) -> None:
 
 
 def sentence(error: Exception) -> str:
-    """The message of an error, with arguments named as on the command line."""
+    """The message of an error, with arguments and functions named as on the command line."""
     if isinstance(error, OSError) and error.strerror:
         place = "The output" if error.filename is None else f'"{error.filename}"'
         return f"{place} cannot be {'written' if error.filename is None else 'used'}: {error.strerror}."
@@ -169,7 +171,14 @@ def sentence(error: Exception) -> str:
     def on_command_line(match: re.Match[str]) -> str:
         return POSITIONAL.get(match[1]) or f"Argument `--{match[1].replace('_', '-')}`"
 
-    return re.sub(r"Argument `(\w+)`", on_command_line, str(error)).replace("replace=True", "--force")
+    return in_commands(re.sub(r"Argument `(\w+)`", on_command_line, str(error)).replace("replace=True", "--force"))
+
+
+def in_commands(text: str) -> str:
+    """The text with the commands that do what the functions do that it recommends."""
+    for function, command in COMMANDS.items():
+        text = text.replace(function, command)
+    return text
 
 
 def chart_axes(

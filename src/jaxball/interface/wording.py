@@ -31,10 +31,17 @@ def nearest(name: str, known: Iterable[str], most: int = 1, cutoff: float = 0.6)
     return [lower[near] for near in difflib.get_close_matches(name.lower(), lower, most, cutoff)]
 
 
-def did_you_mean(name: str, known: Iterable[str], otherwise: str = "", quote: str = '"') -> str:
-    """``; did you mean "circle"?`` where a known name is similar, else ``otherwise`` as a clause, and a full stop."""
-    for near in nearest(name, known):
-        return f"; did you mean {quote}{near}{quote}?"
+def any_of(names: Sequence[str]) -> str:
+    """``a, b or c``."""
+    *first, last = names
+    return f"{', '.join(first)} or {last}" if first else last
+
+
+def did_you_mean(name: str, known: Iterable[str], otherwise: str = "", quote: str = '"', most: int = 1) -> str:
+    """``; did you mean "circle"?`` where known names are similar, up to ``most``, else ``otherwise`` as a clause."""
+    near = nearest(name, known, most)
+    if near:
+        return f"; did you mean {any_of([f'{quote}{one}{quote}' for one in near])}?"
     return f"; {otherwise}." if otherwise else "."
 
 

@@ -5,7 +5,7 @@ Nothing is simulated here, and MuJoCo itself is not needed.
 
 from ..interface.names import interface as _interface
 from .elements import MJCFError as MJCFError
-from .reading import from_mjcf as from_mjcf
+from .reading import Imported as Imported, from_mjcf as from_mjcf, read_mjcf as read_mjcf
 from .writing import Exported as Exported, to_mjcf as to_mjcf
 
 __all__, __dir__ = _interface(globals())

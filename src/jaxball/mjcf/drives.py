@@ -187,38 +187,65 @@ def read_springs(joint: ET.Element) -> list[AbstractJointForce]:
     return forces
 
 
-def read_actuators(
-    actuators: Iterable[ET.Element], controls: Float[np.ndarray, " n"]
-) -> dict[str, list[AbstractJointForce]]:
-    """The forces of actuators by the names of their joints, with the controls that they keep.
+class Actuated(NamedTuple):
+    """The forces of actuators by the names of their joints, and a sentence for each thing that was left out."""
+
+    forces: dict[str, list[AbstractJointForce]]
+    notes: list[str]
+
+
+def read_actuators(actuators: Iterable[ET.Element], controls: Float[np.ndarray, " n"]) -> Actuated:
+    """The forces of actuators, with the controls that they keep.
 
     **Raises:** :class:`MJCFError` for an actuator whose force is none of those that joints have here.
     """
     forces: dict[str, list[AbstractJointForce]] = {}
+    notes = []
     for element, control in zip(actuators, controls, strict=True):
         joint = element.get("joint")
         if joint is None:
             raise MJCFError(f"Element {called(element)} must act on a `joint`, but it acts on something else.")
         refuse_values(element, ("lengthrange",), "forces here do not depend on it")
-        if element.get("ctrlrange") is not None:
-            low, high = numbers(element, "ctrlrange", count=2)
-            control = float(np.clip(control, low, high))
-        forces.setdefault(joint, []).append(_read_actuator(element, float(control)))
-    return forces
+        within = _range(element, "ctrl")
+        control = float(control) if within is None else float(np.clip(control, *within))
+        force, limits_control = _read_actuator(element, control, within)
+        forces.setdefault(joint, []).append(force)
+        if within is not None and not limits_control:
+            notes.append(
+                f"The `ctrlrange` of {called(element)} was not imported, because only a motor whose range is the same "
+                f"in both directions has a limit that stands for it; its control, {control:g}, is within it."
+            )
+    return Actuated(forces, notes)
 
 
-def _read_actuator(element: ET.Element, control: float) -> AbstractJointForce:
+def _read_actuator(
+    element: ET.Element, control: float, within: tuple[float, float] | None
+) -> tuple[AbstractJointForce, bool]:
+    """The force of an actuator whose control is ``within`` a range, and whether its limit holds it there too."""
     limit, gear = _limit(element), float(numbers(element, "gear", (1.0,))[0])
-    if element.tag == "motor":
-        return Motor(gear * control, limit)
-    gain, stiffness, damping = _affine(element)
-    if gear != 1:
+    gain, stiffness, damping = (1.0, 0.0, 0.0) if element.tag == "motor" else _affine(element)
+    if element.tag != "motor" and gear != 1:
         raise MJCFError(f'Attribute `gear` of {called(element)} must be 1 except for motors, but it is "{gear:g}".')
+    if stiffness == 0 and damping == 0:
+        limits_control = within is not None and within[0] == -within[1]
+        if within is not None and limits_control:
+            largest = abs(gain) * within[1]
+            limit = largest if limit is None else min(limit, largest)
+        # The range is that of the force before the gear.
+        return Motor(gear * gain * control, None if limit is None else abs(gear) * limit), limits_control
     if stiffness == 0 and limit is None:
-        return SpeedLimitedMotor(control, stall=gain, free_speed=gain / damping) if damping else Motor(gain * control)
+        return SpeedLimitedMotor(control, stall=gain, free_speed=gain / damping), False
     if stiffness == 0:
-        return PDServo(ConstantRate(0.0, rate=gain * control / damping), 0.0, damping, limit)
-    return PDServo(ConstantRate(gain * control / stiffness), stiffness, damping, limit)
+        return PDServo(ConstantRate(0.0, rate=gain * control / damping), 0.0, damping, limit), False
+    return PDServo(ConstantRate(gain * control / stiffness), stiffness, damping, limit), False
+
+
+def _range(element: ET.Element, what: str) -> tuple[float, float] | None:
+    """The range of an actuator's control (``ctrl``) or force, None where it has none or does not keep to it."""
+    if element.get(f"{what}range") is None or element.get(f"{what}limited") == "false":
+        return None
+    low, high = numbers(element, f"{what}range", count=2)
+    return float(low), float(high)
 
 
 def _affine(element: ET.Element) -> tuple[float, float, float]:
@@ -242,15 +269,16 @@ def _affine(element: ET.Element) -> tuple[float, float, float]:
 
 
 def _limit(element: ET.Element) -> float | None:
-    if element.get("forcerange") is None:
+    within = _range(element, "force")
+    if within is None:
         return None
-    low, high = numbers(element, "forcerange", count=2)
+    low, high = within
     if low != -high:
         raise MJCFError(
             f"Attribute `forcerange` of {called(element)} must be the same in both directions, but it is "
             f'"{element.get("forcerange")}".'
         )
-    return float(high)
+    return high
 
 
 def control_values(controls: Iterable[Control], times: Float[np.ndarray, " T"]) -> Float[np.ndarray, "T controls"]:

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from ..interface.arguments import require
+from ..interface.wording import all_of
 from ..numerics.arrays import Numbers, to_array
 from ..physics.body import Ball, Disk, System
 from ..physics.contact.law import Contact
@@ -67,6 +68,17 @@ class Surface(NamedTuple):
     friction: Float[np.ndarray, "3"]
 
 
+class Imported(NamedTuple):
+    """A robot of an MJCF file.
+
+    - ``scenario``: what can be simulated.
+    - ``notes``: a sentence for each thing that was set to 0, or that was not imported and may act in MuJoCo.
+    """
+
+    scenario: Scenario
+    notes: tuple[str, ...]
+
+
 def from_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Scenario:
     """The scenario of a ball or a disk with mechanisms that an MJCF file describes.
 
@@ -92,6 +104,23 @@ def from_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Sc
     >>> len(again.system.mechanisms), again.state.Omega
     (3, Array([0., 0., 0.], dtype=float64))
     """
+    return read_mjcf(text, times=times, contact=contact).scenario
+
+
+def read_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Imported:
+    """The scenario of a file as :func:`from_mjcf` returns it, with notes on what is not in it.
+
+    **Arguments:** as of :func:`from_mjcf`.
+
+    **Raises:** as :func:`from_mjcf`.
+
+    **Example:**
+
+    >>> from jaxball import load_scenario
+    >>> from jaxball.mjcf import read_mjcf, to_mjcf
+    >>> read_mjcf(to_mjcf(load_scenario("three-rotors")).text).notes
+    ()
+    """
     require("text", text, str, "the text of an MJCF file")
     try:
         root = ET.fromstring(text)
@@ -113,8 +142,10 @@ def from_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Sc
     actuators = [element for group in root.findall("actuator") for element in group]
     controls = np.zeros(len(actuators))
     controls = controls if key is None else numbers(key, "ctrl", controls)
+    actuated = read_actuators(actuators, controls)
+    notes = [*_notes(shell, actuators, key), *actuated.notes]
     own = _own_frame(shell, sphere, inertias)
-    inside = read_inside(shell, own.inverse, inertias, read_actuators(actuators, controls))
+    inside = read_inside(shell, own.inverse, inertias, actuated.forces)
     surface = _surface(plane, sphere)
     system = _system(shell, sphere, own, angles, inside, surface, _gravity(root))
     state = _state(system, shell, own, angles, key, inside.joints)
@@ -126,7 +157,24 @@ def from_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Sc
     start = state.body if rolls else state
     sensors = read_sensors(root, inside.sites, dict(zip(inside.joints, system.coordinates, strict=True)))
     times = np.asarray(times, dtype=float)
-    return Scenario(root.get("model", ""), system, start, times, contact=law, sensors=sensors)
+    scenario = Scenario(root.get("model", ""), system, start, times, contact=law, sensors=sensors)
+    return Imported(scenario, tuple(notes))
+
+
+def _notes(shell: ET.Element, actuators: list[ET.Element], key: ET.Element | None) -> list[str]:
+    """The sentences about controls that the file does not have, and about limits of joints."""
+    notes = []
+    if actuators and (key is None or key.get("ctrl") is None):
+        names = all_of([called(element) for element in actuators])
+        are = "control of {} is" if len(actuators) == 1 else "controls of {} are"
+        notes.append(f"The {are.format(names)} 0, because no keyframe has {'it' if len(actuators) == 1 else 'them'}.")
+    for joint in shell.iter("joint"):
+        if joint.get("actuatorfrcrange") is not None and joint.get("actuatorfrclimited") != "false":
+            notes.append(
+                f"The `actuatorfrcrange` of {called(joint)} was not imported, because limits here are those of single "
+                "motors; give them to the actuators as `forcerange`."
+            )
+    return notes
 
 
 def _inertias(root: ET.Element) -> Inertias:

@@ -4,7 +4,6 @@ The numbers of a loop that a study may change from row to row are all arrays.
 """
 
 import dataclasses
-import tomllib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -39,9 +38,8 @@ from .feedback import (
     in_keys,
     sample_of,
 )
-from .files import Contents, read_contents, read_document, write_scenario
+from .files import Contents, document_with_defaults, read_contents, read_document
 from .paths import with_numbers
-from .table import keeping_defaults
 from .values import require
 
 if TYPE_CHECKING:
@@ -58,8 +56,7 @@ def model_of(scenario: "Scenario") -> "Scenario":
     alone = dataclasses.replace(scenario, feedback=None, estimator=None, sensors={})
     if not settings.model:
         return alone
-    with keeping_defaults():
-        document = tomllib.loads(write_scenario(alone))
+    document = document_with_defaults(alone)
     try:
         return read_document(with_numbers(document, settings.model))
     except (LookupError, TypeError):

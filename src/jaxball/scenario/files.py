@@ -2,7 +2,8 @@
 
 import functools
 import json
-from collections.abc import Mapping
+import tomllib
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -36,7 +37,7 @@ from .body import (
 )
 from .checks import check_confined, check_start
 from .classical import CLASSICAL, INITIAL as CLASSICAL_INITIAL, RESISTED, read_classical, write_classical
-from .errors import each_of, raise_first, tried
+from .errors import all_problems, each_of, raise_first, tried
 from .feedback import (
     ESTIMATOR,
     KEYS as FEEDBACK_KEYS,
@@ -58,11 +59,11 @@ from .mechanisms import (
     write_masses,
     write_mechanisms,
 )
-from .paths import with_numbers
+from .paths import has_path, key_of, numbers_of, value_at, with_numbers, with_values
 from .scenario import Scenario
 from .solve import SOLVE, TIMES, SaveTimes, check_dae, read_times, write_times
 from .sources import document_of, naming, scenario_text
-from .table import Key, keys_of, read_table, write_table
+from .table import Key, keeping_defaults, keys_of, read_table, write_table
 from .values import Choice, Conditions, Integer, ScenarioError, Text, namespace, traced_conditions, unread
 
 if TYPE_CHECKING:
@@ -303,6 +304,38 @@ def write_scenario(scenario: Scenario) -> str:
         **write_settings(scenario.feedback, scenario.estimator),
     }
     return tomli_w.dumps({name: value for name, value in tables.items() if value not in ({}, [], "")})
+
+
+def document_with_defaults(scenario: Scenario) -> dict[str, Any]:
+    """A document that describes the scenario, in which every key with a default is written.
+
+    **Raises:** as :func:`write_scenario`.
+    """
+    with keeping_defaults():
+        return tomllib.loads(write_scenario(scenario))
+
+
+def with_defaults(document: Mapping[str, Any], scenario: Scenario, paths: Iterable[str]) -> dict[str, Any]:
+    """The document of ``scenario`` in which the keys of these paths are written if they have their defaults.
+
+    Where there is no such key, or where it does not go with those that are there, it is left out.
+    """
+    written = dict(document)
+    absent = dict.fromkeys(key_of(path) for path in paths if not has_path(document, key_of(path)))
+    if not absent:
+        return written
+    try:
+        whole = document_with_defaults(scenario)
+    except ScenarioError:  # for what a file cannot hold
+        return written
+    known = {key_of(path) for path in numbers_of(whole, measured=True)}
+    for key in filter(known.__contains__, absent):
+        longer = with_values(written, [f"{key}={value_at(whole, key)!r}"])
+        same = False
+        with all_problems() as problems:
+            same = document_with_defaults(read_document(longer)) == whole
+        written = longer if same and not problems else written
+    return written
 
 
 def _tables(system: AbstractSystem, state: Any) -> dict[str, Any]:

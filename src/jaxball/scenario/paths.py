@@ -10,12 +10,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from ..interface.wording import counted, did_you_mean
-from .errors import ScenarioError
+from .errors import ScenarioError, shown
 
 _NAME = r"[A-Za-z_][\w-]*"
 _STEP = re.compile(rf"\.?({_NAME})|\.'([^']*)'|\[(\d+)\]")
 _PATH = re.compile(rf"{_NAME}(\.{_NAME}|\.'[^']*'|\[\d+\])*")
 _WORD = re.compile(r"[A-Za-z][\w+-]*")
+SUGGESTED = 3  # paths at most, where one is wrong
 EXACT = 2**53  # the largest number up to which float64 holds every whole one
 # These change what is compiled or how much is saved, and not the motion.
 _OF_ALL = (
@@ -56,20 +57,50 @@ def numbers_of(document: Any, path: str = "", measured: bool = False) -> Iterato
         yield path
 
 
-def check_number(document: Mapping[str, Any], path: str, measured: bool = False) -> None:
-    """Raises a :class:`ScenarioError` unless ``path`` is that of a number that a study can change."""
+def check_number(
+    document: Mapping[str, Any],
+    path: str,
+    measured: bool = False,
+    key: str = "",
+    every: bool = False,
+    has_defaults: bool = False,
+) -> None:
+    """Raises a :class:`ScenarioError` unless ``path`` is that of a number that a study can change.
+
+    - ``measured``: whether sensors are read.
+    - ``key``: the key that has the path as its value, which the sentence names.
+    - ``every``: whether ``[*]`` stands for every index.
+    - ``has_defaults``: whether the document is one :func:`~jaxball.scenario.files.with_defaults`.
+    """
     known = list(numbers_of(document, measured=measured))
     if path in known:
         return
     if (_FIXED_BESIDES if measured else _FIXED).fullmatch(path):
-        raise ScenarioError(
-            f"Key `{path}` must be the same in all rows, because it determines what is computed and saved."
-        )
-    hint = did_you_mean(path, known, f"its numbers are {', '.join(known)}", "`")
-    raise ScenarioError(
-        f"Key `{path}` must name a number written in the scenario, but there is none; write it there if it has its "
-        f"default{hint}"
-    )
+        names = f"Key `{key}` names `{path}`, which" if key else f"Key `{path}`"
+        raise ScenarioError(f"{names} must be the same in all rows, because it determines what is computed and saved.")
+    reason = _not_one_number(document, path, every)
+    if not reason:
+        default = "" if has_defaults else "; write it there if it has its default"
+        reason = f"is not there{default}{did_you_mean(path, known, quote='`', most=SUGGESTED)}"
+    where, this = "of" if has_defaults else "written in", f"`{path}`" if key else "it"
+    raise ScenarioError(f"Key `{key or path}` must name a number {where} the scenario, but {this} {reason}")
+
+
+def _not_one_number(document: Mapping[str, Any], path: str, every: bool) -> str:
+    """The end of a sentence about a path that leads to something other than a number; empty if it leads nowhere."""
+    if not has_path(document, path):
+        return ""
+    value = value_at(document, path)
+    inside = list(numbers_of(value, path))
+    if not inside:
+        return f"is {shown(value)}."
+    tables = isinstance(value, dict) or any(isinstance(entry, dict) for entry in value)
+    if tables:
+        what = "a table" if isinstance(value, dict) else "a list of tables"
+        return f"is {what}; name a number in it, such as `{inside[0]}`."
+    pattern = re.sub(r"\d+", "*", inside[0].removeprefix(path))
+    each = f", or each of them by `{path}{pattern}`" if every else ""
+    return f"is a list of {counted(len(inside), 'number')}; name one of them, such as `{inside[0]}`{each}."
 
 
 def with_numbers(document: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
@@ -97,6 +128,15 @@ def value_at(document: Mapping[str, Any], path: str) -> Any:
     **Raises:** ``LookupError`` when nothing does.
     """
     return _at(document, steps(path))
+
+
+def has_path(document: Mapping[str, Any], path: str) -> bool:
+    """Whether the document has an entry at ``path``."""
+    try:
+        value_at(document, path)
+    except (LookupError, TypeError):
+        return False
+    return True
 
 
 def _at(place: Any, way: list[str | int]) -> Any:

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -261,6 +261,17 @@ class Zipped:
 
     def values(self, indices: Int[np.ndarray, " points"]) -> Float[np.ndarray, "points numbers"]:
         return np.concatenate([member.values(indices) for member in self.members], axis=1)
+
+
+def keys_of_paths(axis: Axis, key: str) -> Iterator[tuple[str, str]]:
+    """Each path of the axis at ``key``, with the key that has it as its value, or that names the file it is in."""
+    if isinstance(axis, Zipped):
+        for k, member in enumerate(axis.members):
+            yield from keys_of_paths(member, f"{key}.zip[{k}]")
+        return
+    name = "numbers" if isinstance(axis, Designed) else "points" if isinstance(axis, FromFile) else "path"
+    for path in axis.paths:
+        yield path, f"{key}.{name}"
 
 
 _TABLES = unread("a list of tables, one or more")

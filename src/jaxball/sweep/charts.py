@@ -13,6 +13,7 @@ from ..chaos import chart
 from ..interface.status import Status
 from ..scenario import Scenario, read_document
 from ..scenario.body import rolling_state
+from ..scenario.files import with_defaults
 from ..scenario.paths import check_number, value_at
 from ..scenario.solvers import SOLVERS
 from ..stability import floquet_chart
@@ -100,10 +101,11 @@ class _Cells:
     """The scenarios of the cells of a chart, all read before the first is solved."""
 
     def __init__(self, document: Mapping[str, Any], axes: Axes, what: str):
-        for axis in axes:
-            check_number(document, axis.path)
-        self.document, self.axes = document, axes
         self.template: Scenario = read_document(dict(document))
+        document = with_defaults(document, self.template, (axis.path for axis in axes))
+        for axis in axes:
+            check_number(document, axis.path, has_defaults=True)
+        self.document, self.axes = document, axes
         rolling_state(self.template, what)
         rows = math.prod(axis.size for axis in axes)
         study = Study("", dict(document), axes, chunk=rows)

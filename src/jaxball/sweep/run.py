@@ -3,6 +3,8 @@
 import contextlib
 import io
 import math
+import shutil
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,11 +17,12 @@ from ..cpu import cores
 from ..interface.arguments import require_flags
 from ..interface.interruption import on_interrupt, stop_requested
 from ..interface.wording import counted
+from ..scenario import Scenario
 from .engine import solve_in_lanes
 from .errors import StudyError
-from .executors import Task, compute, executor_of, solve_all
+from .executors import Task, compute, executor_of, solve_all, solve_chunk, solve_chunk_elsewhere
 from .files import BYTES_OF_A_CHECKSUM, Damage, remove_parts
-from .outputs import outputs_of
+from .outputs import Output, outputs_of
 from .progress import Progress, Stream, duration, status_counts
 from .rows import Engine
 from .store import POINTS_TOGETHER, Store, open_store, write_table
@@ -165,15 +168,18 @@ def _check(workers: int, shard: tuple[int, int]) -> None:
 
 # How many rows are tried at first, and how many seconds a whole chunk may take to be tried as well.
 TRIED, LONGEST = 512, 10.0
+STARTING = 2.0  # seconds that a process takes at least to import JAX: what is done before needs no second one
 
 
 class Estimate(NamedTuple):
-    """Rows, chunks, the size of the store and, if measured, how long one process takes.
+    """Rows, chunks, the size of the store and, if measured, how long the sweep takes.
 
     **Arguments:**
 
     - ``rows``, ``chunks``, ``size``: how many, and the bytes of the store.
-    - ``compiling``, ``solving``: how long one process takes to compile, and then to solve all rows, seconds.
+    - ``compiling``: how long compiling takes, seconds; what is kept is not compiled again.
+    - ``starting``, ``solving``: how long the workers then take to start, and to solve all rows and write them, seconds.
+    - ``workers``: for how many processes that is.
     """
 
     rows: int
@@ -181,33 +187,40 @@ class Estimate(NamedTuple):
     size: int
     compiling: float | None = None
     solving: float | None = None
+    starting: float = 0.0
+    workers: int = 1
 
-    def sentence(self, workers: int) -> str:
-        """The estimate as text, for so many workers."""
+    def sentence(self) -> str:
+        """The estimate as text."""
         words = f"{counted(self.rows, 'row')} in {counted(self.chunks, 'chunk')}, a store of {_bytes(self.size)}"
         if self.compiling is None or self.solving is None:
             return words
-        share = duration(self.solving / min(workers, self.chunks))
+        share = f", {duration(self.starting)} of it to start" if self.starting else ""
         return (
-            f"{words}, about {share} with {counted(workers, 'worker')} after compiling for {duration(self.compiling)}"
+            f"{words}, about {duration(self.starting + self.solving)} with {counted(self.workers, 'worker')}{share} "
+            f"after compiling for {duration(self.compiling)}"
         )
 
 
-def estimate(study: Study, engine: Engine = solve_in_lanes, *, measure: bool = False, workers: int = 1) -> Estimate:
+def estimate(
+    study: Study, engine: Engine = solve_in_lanes, *, measure: bool = False, workers: int | None = None
+) -> Estimate:
     """The size of a study's store, at once.
 
     **Arguments:**
 
     - ``study``: the study to be run.
     - ``engine``: what solves its rows.
-    - ``measure``: whether to solve a few rows, to estimate how long all of them take. Of a chunk that takes seconds all
-      rows are solved, so that threads work as in the sweep. The programs are those of the sweep.
-    - ``workers``: the number of processes that share the cores.
+    - ``measure``: whether to solve a few rows, to estimate how long all of them take. If a chunk takes only seconds, it
+      is solved and written as in the sweep, by each of the workers at the same time. The programs are those of the
+      sweep.
+    - ``workers``: the number of processes that share the cores; if not given, one or as many as there are cores,
+      whichever is quicker.
 
     **Raises:** :class:`StudyError` as :func:`sweep`, and ``ValueError`` for fewer workers than one.
     """
     require_flags(measure=measure)
-    _require_workers(workers)
+    _require_workers(1 if workers is None else workers)
     template = study.template()
     outputs = outputs_of(study, template)
     numbers = sum(item.empty(study.chunk).nbytes for item in outputs.values()) * study.chunks
@@ -216,16 +229,52 @@ def estimate(study: Study, engine: Engine = solve_in_lanes, *, measure: bool = F
     unmeasured = Estimate(study.rows, study.chunks, numbers + points + BYTES_OF_A_CHECKSUM * files)
     if not measure:
         return unmeasured
+    together = min(cores() if workers is None else workers, study.chunks)
+    with tempfile.TemporaryDirectory() as folder, on_interrupt(lambda: shutil.rmtree(folder)):
+        task = Task(study, Path(folder), 0, engine, _threads(1))
+        alone = unmeasured._replace(**_alone(task, template, outputs))
+        if together == 1 or (workers is None and _total(alone) < STARTING):
+            return alone
+        task = task._replace(threads=_threads(workers or together))
+        if _total(alone) > LONGEST * study.chunks:  # beside which the start of a process is nothing
+            shared = _alone(task, template, outputs)["solving"] / together
+            others = alone._replace(solving=shared, workers=together)
+        else:
+            others = alone._replace(**_together(task, together), workers=together)
+    return others if workers is not None else min(alone, others, key=_total)
 
-    def seconds(rows: np.ndarray) -> float:
-        return _seconds(lambda: compute(study, template, outputs, rows, engine, _threads(workers)))
 
-    tried, chunk = np.unique(np.linspace(0, study.rows - 1, min(TRIED, study.chunk)).astype(int)), study.rows_of(0)
-    first, again = seconds(tried), seconds(tried)
+def _total(estimate: Estimate) -> float:
+    assert estimate.solving is not None
+    return estimate.starting + estimate.solving
+
+
+def _alone(task: Task, template: Scenario, outputs: dict[str, Output]) -> dict[str, float]:
+    """How long this process takes to compile, and to solve all rows and write them unless a chunk takes long."""
+    study, chunk = task.study, task.study.rows_of(task.chunk)
+    tried = np.unique(np.linspace(0, study.rows - 1, min(TRIED, study.chunk)).astype(int))
+
+    def solve_tried() -> None:
+        compute(study, template, outputs, tried, task.engine, task.threads)
+
+    first, again = _seconds(solve_tried), _seconds(solve_tried)
     each = again / len(tried)
-    if len(tried) < len(chunk) and each * len(chunk) <= LONGEST:
-        each = seconds(chunk) / len(chunk)
-    return unmeasured._replace(compiling=max(0.0, first - again), solving=each * study.rows)
+    if each * len(chunk) <= LONGEST:
+        each = _seconds(lambda: solve_chunk(task)) / len(chunk)
+    return {"compiling": max(0.0, first - again), "solving": each * study.rows}
+
+
+def _together(task: Task, workers: int) -> dict[str, float]:
+    """How long so many processes take to start, and to solve and write all chunks, one each at a time."""
+    tasks = [task._replace(chunk=chunk) for chunk in range(workers)]
+    with _running(None, workers) as pool:
+
+        def solve_all_of_them() -> None:
+            for future in [pool.submit(solve_chunk_elsewhere, one) for one in tasks]:
+                future.result()
+
+        first, again = _seconds(solve_all_of_them), _seconds(solve_all_of_them)
+    return {"starting": max(0.0, first - again), "solving": again * math.ceil(task.study.chunks / workers)}
 
 
 def _seconds(call: Callable[[], Any]) -> float:

@@ -85,6 +85,7 @@ def _git(*arguments: str) -> str:
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
 
 
+OF_STUDY = b"jaxball_study"  # in the metadata of a table, its study's identity
 POINTS_TOGETHER = 2**20
 # Otherwise Zarr would write no file where all numbers are 0, and a lost file would be read as zeros.
 WRITTEN_EVEN_IF_ZERO: Any = {"write_empty_chunks": True}
@@ -186,10 +187,7 @@ def open_store(folder: Path, study: Study, outputs: dict[str, Output]) -> Store:
     remove_dead_parts(folder.parent)
     if not os.path.lexists(folder):
         if os.path.lexists(store.table):
-            raise StoreError(
-                f'The table of the study would be "{store.table}", but that file belongs to another study; choose '
-                "another name for the store, or move the table."
-            )
+            _check_table(store.table, expected)
         _create(store, expected)
     attributes = read_attributes(folder)
     differing = [name for name, value in expected.items() if attributes.get(name) != value]
@@ -199,6 +197,27 @@ def open_store(folder: Path, study: Study, outputs: dict[str, Output]) -> Store:
             "Choose another name, or remove it."
         )
     return store
+
+
+def _check_table(table: Path, expected: dict[str, str]) -> None:
+    """Raises a :class:`StoreError` unless a table without a store is that of the study, which is then kept."""
+    # Imported here, because it belongs to the extra `sweep`.
+    import pyarrow.parquet
+
+    try:
+        with table.open("rb") as file:
+            metadata = pyarrow.parquet.read_schema(file).metadata or {}
+        identity = json.loads(metadata.get(OF_STUDY, b"null"))
+    except (OSError, ValueError):
+        identity = None
+    if identity == expected:
+        return
+    differing = [name for name, value in expected.items() if (identity or {}).get(name) != value]
+    what = f"is of a study with other {', '.join(differing)}" if identity else "does not say of which study it is"
+    raise StoreError(
+        f'The table of the study would be "{table}", but there is such a file already, without its store, and it '
+        f"{what}; choose another name for the store, or move the table."
+    )
 
 
 @contextlib.contextmanager
@@ -326,7 +345,8 @@ def write_table(store: Store) -> None:
         [
             pyarrow.field(name, pyarrow.from_numpy_dtype(store.outputs[source].dtype))
             for name, (source, _) in columns.items()
-        ]
+        ],
+        metadata={OF_STUDY: json.dumps(identity_of(store.study))},
     )
     per_group = max(1, ROWS_OF_A_GROUP // store.study.chunk)
     try:

@@ -19,13 +19,14 @@ from ..interface.wording import did_you_mean
 from ..physics.rolling import AbstractRollingSystem
 from ..scenario import Scenario, ScenarioError, read_document
 from ..scenario.errors import each_of, raise_first, tried
+from ..scenario.files import with_defaults
 from ..scenario.imports import imported
 from ..scenario.own import own_class, trying_class
 from ..scenario.paths import check_number, value_at, with_numbers
 from ..scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
 from ..scenario.table import Key, read_list, read_one_of, read_table
 from ..scenario.values import POSITIVE, Choice, Flag, Integer, Numbers, Text, key_error, shown, unread
-from .axes import AXES, Axis, read_axis
+from .axes import AXES, Axis, keys_of_paths, read_axis
 from .errors import StudyError
 
 KINDS: Mapping[str, type[Any]] = {"maximum": Maximum, "minimum": Minimum, "integral": Integral, "drift": Drift}
@@ -247,6 +248,8 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
     )
     scenario, template = read or ({}, None)
     # Errors in one of these parts must not hide errors in the others.
+    if axes and template:
+        scenario = with_defaults(scenario, template, (path for axis in axes for path in axis.paths))
     (*_, finds), later = tried(
         lambda: table and template and _check_contact(table, template),
         lambda: table and template and _check_sensors(table, template),
@@ -311,9 +314,10 @@ def _check_sensors(table: dict[str, Any], template: Scenario) -> None:
 
 
 def _check_paths(axes: tuple[Axis, ...], scenario: dict[str, Any], template: Scenario, readings: bool) -> None:
-    paths = [path for axis in axes for path in axis.paths]
+    keys = [item for k, axis in enumerate(axes) for item in keys_of_paths(axis, f"axes[{k}]")]
+    paths = [path for path, _ in keys]
     measured = readings or template.estimator is not None
-    each_of(*(functools.partial(check_number, scenario, path, measured) for path in paths))
+    each_of(*(functools.partial(check_number, scenario, path, measured, key, has_defaults=True) for path, key in keys))
     if template.feedback is not None:
         each_of(*(functools.partial(_check_of_loop, scenario, path) for path in paths))
     for path, count in Counter(paths).items():

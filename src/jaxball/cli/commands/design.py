@@ -10,9 +10,9 @@ from typing import Any
 from ...interface.activity import Line
 from ...interface.interruption import interrupt_message
 from ...interface.output import check_folder
-from ...scenario.errors import ScenarioError
-from ...scenario.sources import document_of, naming, text_of
+from ..input import all_told, text_and_document
 from ..jax_setup import set_up_jax
+from ..kinds import PROBLEMS
 from ..options import working
 
 UNMET = 1
@@ -27,15 +27,13 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     check_folder(options.out, "--out")
-    text = text_of(options.problem, "problem file", ScenarioError)
-    with naming(options.problem):
-        document = document_of(text, "problem", ScenarioError)
+    text, document = text_and_document(options.problem, "problem", *PROBLEMS)
     set_up_jax()
     from ...design.files import TABLE, problem_of, read_control
     from ...design.result import Source
 
     file = Path(options.problem)
-    with naming(options.problem):
+    with all_told(options.problem):
         problem_file = (read_control if TABLE in document else problem_of)(document, file.parent)
     source = Source(shlex.join(["jaxball", "design", str(file), "--out", str(options.out)]), file, text)
     source.check(options.out)

@@ -7,7 +7,7 @@ from pathlib import Path
 from ...interface.output import check_destination, write_text
 from ...scenario.errors import ScenarioError
 from ...scenario.sources import text_of
-from ..input import STDIN
+from ..input import STDIN, refuse_document
 from ..jax_setup import set_up_jax
 from ..options import STDOUT, add_quiet, positive, say, written_line
 
@@ -32,18 +32,23 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     if options.out != STDOUT:
         check_destination(options.out, (".toml",), "--out")
+    if options.file != STDIN:
+        refuse_document(Path(options.file))
     text = sys.stdin.read() if options.file == STDIN else text_of(options.file, "file of MuJoCo", ScenarioError)
     set_up_jax()
     import numpy as np
 
-    from ...mjcf import from_mjcf
+    from ...mjcf import read_mjcf
     from ...scenario import write_scenario
 
     times = options.step * np.arange(max(round(options.end / options.step), 1) + 1)
-    written = write_scenario(from_mjcf(text, times=times, contact=options.contact))
+    robot = read_mjcf(text, times=times, contact=options.contact)
+    written = write_scenario(robot.scenario)
     if options.out == STDOUT:
         sys.stdout.write(written)
+        for note in () if options.quiet else robot.notes:
+            print(note, file=sys.stderr)
     else:
         write_text(options.out, written)
-        say(options, written_line([options.out]))
+        say(options, *robot.notes, written_line([options.out]))
     return 0

@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from ...results.files import check_saved
+from ..input import refuse_document
 from ..jax_setup import set_up_jax
 from ..options import add_formats, add_quiet, add_replacing, check_figures_folder, say, working, written_line
 
@@ -25,6 +26,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     check_figures_folder(options, "out", "format")
+    refuse_document(options.saved)
     check_saved(options.saved)
     set_up_jax()
     from ...numerics.programs import compiled_quickly

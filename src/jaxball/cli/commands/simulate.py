@@ -1,8 +1,8 @@
 """``jaxball simulate``: simulates, saves and draws a scenario."""
 
 import argparse
-import dataclasses
 import math
+import re
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -15,7 +15,7 @@ from ...scenario.errors import ScenarioError
 from ...scenario.paths import with_values
 from ...scenario.solvers import SOLVERS
 from ..animation import add_animation, check_animation, check_span, write_animation
-from ..input import add_scenario, scenario_document, scenario_of
+from ..input import add_scenario, scenario_document, scenario_of, source_name
 from ..jax_setup import compiled_for, set_up_jax
 from ..options import (
     FAILED_SOLVE,
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 # Bytes for each time, measured for balls and disks: of a run, and of its observables for files and figures.
 OF_STATES, OF_OBSERVABLES = 800.0, 1_800.0
+SETTINGS = ("solver", "rtol", "atol")  # of the solve, which options can replace
 MANY = 1_000_000  # times, for which a user should be warned of the wait
 
 
@@ -82,23 +83,29 @@ def run(options: argparse.Namespace) -> int:
     check_animation(options)
     document = scenario_document(options, options.end)
     set_up_jax()
-    from ...scenario.feedback import check_solver
-    from ...scenario.solve import check_dae
     from ..files import check_figures
 
-    changes = {name: getattr(options, name) for name in ("solver", "rtol", "atol")}
-    changes = {name: value for name, value in changes.items() if value is not None}
-    document = _with_contact(document, options.contact)
-    scenario = dataclasses.replace(scenario_of(document, options.scenario), **changes)
-    if options.solver is not None:
-        if scenario.feedback is not None:
-            check_solver(options.solver)
-        check_dae(scenario.system, scenario.contact, options.solver, scenario.dae, "Argument `--solver`")
+    scenario = _scenario(options, _with_contact(document, options.contact))
     check_span(options, scenario)
     check_figures(options, scenario)
     check_memory(options, scenario.times.size)
     with compiled_for(scenario):
         return _simulate(options, scenario)
+
+
+def _scenario(options: argparse.Namespace, document: dict[str, Any]) -> "Scenario":
+    """The scenario of a document with the solver and the tolerances of the options, which errors name as such."""
+    given = {name: getattr(options, name) for name in SETTINGS if getattr(options, name) is not None}
+    solve = document.get("solve", {})
+    if given and isinstance(solve, dict):  # else its reader refuses it
+        document = document | {"solve": solve | given}
+    try:
+        return scenario_of(document, options.scenario)
+    except ScenarioError as error:
+        if not given:
+            raise
+        key = rf"^{re.escape(source_name(options.scenario))}: Key `solve\.({'|'.join(given)})`"
+        raise ScenarioError(re.sub(key, r"Argument `--\1`", str(error), flags=re.MULTILINE)) from None
 
 
 def _simulate(options: argparse.Namespace, scenario: "Scenario") -> int:

@@ -8,7 +8,7 @@ from ...interface.wording import all_of
 from ...scenario.errors import ScenarioError
 from ..input import add_scenario, scenario_document, scenario_of
 from ..jax_setup import set_up_jax
-from ..options import BadInputError, add_results, check_outputs, number, working
+from ..options import BadInputError, add_results, check_outputs, in_commands, number, working
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
@@ -108,7 +108,7 @@ def _summary(motions: "Sequence[SteadyMotion]") -> list[str]:
 
     lines = [] if motions else ["No steady motion was found."]
     for motion in motions[:MOST_SHOWN]:
-        lines += [state_line(motion), f"  {motion.message}"]
+        lines += [state_line(motion), f"  {in_commands(motion.message)}"]
         lines += [f"  eigenvalues {complex_numbers(motion.eigenvalues)}"]
     if len(motions) > MOST_SHOWN:
         lines.append(f"and {len(motions) - MOST_SHOWN} more, because the directions are not isolated; --out saves all")

@@ -8,9 +8,9 @@ from pathlib import Path
 from ...interface.interruption import STOPPED, exit_code, interrupt_message
 from ...interface.output import check_folder
 from ...interface.wording import all_of, counted, pip_install
-from ...scenario.errors import ScenarioError
-from ...scenario.sources import document_of, naming, text_of
+from ..input import all_told, text_and_document
 from ..jax_setup import set_up_jax
+from ..kinds import STUDY
 from ..options import FAILED_SOLVE, BadInputError, add_formats, add_replacing, count, working
 
 NEEDED = ("zarr", "google_crc32c", "pandas", "pyarrow", "scipy")
@@ -27,7 +27,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("study", metavar="STUDY", help="a study file, or the word status or plot")
     parser.add_argument("store", nargs="?", type=Path, metavar="STORE", help="the store to describe or draw")
     parser.add_argument("--out", type=Path, metavar="STORE", help="the store, .zarr; for figures, their folder")
-    parser.add_argument("--workers", type=count, default=1, metavar="N", help="number of processes (default: 1)")
+    parser.add_argument("--workers", type=count, metavar="N", help="number of processes (default: 1, on every core)")
     parser.add_argument("--shard", type=_shard, default=(1, 1), metavar="K/N", help="only the K-th of N parts")
     parser.add_argument("--dry-run", action="store_true", help="print the number of rows and the size of the store")
     parser.add_argument("--measure", action="store_true", help="with --dry-run: solve a few rows to estimate the time")
@@ -68,9 +68,7 @@ def run(options: argparse.Namespace) -> int:
     if options.out is None and not options.dry_run:
         parser.error("the following argument is required: --out")
     require_packages(NEEDED)
-    text = text_of(options.study, "study file", ScenarioError)
-    with naming(options.study):
-        document_of(text, "study", ScenarioError)
+    text, _ = text_and_document(options.study, "study", STUDY)
     set_up_jax()
     return _sweep(options, text)
 
@@ -79,17 +77,17 @@ def _sweep(options: argparse.Namespace, text: str) -> int:
     """Runs the study of a file with this text, or says how much there is to run."""
     from ... import sweep
 
-    with naming(options.study):
+    with all_told(options.study):
         study = sweep.read_study(text, Path(options.study).parent)
     if options.dry_run:
         with working(options, "solving a few rows"):
-            estimate = sweep.estimate(study, measure=options.measure, workers=options.workers)
-            estimate = estimate.sentence(options.workers)
+            estimate = sweep.estimate(study, measure=options.measure, workers=options.workers).sentence()
         print(estimate if options.measure else f"{estimate}; --measure solves a few rows to estimate the time")
         return 0
     try:
         with interrupt_message(lambda: _stopped(options.out)):
-            outcome = sweep.sweep(study, options.out, workers=options.workers, shard=options.shard, stream=sys.stderr)
+            workers = options.workers or 1
+            outcome = sweep.sweep(study, options.out, workers=workers, shard=options.shard, stream=sys.stderr)
     except sweep.WorkerError as error:
         print(f"jaxball: {error}", file=sys.stderr)
         return FAILED_SOLVE

@@ -11,6 +11,7 @@ from ...scenario.errors import ScenarioError, all_problems
 from ...scenario.sources import builtin_scenarios, builtin_text, document_of, text_of
 from ..input import input_text, source_name
 from ..jax_setup import set_up_jax
+from ..kinds import CONTROL, PROBLEM, SCENARIO, STUDY, kind_of_document
 from ..options import BAD_INPUT, sentence
 
 WHAT = "scenario, study or problem"
@@ -59,12 +60,9 @@ def _document(source: str) -> dict[str, Any]:
 
 
 def _reader(document: dict[str, Any]) -> Callable[[dict[str, Any], Path], str]:
-    """The function that reads a document, chosen by its keys; by default, a document is taken for a scenario."""
-    if "axes" in document:
-        return _study
-    if "control" in document:
-        return _control
-    return _problem if document.keys() & {"objectives", "variables"} else _scenario
+    """The function that reads a document, chosen by its kind; by default, a document is taken for a scenario."""
+    readers = {SCENARIO: _scenario, STUDY: _study, CONTROL: _control, PROBLEM: _problem}
+    return readers[kind_of_document(document) or SCENARIO]
 
 
 def _scenario(document: dict[str, Any], folder: Path) -> str:
@@ -73,7 +71,7 @@ def _scenario(document: dict[str, Any], folder: Path) -> str:
     scenario = read_document(document)
     times, what = scenario.times, scenario.system.described()
     content = f"{what}, {len(times)} times from {times[0]:g} to {times[-1]:g} by {scenario.solver}"
-    return _titled("a scenario", content, document)
+    return _titled(SCENARIO.words, content, document)
 
 
 def _study(document: dict[str, Any], folder: Path) -> str:
@@ -85,7 +83,7 @@ def _study(document: dict[str, Any], folder: Path) -> str:
     shape = " × ".join(f"{size:,}" for size in study.shape)
     rows = counted(study.rows, "row")
     return _titled(
-        "a study", f"{rows}{f' ({shape})' if len(study.shape) > 1 else ''} of {', '.join(study.paths)}", document
+        STUDY.words, f"{rows}{f' ({shape})' if len(study.shape) > 1 else ''} of {', '.join(study.paths)}", document
     )
 
 
@@ -96,14 +94,14 @@ def _problem(document: dict[str, Any], folder: Path) -> str:
     size = problem.space.size
     variables = counted(size, "variable")
     content = (variables, _names("objectives", problem.objectives), _names("constraints", problem.constraints))
-    return _titled("a design problem", "; ".join(content), document)
+    return _titled(PROBLEM.words, "; ".join(content), document)
 
 
 def _control(document: dict[str, Any], folder: Path) -> str:
     from ...design.files import read_control
 
     problem = read_control(document, folder)
-    return _titled("a problem of optimal control", f"{problem.intervals} intervals to start with", document)
+    return _titled(CONTROL.words, f"{problem.intervals} intervals to start with", document)
 
 
 def _names(what: str, items: Mapping[str, Any]) -> str:

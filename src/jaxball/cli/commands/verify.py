@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...interface.output import check_destination
+from ...scenario.paths import with_values
 from ...scenario.sources import builtin_scenarios
 from ...verify.laws import LAWS
-from ..input import is_run, named_document, scenario_of
+from ..input import add_changes, is_run, named_document, scenario_of
 from ..jax_setup import compiled_for, set_up_jax
 from ..options import (
     FAILED_SOLVE,
@@ -41,6 +42,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="FILE|NAME",
         help="scenario files, built-in scenarios (default: all of those), saved runs (.nc or .npz), or -",
     )
+    add_changes(parser, "each of the scenarios")
     parser.add_argument("--laws", nargs="+", metavar="LAW", help="only these (default: all)")
     parser.add_argument("--quick", action="store_true", help="skip checks that need another solver to be compiled")
     parser.add_argument(
@@ -57,8 +59,15 @@ def run(options: argparse.Namespace) -> int:
             raise BadInputError(
                 "Argument `--plot` draws the residuals of one run; give one scenario or saved run with it."
             )
+    runs = [name for name in options.scenarios if is_run(name)]
+    if options.set and runs:
+        raise BadInputError(
+            f'Argument `--set` must be left out for a saved run, such as "{runs[0]}", which is compared with a new run '
+            "of its own scenario."
+        )
     # All are read before the first run, so that a misspelt name is not discovered after minutes.
-    documents = {name: named_document(name) for name in options.scenarios or builtin_scenarios()}
+    names = options.scenarios or builtin_scenarios()
+    documents = {name: with_values(named_document(name), options.set) for name in names}
     set_up_jax()
     return _verify(options, documents)
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from ...interface.output import MOST_BODIES, check_view
 from ...interface.wording import counted
 from ...results.files import READ_BACK, RunError, check_saved
+from ..input import refuse_document
 from ..jax_setup import compiled_for, set_up_jax
 from ..options import BadInputError, add_quiet, positive, say, working, written_line
 from .sweep import require_packages
@@ -58,6 +59,7 @@ def run(options: argparse.Namespace) -> int:
 def _kind(path: Path) -> str:
     """What there is to show: the name of the file that identifies a folder, empty for a file."""
     if not path.is_dir():
+        refuse_document(path)
         check_saved(path)
         return ""
     for name in (DESIGN, SWEEP):

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import itertools
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,8 +20,8 @@ from ...physics.frames import principal_angles
 from ...physics.state import BallState, DiskState
 from ...scenario import Scenario, ScenarioError, read_document
 from ...scenario.body import rolling_state
-from ...scenario.errors import UntraceableError
-from ...scenario.files import Outline
+from ...scenario.errors import UntraceableError, each_of
+from ...scenario.files import Outline, with_defaults
 from ...scenario.paths import check_number, key_of, numbers_of, value_at, with_numbers
 from ...scenario.values import Dimension, Numbers, kinds_of_numbers
 
@@ -83,15 +84,21 @@ class Variable:
         return self.paths[0] if self.paths else "?"
 
 
-def expanded(variable: Variable, document: Mapping[str, Any]) -> list[Variable]:
+def expanded(variable: Variable, document: Mapping[str, Any], key: str = "") -> list[Variable]:
     """The variables that one with ``[*]`` in its path stands for: one for each number whose path matches.
 
+    ``key`` is that of its path, which sentences name.
+
     **Raises:** :class:`DesignError` when no number matches, when such a variable has several paths, and
-    :class:`~jaxball.ScenarioError` when a path names no number.
+    when a path names no number.
     """
     if "*" not in variable.name:
-        for path in variable.paths:
-            check_number(document, path)
+        for index, path in enumerate(variable.paths):
+            try:
+                own = f"{key}[{index}]" if variable.paths[1:] else key
+                check_number(document, path, key=own, every=True, has_defaults=True)
+            except ScenarioError as error:
+                raise DesignError(str(error)) from None  # which is not the scenario's
         return [variable]
     if len(variable.paths) > 1:
         raise DesignError(f"Variable `{variable.name}` must have no other path, because it stands for many numbers.")
@@ -193,12 +200,17 @@ class DesignSpace:
         self.document = dict(document)
         with kinds_of_numbers() as kinds:
             self.scenario = read_document(self.document)
+            numbers = (path.replace("*", "0") for variable in variables for path in variable.paths)
+            self.document = with_defaults(self.document, self.scenario, numbers)  # which reads what it adds
         if not isinstance(self.scenario.system, Ball | Disk):
             raise DesignError(
                 f"Key `kind` must be ball or disk to be designed, but it is {self.scenario.system.title.lower()}."
             )
         rolling_state(self.scenario, "a design is", DesignError)
-        self.variables = tuple(one for variable in variables for one in expanded(variable, self.document))
+        expand = functools.partial(expanded, document=self.document)
+        places = enumerate(variables)
+        expansions = each_of(*(functools.partial(expand, one, key=f"variables[{k}].path") for k, one in places))
+        self.variables = tuple(itertools.chain.from_iterable(expansions))
         self._paths = tuple(path for variable in self.variables for path in variable.paths)
         _check_paths(self._paths, self.document)
         self.outline = _outline(self.document, self._paths, kinds)

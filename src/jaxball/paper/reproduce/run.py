@@ -76,7 +76,7 @@ def reproduce(
     """Reproduces sections 4 and 5: a table of solvers against the reference, and every figure.
 
     Writes ``table.md``, ``table.json`` and the figures, named after the paper's labels, to the folder ``out``, which is
-    created if necessary. It takes about a minute on two cores, mostly compiling.
+    created if necessary. It takes about 40 seconds on two quiet cores, mostly compiling.
 
     **Arguments:**
 
