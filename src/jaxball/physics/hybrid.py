@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.printing import Printed, is_single, shown
 from ..numerics.differentiation import once, without_derivatives
-from ..numerics.functions import after
+from ..numerics.kinks import after
 
 NONE = -1  # no event
 START = -2  # the start of a run

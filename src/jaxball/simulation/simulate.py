@@ -111,7 +111,8 @@ def simulate(
     - ``progress``: a diffrax progress meter.
     - ``inside``: whether rails and masses must be in the body (module ``confinement``): where a rail or an initial
       position is not, the run is ``IMPOSSIBLE``, and one in which a mass leaves the shell has the status ``LEFT_SHELL``
-      and the time ``reached`` at which it does so. Mechanisms of hinges alone are checked at ``times`` only. The equations themselves do not depend on the shell; False is for searches that pass through such
+      and the time ``reached`` at which it does so. Mechanisms of hinges alone are checked at
+      ``times`` only. The equations themselves do not depend on the shell; False is for searches that pass through such
       bodies.
     - ``throw``: whether a failed solve raises; otherwise it is a status on the trajectory.
 
@@ -230,7 +231,7 @@ def solve(
     atol: Array,
     events: dict[str, AbstractEvent],
 ) -> tuple:
-    """The saved states, where and how the solve ended, its steps, the interpolant, events, switches, what was observed."""
+    """Solves: the saved states, where and how it ended, its steps, the interpolant, events, switches, observations."""
     if isinstance(method.adjoint, diffrax.RecursiveCheckpointAdjoint):
         system, times, state, rtol, atol, events = reverse_only((system, times, state, rtol, atol, events))
     state = system.start(times[0], state)
@@ -356,7 +357,8 @@ def _unpacked(packing: Packing[Any, Any], known: Array, times: Array, states: Ar
     """The states of the vectors that are ``known``; of the others NaN, and nothing that has derivatives."""
     times, states = jnp.where(known, times, times[0]), jnp.where(known[:, None], states, states[0])
 
-    return jax.tree.map(functools.partial(known_rows, known), jax.lax.map(lambda at: packing.unpack(*at), (times, states)))
+    unpacked = jax.lax.map(lambda at: packing.unpack(*at), (times, states))
+    return jax.tree.map(functools.partial(known_rows, known), unpacked)
 
 
 _simulated_filtered = programs.filter_jit(simulated)

@@ -106,7 +106,7 @@ class Log(NamedTuple):
 
     @classmethod
     def empty(cls, kinds: Kinds, start: Float[Array, ""]) -> "Log":
-        """The log before the first step. Where a start beyond zero counts, the sign before it is that of no crossing."""
+        """Makes the log before the first step; where a start beyond zero counts, the sign before is the other one."""
         count = jnp.zeros(len(kinds.rooms), int)
         before = [-direction if early else 0 for direction, early in zip(*kinds[:2], strict=True)]
         signs = Signs(jnp.asarray(before, start.dtype), jnp.full(count.shape, start))
@@ -131,7 +131,8 @@ class Span(NamedTuple):
     def ends_run(self) -> Bool[Array, ""]:
         """Whether the run ends with the step."""
         first, last = self.run
-        return last - self.last <= ROUNDINGS * float(jnp.finfo(last.dtype).eps) * jnp.maximum(jnp.abs(last), last - first)
+        near = ROUNDINGS * float(jnp.finfo(last.dtype).eps) * jnp.maximum(jnp.abs(last), last - first)
+        return last - self.last <= near
 
     @property
     def near_start(self) -> Float[Array, ""]:
@@ -267,7 +268,9 @@ class _Search(NamedTuple):
     tries: Int[Array, ""]
 
     @classmethod
-    def of(cls, crosses: Bool[Array, " k"], sign: Float[Array, " k"], low: Float[Array, " k"], high: Array) -> "_Search":
+    def of(
+        cls, crosses: Bool[Array, " k"], sign: Float[Array, " k"], low: Float[Array, " k"], high: Array
+    ) -> "_Search":
         """The search for a zero of each function that ``crosses`` it."""
         bracket = jnp.zeros(2, low.dtype)
         search = cls(crosses, jnp.full_like(low, jnp.inf), sign, low, high, bracket, bracket, jnp.asarray(0))
