@@ -47,19 +47,19 @@ class Watch:
         self._kinds = _kinds(events)
 
     def begin(self, t0: Float[Array, ""], x: Float[Array, " size"], parameters: Any) -> Watched:
-        """What is carried before the first step, from ``x`` at ``t0``."""
+        """Returns what is carried before the first step, from ``x`` at ``t0``."""
         width = 1 + jax.eval_shape(self._state, t0, x, parameters).size
         rows = jnp.full((self._kinds.room, width), jnp.nan, x.dtype)
         return Watched(Log.empty(self._kinds, jax.lax.stop_gradient(t0)), rows)
 
     def glance(self, watched: Watched, step: "Within", parameters: Any) -> Glance:
-        """Whether a step may hold an event, by a sketch of it."""
+        """Looks by a sketch of a step whether it may hold an event."""
         return glance(*self._without_derivatives(step, parameters), watched.log.signs)
 
     def record(
         self, watched: Watched, seen: Glance, step: "Within", parameters: Any, kept: Bool[Array, ""], *, reverse: bool
     ) -> Watched:
-        """What is carried after a step that is known as accurately as possible, if it was ``kept``.
+        """Records the events of a step that is known as accurately as possible, if it was ``kept``.
 
         ``reverse``: as for :func:`put_while`.
         """
@@ -87,7 +87,7 @@ class Watch:
         return Watched(log, rows)
 
     def _without_derivatives(self, step: "Within", parameters: Any) -> tuple[Callable[[Array], Array], Span]:
-        """The functions of times within a step, and its times."""
+        """Returns the functions of times within a step, and its times."""
         step, parameters = without_derivatives((step, parameters))
 
         def functions(times: Float[Array, " n"]) -> Float[Array, "n k"]:
@@ -98,8 +98,8 @@ class Watch:
     def _row(
         self, which: Int[Array, ""], t: Float[Array, ""], step: "Within", parameters: Any
     ) -> Float[Array, " width"]:
-        """The time of a crossing and the state there, with derivatives: those of the zero by the implicit function
-        theorem, and where the function jumps as a step begins, those of the start of the step.
+        """Computes the time of a crossing and the state there, with derivatives: those of the zero by the implicit
+        function theorem, and where the function jumps as a step begins, those of the start of the step.
         """
         jumps = t <= jax.lax.stop_gradient(step.start)
         t = jnp.where(jumps, step.start, t)
@@ -138,7 +138,7 @@ def _kinds(events: Mapping[str, AbstractEvent]) -> Kinds:
 def values_of(
     packing: Packing[Any, Any], events: Mapping[str, AbstractEvent], t: Float[Array, ""], x: Float[Array, " size"]
 ) -> Float[Array, " k"]:
-    """The values of the functions of all events, of a vector."""
+    """Evaluates the functions of all events at a vector."""
     state = packing.unpack(t, x)
     return jnp.stack([event.value_in_solve(packing.system, t, state) for event in events.values()])
 
@@ -149,7 +149,7 @@ def occurrences_of(
     unravel: Callable[[Float[Array, " size"]], Any],
     started: Bool[Array, ""],
 ) -> dict[str, Occurrences]:
-    """The occurrences of each event, of a run that has ``started``; ``unravel`` makes a state of an array."""
+    """Gathers the occurrences of each event, of a run that has ``started``; ``unravel`` makes a state of an array."""
     log, rows = watched.log, once("times and states of events", watched.rows)
     occurrences = {}
     for k, ((name, event), part) in enumerate(zip(events.items(), _kinds(events).parts, strict=True)):
@@ -172,7 +172,7 @@ def end_by_events(
     reached: Float[Array, ""],
     status: Int[Array, ""],
 ) -> tuple[Float[Array, ""], Int[Array, ""]]:
-    """When a run ended, and its status, in view of its events: at the first of all that end it."""
+    """Tells when a run ended, and its status, in view of its events: at the first of all that end it."""
     first = jnp.full_like(reached, jnp.inf)
     for name, event in events.items():
         if event.terminal:

@@ -1,4 +1,4 @@
-"""The times within a step of a solve at which functions of time cross zero, from left to right, all of them.
+"""Finds all times within a step of a solve at which functions of time cross zero, from left to right.
 
 A step is cut into pieces, and pieces are halved, until of each function one thing is certain in a piece:
 
@@ -72,7 +72,7 @@ class Kinds(NamedTuple):
         return [slice(int(end) - room, int(end)) for end, room in zip(ends, self.rooms, strict=True)]
 
     def which(self, place: Int[Array, ""]) -> Int[Array, ""]:
-        """The function whose crossings have a place."""
+        """Returns the index of the function whose crossings have a place."""
         return jnp.sum(place >= np.cumsum(self.rooms))
 
 
@@ -84,7 +84,7 @@ class Signs(NamedTuple):
 
 
 class Log(NamedTuple):
-    """The crossings of k functions so far, in the order in which they were found.
+    """Holds the crossings of k functions so far, in the order in which they were found.
 
     - ``signs``: the signs at the end of the last step.
     - ``count``, ``unresolved``: how many crossings, and pieces that were not resolved, each function had.
@@ -124,7 +124,7 @@ class Span(NamedTuple):
     run: tuple[Float[Array, ""], Float[Array, ""]]
 
     def time(self, fraction: Float[Array, "..."]) -> Float[Array, "..."]:
-        """The time at a fraction of the step."""
+        """Returns the time at a fraction of the step."""
         return jnp.where(fraction < 1, self.start + fraction * (self.last - self.start), self.last)
 
     @property
@@ -175,7 +175,7 @@ class _Piece(NamedTuple):
 
     @classmethod
     def of(cls, samples: Float[Array, "samples k"]) -> "_Piece":
-        """What the samples of a piece tell. Comparisons with NaN are false: nothing is certain then."""
+        """Examines the samples of a piece. Comparisons with NaN are false: nothing is certain then."""
         value, slope = (_sizes(matrix, samples) for matrix in (_matrices().value, _matrices().slope))
         others, tail = jnp.sum(value[1:], axis=0), value[-1] + value[-2]
         return cls(
@@ -187,12 +187,12 @@ class _Piece(NamedTuple):
 
 
 def _sizes(matrix: np.ndarray, samples: Float[Array, "samples k"]) -> Float[Array, "terms k"]:
-    """The sizes of the terms of a series."""
+    """Computes the sizes of the terms of a series."""
     return jnp.abs(jnp.sum(jnp.asarray(matrix, samples.dtype)[..., None] * samples[None], axis=1))
 
 
 def _is_clear(terms: Float[Array, "terms k"], clearance: float = 1.0) -> Bool[Array, " k"]:
-    """Whether a function has no zero, by the sizes of the terms of its series."""
+    """Tells whether a function has no zero, by the sizes of the terms of its series."""
     return terms[0] > clearance * jnp.sum(terms[1:], axis=0) + TAIL * (terms[-1] + terms[-2])
 
 
@@ -203,17 +203,17 @@ class _Pieces(NamedTuple):
 
     @classmethod
     def of(cls, dtype: Any) -> "_Pieces":
-        """The pieces for a type of numbers, which has all their ends."""
+        """Chooses the smallest piece for a type of numbers, in which the ends of all pieces are exact."""
         return cls(1 << (44 if jnp.finfo(dtype).bits == 64 else 18))
 
     def longest(self, span: Span) -> Int[Array, ""]:
-        """The length of the pieces with which a step is begun."""
+        """Returns the length of the pieces with which a step is begun."""
         length, run = span.last - span.start, span.run[1] - span.run[0]
         halvings = [length > LONGEST_PIECE * 2.0**k * run for k in range(MOST_PIECES.bit_length() - 1)]
         return jnp.asarray(self.unit) >> sum(jnp.where(halve, 1, 0) for halve in halvings)
 
     def times(self, span: Span, place: Int[Array, ""], width: Int[Array, ""]) -> Float[Array, " samples"]:
-        """The times of the Chebyshev points of a piece."""
+        """Returns the times of the Chebyshev points of a piece."""
         nodes = jnp.asarray(_matrices().nodes, span.start.dtype)
         return span.time((place.astype(nodes.dtype) + nodes * width.astype(nodes.dtype)) / float(self.unit))
 
@@ -228,7 +228,7 @@ class Glance(NamedTuple):
 
 
 def glance(functions: Functions, span: Span, signs: Signs) -> Glance:
-    """Looks at a step by ``functions`` that may be less accurate than it is."""
+    """Looks at a step by ``functions`` that may be less accurate than it is, in its longest pieces alone."""
     pieces = _Pieces.of(span.start.dtype)
     width, nothing = pieces.longest(span), jnp.zeros_like(signs.since)
 
@@ -271,7 +271,7 @@ class _Search(NamedTuple):
     def of(
         cls, crosses: Bool[Array, " k"], sign: Float[Array, " k"], low: Float[Array, " k"], high: Array
     ) -> "_Search":
-        """The search for a zero of each function that ``crosses`` it."""
+        """Begins the search for a zero of each function that ``crosses`` it."""
         bracket = jnp.zeros(2, low.dtype)
         search = cls(crosses, jnp.full_like(low, jnp.inf), sign, low, high, bracket, bracket, jnp.asarray(0))
         return search._begun()
@@ -282,7 +282,7 @@ class _Search(NamedTuple):
         return jnp.any(self.pending)
 
     def of_first(self, values: Array) -> Array:
-        """The entry of an array that is that of the first pending function, along the last axis."""
+        """Picks the entry of the first pending function, along the last axis."""
         is_first = jnp.broadcast_to(self._is_first, values.shape)
         return jnp.sum(jnp.where(is_first, values, 0.0), axis=-1)
 
@@ -295,8 +295,8 @@ class _Search(NamedTuple):
         bracket = jnp.stack([self.of_first(self.low), self.high])
         return self._replace(bracket=bracket, window=bracket, tries=jnp.asarray(0))
 
-    def narrowed(self, times: Float[Array, " samples"], samples: Float[Array, "samples k"]) -> "_Search":
-        """The search after the window has been sampled."""
+    def narrow(self, times: Float[Array, " samples"], samples: Float[Array, "samples k"]) -> "_Search":
+        """Narrows the bracket by the values in the window, to the two samples between which the sign changes."""
         values = self.of_first(samples) * self.of_first(self.sign)
         has_sign, place = values >= 0, jnp.arange(times.size)
         after = jnp.min(jnp.where(has_sign, place, times.size))
@@ -310,16 +310,17 @@ class _Search(NamedTuple):
         share = jnp.where(between & (beyond > before), -before / jnp.where(beyond > before, beyond - before, 1.0), 0.5)
         gap, whole = high - low, self.high - self.of_first(self.low)
         root = low + share * gap
+        # Where a function is smooth, the secant is off by the square of the gap; a miss is followed by the whole bracket.
         aside = gap * jnp.clip(gap / jnp.where(whole > 0, whole, 1.0), NARROWEST, WIDEST)
         near = jnp.stack([jnp.maximum(low, root - aside), jnp.minimum(high, root + aside)])
         bracket = jnp.stack([low, high])
         search = self._replace(bracket=bracket, window=jnp.where(between, near, bracket), tries=self.tries + 1)
         eps = float(jnp.finfo(gap.dtype).eps)
         done = (gap <= 2 * eps * jnp.maximum(jnp.abs(root), whole)) | (search.tries >= MOST_WINDOWS)
-        return selected(done, self._with(root), search)
+        return selected(done, self._enter(root), search)
 
-    def _with(self, root: Float[Array, ""]) -> "_Search":
-        """The search with the zero of the first pending function."""
+    def _enter(self, root: Float[Array, ""]) -> "_Search":
+        """Enters the zero of the first pending function, and begins the search for the next one."""
         is_first = self._is_first
         search = self._replace(pending=self.pending & ~is_first, roots=jnp.where(is_first, root, self.roots))
         return search._begun()
@@ -339,7 +340,7 @@ class _Scan(NamedTuple):
 
 
 def scan(functions: Functions, span: Span, seen: Glance, kinds: Kinds, log: Log, asked: Bool[Array, ""]) -> Log:
-    """The log with the crossings of a step, if that is ``asked`` for; up to the first terminal one.
+    """Adds the crossings of a step to the log, if that is ``asked`` for; up to the first terminal one.
 
     ``functions`` are as accurate as the step. They are called in one place, because they may be long.
     """
@@ -357,22 +358,25 @@ def scan(functions: Functions, span: Span, seen: Glance, kinds: Kinds, log: Log,
         samples = functions(times)
 
         def seek(scan: _Scan) -> _Scan:
-            search = scan.search.narrowed(times, samples)
-            noted = _noted(scan.log, kinds, span, search.roots)
+            search = scan.search.narrow(times, samples)
+            noted = _add_zeros(scan.log, kinds, span, search.roots)
             return scan._replace(search=search, log=selected(search.goes_on, scan.log, noted))
 
         return jax.lax.cond(seeks, seek, lambda scan: go_on(scan, times, samples), scan)
 
     def go_on(scan: _Scan, times: Array, samples: Array) -> _Scan:
         piece = _Piece.of(samples)
+        # Zero throughout, to rounding, and without a finite value there is nothing to be found.
         known = piece.clear | piece.monotone | jnp.all(jnp.abs(samples) <= noise[None], axis=0)
         known |= ~jnp.any(jnp.isfinite(samples), axis=0)
+        # A series that is trusted has two zeros close to each other, or touches zero: smaller pieces tell.
         smallest = jnp.where(piece.decayed, 1, pieces.unit >> min(SMALLEST_LEVEL, pieces.unit.bit_length() - 1))
         passes = scan.enters | jnp.all(known | (scan.width <= smallest))
         # A jump at the start of the step comes before all pieces: the first time, only the start is passed.
         place = scan.place + jnp.where(scan.enters, 0, scan.width)
         end = jnp.where(scan.enters, 0, -1)
-        log, search = _passed(span, piece, (times[end], samples[end]), known | scan.enters, noise, kinds, scan.log)
+        log, search = _pass_piece(span, piece, (times[end], samples[end]), known | scan.enters, noise, kinds, scan.log)
+        # The next piece is the largest that begins here in the tree of halves.
         aligned = jnp.where(place == 0, longest, place & -place)
         passed = _Scan(place, jnp.minimum(aligned, longest), jnp.asarray(False), log, search)
         return selected(passes, passed, scan._replace(width=scan.width // 2))
@@ -384,7 +388,7 @@ def scan(functions: Functions, span: Span, seen: Glance, kinds: Kinds, log: Log,
     return jax.lax.while_loop(goes_on, look, begin).log
 
 
-def _passed(
+def _pass_piece(
     span: Span,
     piece: _Piece,
     end: tuple[Float[Array, ""], Float[Array, " k"]],
@@ -393,7 +397,7 @@ def _passed(
     kinds: Kinds,
     log: Log,
 ) -> tuple[Log, _Search]:
-    """The log after a piece in which each function changes its sign once at most, and the search for these zeros.
+    """Notes the signs at the end of a piece in which each changes once at most, and begins the search for these zeros.
 
     ``end``: the end of the piece with the values there; ``known``: whether the piece is certain to be so.
     """
@@ -414,8 +418,8 @@ def _passed(
     return log, _Search.of(crosses, sign, old.since, t)
 
 
-def _noted(log: Log, kinds: Kinds, span: Span, roots: Float[Array, " k"]) -> Log:
-    """The log with the zeros of a piece: up to the first terminal one, and as many as there is room for."""
+def _add_zeros(log: Log, kinds: Kinds, span: Span, roots: Float[Array, " k"]) -> Log:
+    """Adds the zeros of a piece to the log: up to the first terminal one, and as many as there is room for."""
     crosses = jnp.isfinite(roots) & (jnp.asarray(kinds.from_start) | (roots > span.near_start))
     terminal = jnp.where(crosses & jnp.asarray(kinds.terminal), roots, jnp.inf)
     # Two functions that cross zero together, to rounding, both do.
