@@ -108,9 +108,13 @@ def from_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Sc
 
 
 def read_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Imported:
-    """The scenario of a file as :func:`from_mjcf` returns it, with notes on what is not in it.
+    """Reads the scenario of a file as :func:`from_mjcf` returns it, with notes on what is not in it.
 
-    **Arguments:** as of :func:`from_mjcf`.
+    **Arguments:**
+
+    - ``text``: the text of the file.
+    - ``times``: as for :func:`from_mjcf`.
+    - ``contact``: as for :func:`from_mjcf`.
 
     **Raises:** as :func:`from_mjcf`.
 

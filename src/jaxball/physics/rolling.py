@@ -11,7 +11,21 @@ from .system import AbstractSystem, AnyState
 
 
 class Reaction(NamedTuple):
-    """The size of the reaction: the normal force N and the square of the friction |f|."""
+    """The size of the reaction of a plane: the normal force N and the square of the friction |f|.
+
+    **Arguments:**
+
+    - ``normal``: N, mass length/time²; negative where the plane would have to pull.
+    - ``friction_squared``: |f|², the square of such a force.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Reaction
+    >>> force = Reaction(normal=jnp.array(2.0), friction_squared=jnp.array(0.25))
+    >>> float(force.friction), float(force.ratio)
+    (0.5, 0.25)
+    """
 
     normal: Float[Array, "*batch"]
     friction_squared: Float[Array, "*batch"]

@@ -310,7 +310,7 @@ class _Search(NamedTuple):
         share = jnp.where(between & (beyond > before), -before / jnp.where(beyond > before, beyond - before, 1.0), 0.5)
         gap, whole = high - low, self.high - self.of_first(self.low)
         root = low + share * gap
-        # Where a function is smooth, the secant is off by the square of the gap. After a miss the whole bracket follows.
+        # Where a function is smooth, the secant is off by the square of the gap; after a miss, all is searched.
         aside = gap * jnp.clip(gap / jnp.where(whole > 0, whole, 1.0), NARROWEST, WIDEST)
         near = jnp.stack([jnp.maximum(low, root - aside), jnp.minimum(high, root + aside)])
         bracket = jnp.stack([low, high])
