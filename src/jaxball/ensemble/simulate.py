@@ -276,11 +276,12 @@ def shared_leaves(in_axes: Any, tree: Any) -> tuple[bool, ...]:
         jax.tree.map(note, in_axes, tree, is_leaf=lambda axis: axis is None)
     except ValueError:
         of_leaves = [in_axes]
-    if not all(axis is None or (type(axis) is int and axis == 0) for axis in of_leaves):
+    axes = [*of_leaves, *jax.tree.leaves(in_axes, is_leaf=lambda axis: axis is None)]
+    if not all(axis is None or (type(axis) is int and axis == 0) for axis in axes):
         raise ValueError(
             "Argument `in_axes` must be 0 where arrays have the runs as leading axis and None where all runs share "
-            "them, for all arrays, for (system, state), or in PyTrees of these structures as jax.vmap takes them, but "
-            f"it is {in_axes!r}."
+            "them, for all arrays, for (system, state) or (system, state, events), or in PyTrees of these structures as "
+            f"jax.vmap takes them, but it is {in_axes!r}."
         )
     return tuple(axis is None for axis in of_leaves)
 

@@ -15,7 +15,18 @@ from .errors import each_of
 from .imports import is_python_name
 from .own import Function, Open, names_own, read_own, trying, trying_class
 from .table import Family, Key, Module, join, keys_of, read_family, read_named, write_member
-from .values import POSITIVE, Choice, Flag, Integer, Numbers, ScenarioError, is_traced_document, key_error, shown, unread
+from .values import (
+    POSITIVE,
+    Choice,
+    Flag,
+    Integer,
+    Numbers,
+    ScenarioError,
+    is_traced_document,
+    key_error,
+    shown,
+    unread,
+)
 
 DIRECTIONS = {"rising": UP, "falling": DOWN, "both": EITHER}
 MOST_KEPT = 10**6
@@ -65,7 +76,7 @@ _KINDS: Family = {
     "detachment": Module(Detachment, _ENDING),
 }
 EVENTS = Open(AbstractEvent, {"": CROSSING, **_KINDS})
-KEYS = {"events": Key(unread("a table of tables", keys_of(EVENTS)), {})}
+KEYS = {"events": Key(unread("a table of tables", keys_of(EVENTS)), None)}
 
 
 def read_events(values: Any, path: str) -> dict[str, AbstractEvent]:

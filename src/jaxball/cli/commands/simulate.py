@@ -188,7 +188,11 @@ def _content(scenario: "Scenario", trajectory: "Trajectory[Any, Any]") -> dict[s
 
 def _summary(seen: "Occurrences") -> dict[str, Any]:
     """How often an event happened, and when, as far as there was room."""
-    return {"count": int(seen.count), "times": seen.times[: int(seen.count)].tolist(), "unresolved": int(seen.unresolved)}
+    return {
+        "count": int(seen.count),
+        "times": seen.times[: int(seen.count)].tolist(),
+        "unresolved": int(seen.unresolved),
+    }
 
 
 def _events(options: argparse.Namespace, scenario: "Scenario") -> "dict[str, AbstractEvent]":
