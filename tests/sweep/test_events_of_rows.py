@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from jaxball import Status
+from jaxball.plot.sweeps.axes import NOT_FINITE, outcomes
 from jaxball.scenario import ScenarioError
 from jaxball.sweep import StudyError, describe, open_dataset, row_events, row_scenarios, sweep
 from tests.scenario.documents import BALL
@@ -95,14 +96,14 @@ def test_rooms_and_names_that_do_not_fit_are_refused(tmp_path):
     axes = '[[axes]]\npath = "events.near.room"\nvalues = [1, 2]'
     with pytest.raises(ScenarioError, match=r"Key `events.near.room` must be the same in all rows"):
         study(tmp_path, axes, scenario=ROLLING + "room = 4\n")
+    named = ROLLING.replace("events.near", "events.detachment")
     with pytest.raises(StudyError, match="Key `detachment` must be false where the scenario has an event of that name"):
-        named = ROLLING.replace("events.near", "events.detachment")
         study(tmp_path, settings="detachment = true", scenario=named)
     taken = study(
         tmp_path, settings="contact = true", scenario=ROLLING.replace("events.near", "events.friction_needed")
     )
     with pytest.raises(
-        StudyError, match="Key `scenario.events` must have names whose variables .* `friction_needed_time`"
+        StudyError, match=r"Key `scenario\.events` must have names whose variables .* `friction_needed_time`"
     ):
         sweep(taken, tmp_path / "taken.zarr")
 
@@ -121,3 +122,10 @@ def test_rows_that_are_read_one_by_one_have_their_levels(tmp_path):
 def clock(system, t, state):
     """An event at a time."""
     return t
+
+
+def test_figures_show_what_is_known_of_rows_that_an_event_ended():
+    status = np.array([Status.EVENT, Status.EVENT, Status.SUCCESS, Status.SUCCESS, Status.MAX_STEPS])
+    values = np.array([1.0, np.nan, 1.0, np.nan, 1.0])
+    expected = [Status.SUCCESS, Status.EVENT, Status.SUCCESS, NOT_FINITE, Status.MAX_STEPS]
+    np.testing.assert_array_equal(outcomes(status, values), expected)

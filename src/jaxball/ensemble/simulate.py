@@ -146,7 +146,8 @@ def simulate_ensemble(
     - ``system``, ``state``: every array has the runs as leading axis, as ``jax.vmap`` takes them and ``jax.tree.map``
       with ``np.stack`` makes them, unless ``in_axes`` says otherwise.
     - ``times``: of shape (runs, T), or (T,) for all runs.
-    - ``events``: as for one run, the same for all unless ``in_axes`` says otherwise. Reductions go on to the end of the step within which the first terminal event ends the run.
+    - ``events``: as for one run, the same for all unless ``in_axes`` says otherwise. Reductions go on to the end of the
+      step within which the first terminal event ends the run.
     - ``contact``: a :class:`~jaxball.Contact`, as for one run: each run may roll, slide and fly, and
       ``trajectory.contact`` has its modes. Each of its numbers is for all runs or, made by ``jax.vmap``, of shape
       (runs,). ``state`` may then be a :class:`~jaxball.ReleasedState`. Its ``room`` for switches is the same for every
@@ -280,8 +281,8 @@ def shared_leaves(in_axes: Any, tree: Any) -> tuple[bool, ...]:
     if not all(axis is None or (type(axis) is int and axis == 0) for axis in axes):
         raise ValueError(
             "Argument `in_axes` must be 0 where arrays have the runs as leading axis and None where all runs share "
-            "them, for all arrays, for (system, state) or (system, state, events), or in PyTrees of these structures as "
-            f"jax.vmap takes them, but it is {in_axes!r}."
+            "them, for all arrays, for (system, state) or (system, state, events), or in PyTrees of these structures "
+            f"as jax.vmap takes them, but it is {in_axes!r}."
         )
     return tuple(axis is None for axis in of_leaves)
 

@@ -169,7 +169,9 @@ def put_while(
     return with_rule(forward, kept, pull)(operands)
 
 
-def _written(due: Callable, row_of: Callable, place_of: Callable, buffer: Array, first: Index) -> tuple[Array, Index]:
+def _written(
+    due: Callable, row_of: Callable, place_of: Callable, buffer: Array, first: Index
+) -> tuple[Array, Index]:
     def write(at: tuple[Array, Index]) -> tuple[Array, Index]:
         buffer, k = at
         counts = due(k)

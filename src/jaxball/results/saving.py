@@ -116,8 +116,8 @@ def to_dataset(
     angles belong to the state, by their numbers, or, with joints among them, all by name) and those of vectors:
     ``axis``, ``direction`` in the plane, ``component`` of a versor. All are counted from 0. Attributes say how the
     solve ended, and hold the scenario's file. A run with a law of contact has its modes too, and its switches between
-    them along ``switch``. The times of an event are ``event_…_times``, with its name. One under feedback has the motion that it holds (``nominal_…``), its ``inputs`` and
-    ``deviation``, and what was estimated (``estimate_…``).
+    them along ``switch``. The times of an event are ``event_…_times``, with its name. One under feedback has the motion
+    that it holds (``nominal_…``), its ``inputs`` and ``deviation``, and what was estimated (``estimate_…``).
 
     **Arguments:**
 

@@ -54,11 +54,9 @@ from .values import (
     ScenarioError,
     Text,
     WholeNumber,
-    key_error,
     namespace,
     require,
     require_conditions,
-    shown,
     unread,
 )
 

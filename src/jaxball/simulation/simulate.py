@@ -353,9 +353,7 @@ def _unpacked(packing: Packing[Any, Any], known: Array, times: Array, states: Ar
     """The states of the vectors that are ``known``; of the others NaN, and nothing that has derivatives."""
     times, states = jnp.where(known, times, times[0]), jnp.where(known[:, None], states, states[0])
 
-    return jax.tree.map(
-        functools.partial(known_rows, known), jax.lax.map(lambda at: packing.unpack(*at), (times, states))
-    )
+    return jax.tree.map(functools.partial(known_rows, known), jax.lax.map(lambda at: packing.unpack(*at), (times, states)))
 
 
 _simulated_filtered = programs.filter_jit(simulated)

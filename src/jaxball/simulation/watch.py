@@ -95,9 +95,7 @@ class Watch:
 
         return functions, Span(step.start, last_within(step.start, step.end), step.run)
 
-    def _row(
-        self, which: Int[Array, ""], t: Float[Array, ""], step: "Within", parameters: Any
-    ) -> Float[Array, " width"]:
+    def _row(self, which: Int[Array, ""], t: Float[Array, ""], step: "Within", parameters: Any) -> Float[Array, " width"]:
         """The time of a crossing and the state there, with derivatives: those of the zero by the implicit function
         theorem, and where the function jumps as a step begins, those of the start of the step.
         """

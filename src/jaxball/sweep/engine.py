@@ -35,7 +35,7 @@ def solve_in_lanes(batch: Batch, request: Request) -> dict[str, np.ndarray]:
     reductions = {**_contact(batch, request), **{find.name: find.reduction() for find in request.finds}}
     if batch.template.feedback is not None:
         return _closed_loops(batch, request, reductions)
-    detachment = {"detachment": Detachment()} if request.detachment else {}
+    detachment: dict[str, AbstractEvent] = {"detachment": Detachment()} if request.detachment else {}
     ends = detachment or any(event.terminal for event in batch.events.values())
     if not (ends and reductions):
         return _solved(batch, request, reductions, detachment)

@@ -300,8 +300,8 @@ def _check_contact(table: dict[str, Any], template: Scenario) -> None:
             )
     if table["detachment"] and "detachment" in template.events:
         raise StudyError(
-            "Key `detachment` must be false where the scenario has an event of that name, which the store keeps, but it "
-            "is true."
+            "Key `detachment` must be false where the scenario has an event of that name, which the store keeps, but "
+            "it is true."
         )
     if table["detachment"] and template.feedback is not None:
         raise StudyError(

@@ -131,9 +131,7 @@ class Span(NamedTuple):
     def ends_run(self) -> Bool[Array, ""]:
         """Whether the run ends with the step."""
         first, last = self.run
-        return last - self.last <= ROUNDINGS * float(jnp.finfo(last.dtype).eps) * jnp.maximum(
-            jnp.abs(last), last - first
-        )
+        return last - self.last <= ROUNDINGS * float(jnp.finfo(last.dtype).eps) * jnp.maximum(jnp.abs(last), last - first)
 
     @property
     def near_start(self) -> Float[Array, ""]:
@@ -269,9 +267,7 @@ class _Search(NamedTuple):
     tries: Int[Array, ""]
 
     @classmethod
-    def of(
-        cls, crosses: Bool[Array, " k"], sign: Float[Array, " k"], low: Float[Array, " k"], high: Array
-    ) -> "_Search":
+    def of(cls, crosses: Bool[Array, " k"], sign: Float[Array, " k"], low: Float[Array, " k"], high: Array) -> "_Search":
         """The search for a zero of each function that ``crosses`` it."""
         bracket = jnp.zeros(2, low.dtype)
         search = cls(crosses, jnp.full_like(low, jnp.inf), sign, low, high, bracket, bracket, jnp.asarray(0))
