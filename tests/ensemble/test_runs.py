@@ -8,7 +8,19 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import BallState, Detachment, Disk, DiskState, Fixed, FunctionForce, PointMass, Status, paper, simulate
+from jaxball import (
+    BallState,
+    Detachment,
+    Disk,
+    DiskState,
+    Event,
+    Fixed,
+    FunctionForce,
+    PointMass,
+    Status,
+    paper,
+    simulate,
+)
 from jaxball.classical import FreeRigidBody
 from jaxball.ensemble import Maximum, simulate_ensemble
 from jaxball.native import chosen
@@ -64,6 +76,31 @@ def test_the_papers_ball(balls):
     assert found.trajectory.state.q.shape == (RUNS, TIMES.size, 4)
     for k in (0, 17, RUNS - 1):
         assert_same(found, k, simulate(ball, TIMES, jax.tree.map(lambda leaf, k=k: jnp.asarray(leaf[k]), state)), 1e-11)
+
+
+@pytest.mark.parametrize("compiler", ["native", "xla"])
+def test_each_run_has_a_level_of_its_own(compiler):
+    """A disk that rolls freely is at z = t."""
+    levels = np.array([0.5, 2.0, 7.0])
+    events = {
+        "own": jax.vmap(lambda level: Event("z", level=level, terminal=True))(jnp.asarray(levels)),
+        "shared": Event("z", level=0.25),
+    }
+    with jaxball.compiler(compiler):
+        found = simulate_ensemble(
+            Disk(mass=1.0, inertia=0.5),
+            np.tile(TIMES, (3, 1)),
+            DiskState(phidot=-1.0),
+            events=events,
+            in_axes=(None, None, {"own": 0, "shared": None}),
+            **SMALL,
+        )
+    own, shared = found.trajectory.events["own"], found.trajectory.events["shared"]
+    np.testing.assert_array_equal(own.count, [1, 1, 0])
+    np.testing.assert_allclose(own.times[:, 0], [0.5, 2.0, np.nan], rtol=1e-12)
+    np.testing.assert_allclose(shared.times[:, 0], 0.25, rtol=1e-12)
+    np.testing.assert_array_equal(found.status, [Status.EVENT, Status.EVENT, Status.SUCCESS])
+    assert found.ok.tolist() == [True, True, True]
 
 
 def test_an_ensemble_is_read_as_a_trajectory_is():
@@ -260,7 +297,8 @@ def _with_mass(system, m):
         ({"times": np.zeros((3, 2))}, "the same number of runs as leading axis"),
         ({"in_axes": (None, None)}, "the same number of runs as leading axis"),
         ({"in_axes": 1}, "Argument `in_axes` must be 0 where arrays have the runs as leading axis"),
-        ({"in_axes": (0, 0, None)}, "Argument `in_axes` must be 0"),
+        ({"in_axes": (0, 0, 1)}, "Argument `in_axes` must be 0"),
+        ({"in_axes": (0, 0, 0, 0)}, "Argument `in_axes` must be 0"),
     ],
 )
 def test_wrong_arguments_are_named(change, words, no_type_checks):

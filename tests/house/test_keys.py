@@ -114,8 +114,8 @@ def known(monkeypatch):
 
 
 def _plain(path):
-    """Without the places in lists and the names of sensors, and with the axes of a zip as those of a study."""
-    path = re.sub(r"^sensors\.\w+", "sensors", re.sub(r"\[\d+\]", "", path))
+    """Without the places in lists, the names of sensors and of events, and with the axes of a zip as a study's."""
+    path = re.sub(r"^(sensors|events)\.\w+", r"\1", re.sub(r"\[\d+\]", "", path))
     return path.replace("axes.zip", "axes").partition('."')[0]
 
 

@@ -141,6 +141,38 @@ dae = false
 project = true
 """
 
+EVERY_EVENT = """
+format = 1
+title = "Every event"
+kind = "disk"
+body = { mass = 1.0, radius = 1.0, inertia = 0.5, gravity = 1.0 }
+initial = { phidot = -1.0 }
+time = { start = 0.0, end = 2.0, saves = 5 }
+
+[events.post]
+of = "z"
+level = 1.5
+direction = "rising"
+terminal = true
+room = 1
+
+[events.speed]
+of = "tests.support.corpus:speed_of"
+direction = "falling"
+room = 2
+
+[events.slide]
+kind = "slip"
+friction = 0.3
+terminal = false
+room = 3
+
+[events.lift]
+kind = "detachment"
+terminal = false
+room = 4
+"""
+
 EVERY_AXIS = """
 format = 1
 title = "Every axis"
@@ -385,6 +417,11 @@ def speeds(run: Any, parameters: Any) -> Any:
     return run.observables.kinetic_energy
 
 
+def speed_of(system: Any, t: Any, state: Any) -> Any:
+    """An event."""
+    return state.phidot**2 - 0.5
+
+
 def last_speed(run: Any, parameters: Any) -> Any:
     """An objective of a whole run."""
     return run.observables.kinetic_energy[-1]
@@ -402,11 +439,11 @@ def kinds() -> set[str]:
 
 
 def scenarios() -> dict[str, dict[str, Any]]:
-    """The built-in scenarios, those of the documentation, and two with everything that a body can have."""
+    """The built-in scenarios, those of the documentation, and some with everything that a body can have."""
     texts = {name: builtin_text(name) for name in builtin_scenarios()}
     texts |= _blocks("reference/scenario-files.md", "```toml\n(.*?)```") | {"every motion": EVERY_MOTION}
     texts |= {"every mechanism": EVERY_MECHANISM, "under feedback": UNDER_FEEDBACK}
-    texts |= {"predictive": PREDICTIVE, "feedforward": FEEDFORWARD}
+    texts |= {"predictive": PREDICTIVE, "feedforward": FEEDFORWARD, "every event": EVERY_EVENT}
     return {name: tomllib.loads(text) for name, text in texts.items()}
 
 
@@ -430,7 +467,7 @@ def with_everything() -> list[dict[str, Any]]:
     """Documents that have all keys there are, but for `balance`."""
     rigid = ("free-rigid-body", "heavy-top", "suslov", "rattleback", "oblate-ball")
     classical = (*rigid, "nonholonomic-particle", "vakonomic-particle")
-    with_all_keys = ("every motion", "every mechanism", "under feedback", "predictive", "feedforward")
+    with_all_keys = ("every motion", "every mechanism", "under feedback", "predictive", "feedforward", "every event")
     named = [name for name in problems() if name.startswith("every kind")]
     return [
         *(scenarios()[name] for name in (*classical, "disk", *with_all_keys)),

@@ -40,7 +40,7 @@ class Settings(NamedTuple):
 
     - ``method``: how each run is solved.
     - ``reductions``: the results to find, by name.
-    - ``shared``: which leaves of system and state all runs share.
+    - ``shared``: which leaves of system, state and events all runs share.
     - ``lanes``: how many runs are one solve; None for the native compiler, which has lanes of its own.
     """
 
@@ -63,7 +63,7 @@ class Ends(NamedTuple):
 
 
 def solved(settings: Settings, *given: Any) -> Any:
-    """The solves, by a compiled program: from (system, state), times, rtol, atol and events to the ``Ends`` of runs.
+    """The solves, by a compiled program: from (system, state, events), times, rtol and atol to the ``Ends`` of runs.
 
     With the runs as leading axis; then what reductions report, and the steps of all lanes.
     """
@@ -91,7 +91,7 @@ def _compiled(settings: Settings) -> programs.Program:
     return programs.jit(functools.partial(_solve, settings))
 
 
-def _solve(settings: Settings, parameters: Any, times: Array, rtol: Array, atol: Array, events: Any) -> Any:
+def _solve(settings: Settings, parameters: Any, times: Array, rtol: Array, atol: Array) -> Any:
     leaves, structure = jax.tree.flatten(parameters)
     own = [leaf for leaf, shared in zip(leaves, settings.shared, strict=True) if not shared]
 
@@ -99,7 +99,7 @@ def _solve(settings: Settings, parameters: Any, times: Array, rtol: Array, atol:
         own, times, rtol, atol = row
         following = iter(own)
         whole = [leaf if shared else next(following) for leaf, shared in zip(leaves, settings.shared, strict=True)]
-        system, state = structure.unflatten(whole)
+        system, state, events = structure.unflatten(whole)
         return _run(settings, system, state, times, rtol, atol, events)
 
     rows = own, times, rtol, atol
@@ -173,7 +173,7 @@ def _reports(reductions: Sequence[tuple[str, AbstractReduction]], found: Found |
 
 
 def solved_in_blocks(
-    settings: Settings, parameters: Any, *others: Any, events: Any, block: int | None, threads: int | None
+    settings: Settings, parameters: Any, *others: Any, block: int | None, threads: int | None
 ) -> tuple[Any, ...]:
     """The results of the program for all runs; ``others`` are times and tolerances, each with the runs as leading axis.
 
@@ -197,7 +197,7 @@ def solved_in_blocks(
         spans = times[places]
         # A run that only pads a block ends as it begins.
         spans[np.append(False, places[1:] == places[:-1])] = spans[-1, :1]
-        given = structure.unflatten(parts), spans, *(x[places] for x in tolerances), events
+        given = structure.unflatten(parts), spans, *(x[places] for x in tolerances)
         return solved(settings, *given)
 
     shapes = tuple(leaf.shape if shared else leaf.shape[1:] for leaf, shared in own)

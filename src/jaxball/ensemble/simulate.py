@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.arguments import require, require_flags
 from ..interface.printing import Printed, shown
-from ..interface.status import Status
+from ..interface.status import SUCCESSES
 from ..numerics.arrays import Numbers, is_traced, to_numpy
 from ..physics.contact.body_on_plane import ContactHistory
 from ..physics.contact.law import Contact
@@ -109,7 +109,7 @@ class Ensemble(Printed):
     @property
     def ok(self) -> Bool[Array, " runs"]:
         """Whether each solve reached its end, or a terminal event."""
-        return (self.status == Status.SUCCESS) | (self.status == Status.EVENT)
+        return jnp.isin(self.status, jnp.asarray(SUCCESSES))
 
     @property
     def efficiency(self) -> Float[Array, ""]:
@@ -146,8 +146,8 @@ def simulate_ensemble(
     - ``system``, ``state``: every array has the runs as leading axis, as ``jax.vmap`` takes them and ``jax.tree.map``
       with ``np.stack`` makes them, unless ``in_axes`` says otherwise.
     - ``times``: of shape (runs, T), or (T,) for all runs.
-    - ``events``: as for one run, the same for all. Reductions go on to the end of the step within which the first
-      terminal event ends the run.
+    - ``events``: as for one run, the same for all unless ``in_axes`` says otherwise. Reductions go on to the end of the
+      step within which the first terminal event ends the run.
     - ``contact``: a :class:`~jaxball.Contact`, as for one run: each run may roll, slide and fly, and
       ``trajectory.contact`` has its modes. Each of its numbers is for all runs or, made by ``jax.vmap``, of shape
       (runs,). ``state`` may then be a :class:`~jaxball.ReleasedState`. Its ``room`` for switches is the same for every
@@ -169,7 +169,8 @@ def simulate_ensemble(
     - ``threads``: how many blocks are computed at a time; by default the number of this process's cores, or GPUs.
     - ``in_axes``: which arrays of ``(system, state)`` have the runs as leading axis, as ``jax.vmap`` takes it: 0 for
       those that have, None for those that all runs share, which is cheaper; each for one array or for all of a part, so
-      that ``(None, 0)`` is one system from many states. By default 0.
+      that ``(None, 0)`` is one system from many states. By default 0. A third entry is for the arrays of ``events``,
+      such as their levels; without it all runs share them.
 
     A run that fails has its status and NaN, and does not affect the others. Within ``jax.jit`` and where it is
     differentiated, all runs are one block: compile such functions with :func:`jaxball.jit`.
@@ -202,15 +203,16 @@ def simulate_ensemble(
     given = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
     reductions = _checked_reductions(reductions)
     adjoint = checked_adjoint(FORWARD if adjoint is None else adjoint)
-    shared = own_shared = shared_leaves(in_axes, (system, state))
+    of_both, of_events = (in_axes[:2], in_axes[2]) if _has_three(in_axes) else (in_axes, None)
+    own_shared = shared_leaves(of_both, (system, state))
     of_contact = tuple(np.ndim(leaf) == 0 for leaf in jax.tree.leaves(contact))
     of_system = len(jax.tree.leaves(system))
-    shared = (*shared[:of_system], *of_contact, *shared[of_system:])
-    parameters = simulated, state
+    shared = (*own_shared[:of_system], *of_contact, *own_shared[of_system:], *shared_leaves(of_events, events))
+    parameters = simulated, state, events
     runs = _count(parameters, shared, given, rtol, atol)
     whole = given if given.ndim == 2 else jnp.broadcast_to(given, (runs, given.shape[-1]))
     limits = tuple(x if x.ndim else jnp.broadcast_to(x, (runs,)) for x in (rtol, atol))
-    traced = any(map(is_traced, (*jax.tree.leaves((parameters, whole, limits, events)), jnp.zeros(()))))
+    traced = any(map(is_traced, (*jax.tree.leaves((parameters, whole, limits)), jnp.zeros(()))))
     method = Method(
         solver=solver,
         adjoint=adjoint if traced else FORWARD,  # where nothing is traced, nothing is differentiated
@@ -225,11 +227,16 @@ def simulate_ensemble(
     settings = Settings(method, tuple(reductions.items()), shared, lanes)
     given = parameters, whole, *limits
     if traced:
-        ends, reported, executed = solved(settings, *given, events)
+        ends, reported, executed = solved(settings, *given)
     else:
-        ends, reported, executed = solved_in_blocks(settings, *given, events=events, block=block, threads=threads)
+        ends, reported, executed = solved_in_blocks(settings, *given, block=block, threads=threads)
     system, state = for_all_rows((system, state), own_shared, runs, jnp if traced else np)
     return Ensemble(Trajectory(system, whole, **ends._asdict(), start=state), reported, executed)
+
+
+def _has_three(in_axes: Any) -> bool:
+    """Whether there are axes for events, besides those of system and state."""
+    return isinstance(in_axes, tuple) and len(in_axes) == 3
 
 
 def _checked_reductions(reductions: Mapping[str, AbstractReduction] | None) -> Mapping[str, AbstractReduction]:
@@ -270,11 +277,12 @@ def shared_leaves(in_axes: Any, tree: Any) -> tuple[bool, ...]:
         jax.tree.map(note, in_axes, tree, is_leaf=lambda axis: axis is None)
     except ValueError:
         of_leaves = [in_axes]
-    if not all(axis is None or (type(axis) is int and axis == 0) for axis in of_leaves):
+    axes = [*of_leaves, *jax.tree.leaves(in_axes, is_leaf=lambda axis: axis is None)]
+    if not all(axis is None or (type(axis) is int and axis == 0) for axis in axes):
         raise ValueError(
             "Argument `in_axes` must be 0 where arrays have the runs as leading axis and None where all runs share "
-            "them, for all arrays, for (system, state), or in PyTrees of these structures as jax.vmap takes them, but "
-            f"it is {in_axes!r}."
+            "them, for all arrays, for (system, state) or (system, state, events), or in PyTrees of these structures "
+            f"as jax.vmap takes them, but it is {in_axes!r}."
         )
     return tuple(axis is None for axis in of_leaves)
 

@@ -34,6 +34,8 @@ class Status(enum.IntEnum):
         return f"{sentence} {ADVICE}" if alone and self == Status.IMPOSSIBLE else sentence
 
 
+# Of a run that reached its end, or an event that its user asked it to end at.
+SUCCESSES = (Status.SUCCESS, Status.EVENT)
 ADVICE = "jaxball.problems(system, state) says what is impossible about them."
 _SENTENCES = {
     Status.SUCCESS: "The solve reached t = {end:.10g}.",

@@ -25,9 +25,9 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
     """The trajectory that :func:`save` wrote to a ``.nc`` or ``.npz`` file, its states identical bit for bit.
 
     Its system is that of the scenario in the file, and its observables, or laws, are recomputed from the states. Its
-    status is that of the run, so a failed run is not ``ok``. Dense output and events are not saved: ``at`` raises, and
-    ``events`` is empty. ``contact`` of a run with a law of contact is restored, with its switches. ``scenario`` is the
-    one that was run, if the file has its settings too.
+    status is that of the run, so a failed run is not ``ok``. Dense output and the states at events are not saved:
+    ``at`` raises, and ``events`` is empty. ``contact`` of a run with a law of contact is restored, with its switches.
+    ``scenario`` is the one that was run, if the file has its settings too.
 
     **Arguments:**
 

@@ -24,10 +24,12 @@ from .files import FORMAT, SUFFIXES, UNKNOWN_SOLVER
 from .variables import (
     Variables,
     described_fields,
+    event_values,
     history_attributes,
     history_values,
     labels,
     measured_values,
+    prefix_of_event,
     switch_values,
     values,
 )
@@ -49,7 +51,8 @@ def attributes(
     file format, which :func:`load_run` checks. ``ok`` is 1 for a solve that reached its end and 0 for one that failed.
     A run with dense output also has the extremes of the contact force over the whole run, ``friction_needed`` and the
     others of :class:`~jaxball.ContactExtremes`, with the same names as in the store of a sweep. One with a law of
-    contact has its coefficients instead, ``contact_sliding`` and so on, and its ``contact_switches``.
+    contact has its coefficients instead, ``contact_sliding`` and so on, and its ``contact_switches``. ``event_…_count``
+    says how often each event happened.
     """
     known = trajectory.scenario if scenario is None else scenario
     if scenario is not None:
@@ -68,6 +71,7 @@ def attributes(
         "scenario": text,
     }
     run |= history_attributes(trajectory.history)
+    run |= {f"{prefix_of_event(name)}_count": int(seen.count) for name, seen in trajectory.events.items()}
     if always_rolls(trajectory) and trajectory.interpolant is not None:
         extremes = contact_extremes(trajectory)
         names = [field.name for field in dataclasses.fields(extremes) if field.name != "constant"]
@@ -112,8 +116,8 @@ def to_dataset(
     angles belong to the state, by their numbers, or, with joints among them, all by name) and those of vectors:
     ``axis``, ``direction`` in the plane, ``component`` of a versor. All are counted from 0. Attributes say how the
     solve ended, and hold the scenario's file. A run with a law of contact has its modes too, and its switches between
-    them along ``switch``. One under feedback has the motion that it holds (``nominal_…``), its ``inputs`` and
-    ``deviation``, and what was estimated (``estimate_…``).
+    them along ``switch``. The times of an event are ``event_…_times``, with its name. One under feedback has the motion
+    that it holds (``nominal_…``), its ``inputs`` and ``deviation``, and what was estimated (``estimate_…``).
 
     **Arguments:**
 
@@ -137,7 +141,8 @@ def to_dataset(
 
     scenario, sensors = _with_sensors(trajectory, scenario, sensors)
     variables, sizes = {}, {}
-    for leading, saved in (("time", _over_time(trajectory, sensors)), ("switch", _of_switches(trajectory))):
+    over_time, of_switches = ("time", _over_time(trajectory, sensors)), ("switch", _of_switches(trajectory))
+    for leading, saved in (over_time, of_switches, *event_values(trajectory.events).items()):
         for name, (variable, array) in saved.items():
             variables[name] = ((leading, *variable.dimensions), array, variable.notes)
             sizes |= zip((leading, *variable.dimensions), array.shape, strict=True)
@@ -163,7 +168,7 @@ def save(
       - ``.csv``: one row for each time and one column for each number, named like ``Omega[1]`` or
         ``mass_positions_body[0][2]`` (mass 0, the third axis); the column ``status`` is 0 for a solve
         that reached its end, and the number of its :class:`~jaxball.Status` for one that failed. The switches of a run
-        with a law of contact are left out.
+        with a law of contact and the times of events are left out.
     - ``scenario``: the scenario whose text is saved with it, as in :func:`to_dataset`.
     - ``sensors``: as in :func:`to_dataset`.
 
@@ -225,8 +230,8 @@ def _write_netcdf(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenar
 
 def _write_npz(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None, sensors: Sensors) -> None:
     arrays: dict[str, Any] = {"time": np.asarray(trajectory.times)}
-    both = _over_time(trajectory, sensors) | _of_switches(trajectory)
-    arrays |= {name: array for name, (_, array) in both.items()}
+    parts = _over_time(trajectory, sensors), _of_switches(trajectory), *event_values(trajectory.events).values()
+    arrays |= {name: array for part in parts for name, (_, array) in part.items()}
     arrays |= {name: np.asarray(value) for name, value in attributes(trajectory, scenario, sensors).items()}
     np.savez_compressed(path, **arrays)
 

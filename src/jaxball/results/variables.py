@@ -18,6 +18,7 @@ from ..physics.hybrid import NO_HISTORY, AbstractHistory, History, Switches
 from ..physics.state import AbstractBodyState, DiskState, ReducedState
 from ..scenario.body import CONTACT
 from ..sensors import AbstractSensor
+from ..simulation.events import Occurrences
 from ..simulation.trajectory import Trajectory, always_rolls
 from ..simulation.variables import CLASSICAL_STATE, EVENTS, HISTORY, LAWS, OBSERVABLES, STATE, SWITCHES, Variable
 
@@ -118,6 +119,22 @@ def labels(system: Any, sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
             [f"mechanisms[{k}].joints[{a}]" for k, item in enumerate(system.mechanisms) for a in range(item.n_joints)]
         )
     return coordinates
+
+
+def event_values(events: Mapping[str, Occurrences]) -> dict[str, Variables]:
+    """The times of each event that happened, by the name of their dimension."""
+    saved = {}
+    for name, seen in events.items():
+        kept = min(int(seen.count), seen.times.shape[-1])
+        variable = Variable((), "time", f"time of the event {name}")
+        if kept:
+            saved[prefix_of_event(name)] = {f"{prefix_of_event(name)}_times": (variable, np.asarray(seen.times)[:kept])}
+    return saved
+
+
+def prefix_of_event(name: str) -> str:
+    """The beginning of the names of what a file has of an event; a slash would make a group of a netCDF file."""
+    return f"event_{name.replace('/', '_')}"
 
 
 SIDES = ("before", "after")

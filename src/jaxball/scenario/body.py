@@ -1,7 +1,6 @@
 """The body of a scenario file: its shell, what acts on it, the law of contact, and its sensors."""
 
 import functools
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -30,6 +29,7 @@ from .table import (
     join,
     keys_of,
     read_family,
+    read_named,
     read_one_of,
     read_table,
     write_family,
@@ -54,11 +54,9 @@ from .values import (
     ScenarioError,
     Text,
     WholeNumber,
-    key_error,
     namespace,
     require,
     require_conditions,
-    shown,
     unread,
 )
 
@@ -150,7 +148,7 @@ def check_no_sticking(system: AbstractBody) -> None:
 def rolling_state(scenario: "Scenario", what: str, error: type[ScenarioError] = ScenarioError) -> AbstractState:
     """The state of a scenario, for ``what`` (with its verb), which is for bodies that always roll, without feedback.
 
-    **Raises:** ``error`` where the scenario has a law of contact, or feedback.
+    **Raises:** ``error`` where the scenario has a law of contact, feedback, or an event that ends its run.
     """
     if scenario.may_slip:
         raise error(
@@ -162,6 +160,12 @@ def rolling_state(scenario: "Scenario", what: str, error: type[ScenarioError] = 
             f"Key `feedback` must be left out here, because {what} for runs without sampled feedback; `jaxball "
             "simulate` and `jaxball track` accept it."
         )
+    for name, event in scenario.events.items():
+        if event.terminal:
+            raise error(
+                f"Key `events.{name}.terminal` must be false here, because {what} for runs that no event ends; "
+                "`jaxball simulate` and studies accept it."
+            )
     assert not isinstance(scenario.state, ReleasedState)  # which exists only with a law
     return scenario.state
 
@@ -289,7 +293,6 @@ def kind_of(system: System) -> str:
     return "ball" if isinstance(system, Ball) else "disk"
 
 
-_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
 _ON = Key(Text("the name of a part of the body, such as masses[0] or mechanisms[0].joints[0]"))
 _MOUNT = {"on": Key(_ON.kind, None), "frame": FRAME}
 _PROBABILITY = Rule("finite", lambda x: ((x >= 0) & (x <= 1)).all(), " from 0 to 1")
@@ -319,15 +322,7 @@ SENSORS = Open(AbstractSensor, _SENSORS, keys=_EVERY_SENSOR)
 
 def read_sensors(values: Any, path: str) -> dict[str, AbstractSensor]:
     """The sensors by their names, which files and figures use."""
-    if not isinstance(values, dict):
-        raise key_error(path, f"a table of tables, each under the heading [{path}.name]", shown(values))
-    for name in values:
-        if not _NAME.fullmatch(name):
-            raise ScenarioError(
-                f"Key `{path}` must have names of letters, digits and underscores that begin with a letter, but it has "
-                f"{shown(name)}."
-            )
-    return {name: read_family(table, join(path, name), SENSORS) for name, table in values.items()}
+    return read_named(values, path, functools.partial(read_family, family=SENSORS))
 
 
 def check_sensors(sensors: Mapping[str, AbstractSensor], path: str, system: AbstractBody) -> None:

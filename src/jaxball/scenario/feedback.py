@@ -298,15 +298,20 @@ def check_feedback(
     if is_traced_document():
         return
     each_of(
-        lambda: _check_solve("contact" in document, fixed.solve),
+        lambda: _check_solve(document, fixed.solve),
         lambda: sample_of(fixed.times.array(fixed.times.count)),
         lambda: check_model(feedback.model, document),
         lambda: _check_fit(feedback, estimator, fixed, sensors),
     )
 
 
-def _check_solve(may_slip: bool, solve: Mapping[str, Any]) -> None:
-    if may_slip:
+def _check_solve(document: Mapping[str, Any], solve: Mapping[str, Any]) -> None:
+    if document.get("events"):
+        raise ScenarioError(
+            "Key `events` must be left out with `feedback`, whose samples are solved one by one; the saved states say "
+            "where the body was at each of them."
+        )
+    if "contact" in document:
         raise ScenarioError(
             "Key `contact` must be left out with `feedback`, which is for bodies that always roll; the friction that "
             "is needed is among the observables of the run."

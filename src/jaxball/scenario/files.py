@@ -19,6 +19,7 @@ from ..physics.contact.released import ReleasedState
 from ..physics.motion import Driven
 from ..physics.system import AbstractState, AbstractSystem
 from ..sensors import AbstractSensor
+from ..simulation.events import AbstractEvent
 from .actuation import FORMS, apply_actuation, is_linear, targets_of, write_actuation
 from .body import (
     BODIES,
@@ -38,6 +39,7 @@ from .body import (
 from .checks import check_confined, check_start
 from .classical import CLASSICAL, INITIAL as CLASSICAL_INITIAL, RESISTED, read_classical, write_classical
 from .errors import all_problems, each_of, raise_first, tried
+from .events import KEYS as EVENT_KEYS, check_events_of, read_events, write_events
 from .feedback import (
     ESTIMATOR,
     KEYS as FEEDBACK_KEYS,
@@ -86,6 +88,7 @@ _SHARED = {
     "kind": Key(_KindOfSystem((*BODIES, *CLASSICAL))),
     "time": Key(unread(tables=TIMES)),
     "solve": Key(unread(tables={"": SOLVE}), None),
+    **EVENT_KEYS,
 }
 KEYS = {
     **_SHARED,
@@ -170,13 +173,14 @@ class Contents(NamedTuple):
     times: SaveTimes
     solve: dict[str, Any]
     sensors: dict[str, AbstractSensor]
+    events: dict[str, AbstractEvent]
     feedback: AbstractFeedbackSettings | None = None
     estimator: EstimatorSettings | None = None
 
     def scenario(self) -> Scenario:
         """The scenario, whose numbers must be known."""
         times = self.times.array(self.times.count)
-        others = {name: getattr(self, name) for name in ("contact", "sensors", "feedback", "estimator")}
+        others = {name: getattr(self, name) for name in ("contact", "sensors", "events", "feedback", "estimator")}
         return Scenario(self.title, self.system, self.state, times, **self.solve, **others)
 
 
@@ -201,6 +205,7 @@ def read_contents(document: dict[str, Any]) -> Contents:
         "mechanisms": lambda: read_mechanisms(document.get("mechanisms", []), "mechanisms"),
         "initial": lambda: read_initial(document.get("initial", {}), "initial", kind),
         "sensors": lambda: read_sensors(document.get("sensors", {}), "sensors"),
+        "events": lambda: read_events(document.get("events", {}), "events"),
         "feedback": lambda: read_feedback(document["feedback"], "feedback") if "feedback" in document else None,
         "estimator": lambda: ESTIMATOR.read(document["estimator"], "estimator") if "estimator" in document else None,
     }
@@ -230,6 +235,7 @@ def _contents(
     mechanisms: Any,
     initial: Any,
     sensors: Any,
+    events: Any,
     feedback: Any,
     estimator: Any,
 ) -> Contents:
@@ -251,7 +257,7 @@ def _contents(
     state = initial_state(initial, "initial", kind, system.coordinates, actuated.targets, start)
     span = namespace(times.start, times.end).stack([times.start, times.end])
     fixed = Fixed(system, times, solve or {})
-    *_, first_state, _ = each_of(
+    *_, first_state, _, _ = each_of(
         lambda: contact and check_no_sticking(system),
         lambda: solve and check_dae(system, contact, solve["solver"], solve["dae"]),
         lambda: check_confined(system, span, state),
@@ -259,21 +265,24 @@ def _contents(
         lambda: sensors is None or check_sensors(sensors, "sensors", system),
         lambda: released_from(initial, "initial", state, "contact" in document),
         lambda: solve and sensors is not None and check_feedback(feedback, estimator, sensors, fixed, document),
+        lambda: events and check_events_of(events, "events", system, contact, start, state),
     )
-    return Contents(table["title"], system, first_state, contact, times, solve, sensors, feedback, estimator)
+    return Contents(table["title"], system, first_state, contact, times, solve, sensors, events, feedback, estimator)
 
 
 def _read_classical(document: dict[str, Any]) -> Contents:
     keys = RESISTED_KEYS if document["kind"] in RESISTED else CLASSICAL_KEYS
-    table, times, solve = each_of(
+    table, times, solve, events = each_of(
         lambda: read_table(document, "", keys),
         lambda: "time" in document and read_times(document["time"], "time"),
         lambda: read_table(document.get("solve", {}), "solve", SOLVE),
+        lambda: read_events(document.get("events", {}), "events"),
     )
     resistance = table.get("resistance")
     system, state = read_classical(table["kind"], table["body"], table["initial"], times.start, resistance)
     check_dae(system, None, solve["solver"], solve["dae"])
-    return Contents(table["title"], system, state, None, times, solve, {})
+    check_events_of(events, "events", system, None, times.start, state)
+    return Contents(table["title"], system, state, None, times, solve, {}, events)
 
 
 def write_scenario(scenario: Scenario) -> str:
@@ -301,6 +310,7 @@ def write_scenario(scenario: Scenario) -> str:
         "time": write_times(scenario.times),
         "solve": write_table({name: getattr(scenario, name) for name in SOLVE}, "solve", SOLVE),
         "sensors": write_sensors({name: sensors[name] for name in scenario.sensors}, "sensors"),
+        "events": write_events(scenario.events, "events"),
         **write_settings(scenario.feedback, scenario.estimator),
     }
     return tomli_w.dumps({name: value for name, value in tables.items() if value not in ({}, [], "")})
@@ -356,7 +366,8 @@ def _tables(system: AbstractSystem, state: Any) -> dict[str, Any]:
 class Parts(NamedTuple):
     """The parts of a scenario that depend on the numbers of its document.
 
-    ``sensors`` are all that there are, ``loop`` is what determines its closed loop, or None without feedback.
+    ``sensors`` and ``events`` are all that there are, ``loop`` is what determines its closed loop, or None without
+    feedback.
     """
 
     system: AbstractSystem
@@ -366,6 +377,7 @@ class Parts(NamedTuple):
     rtol: Any
     atol: Any
     sensors: dict[str, AbstractSensor]
+    events: dict[str, AbstractEvent]
     loop: "LoopNumbers | None"
 
     @classmethod
@@ -378,7 +390,7 @@ class Parts(NamedTuple):
             times = contents.times
             loop = loop_numbers(contents, document, (times.end - times.start) / (times.count - 1))
         main = contents.system, contents.state, contents.contact, contents.times, solve["rtol"], solve["atol"]
-        return cls(*main, contents.sensors, loop)
+        return cls(*main, contents.sensors, contents.events, loop)
 
 
 class Structure:

@@ -24,16 +24,20 @@ from .values import Kind, Numbers, require_conditions
 
 
 @contextlib.contextmanager
-def trying(path: str) -> Iterator[None]:
-    """Turns whatever a function raises within this block into an error of the key at ``path`` that names it."""
+def trying(path: str, argument: str = "function") -> Iterator[None]:
+    """Turns whatever a function raises within this block into an error of the key at ``path`` that names it.
+
+    An error of the ``argument`` by which Python takes it is reported as that of the key.
+    """
     try:
         yield
     except ScenarioError:
         raise
     except Exception as error:
-        sentence, own = " ".join(str(error).split()).rstrip("."), "Argument `function` "
+        sentence, own = " ".join(str(error).split()), f"Argument `{argument}` "
         if sentence.startswith(own):
-            raise ScenarioError(f"Key `{path}` {sentence.removeprefix(own)}.") from None
+            end = "" if sentence.endswith((".", "?")) else "."
+            raise ScenarioError(f"Key `{path}` {sentence.removeprefix(own)}{end}") from None
         raise ScenarioError(
             f"Key `{path}` must name a function that fits here, but it raises {_raised(error)}."
         ) from error

@@ -44,6 +44,7 @@ class Scenario:
     - ``feedback``: such as :class:`RegulatorSettings`, with which a run is a closed loop along
       the motion that the scenario has without it, sampled at the save times; None for a run without feedback.
     - ``estimator``: the :class:`EstimatorSettings` of feedback from what the sensors read; None for that of the state.
+    - ``events``: what each run looks for, by name, such as an :class:`~jaxball.Event`; not with ``feedback``.
 
     **Example:**
 
@@ -69,12 +70,14 @@ class Scenario:
     sensors: Mapping[str, AbstractSensor] = dataclasses.field(default_factory=dict)
     feedback: "AbstractFeedbackSettings | None" = None
     estimator: "EstimatorSettings | None" = None
+    events: "Mapping[str, AbstractEvent]" = dataclasses.field(default_factory=dict)
 
     def __repr__(self) -> str:
         span = f"{len(self.times)} times from {self.times[0]:g} to {self.times[-1]:g}"
         head = f"Scenario {self.title!r}: {span}, {self.solver} at rtol {self.rtol:g}"
         sensors = [f"{name}: {sensor}" for name, sensor in self.sensors.items()]
-        parts = [self.system, shown(self.state), self.contact, *sensors, self.feedback, self.estimator]
+        events = [f"{name}: {event}" for name, event in self.events.items()]
+        parts = [self.system, shown(self.state), self.contact, *sensors, self.feedback, self.estimator, *events]
         parts = [str(part) for part in parts if part is not None]
         return "\n  ".join([head, *"\n".join(parts).splitlines()])
 
@@ -111,10 +114,11 @@ class Scenario:
     ) -> "Trajectory[Any, Any]":
         """The trajectory, with the scenario's own settings unless others are given; both are saved with it.
 
-        With ``feedback`` it is that of the closed loop, whose history has the motion and what was estimated.
+        With ``feedback`` it is that of the closed loop, whose history has the motion and what was estimated. The
+        ``events`` are looked for besides those of the scenario, and are not saved with it.
 
         **Raises:** as :func:`jaxball.simulate`, and :class:`ScenarioError` where the solver does not support ``dae``,
-        and for dense output, events or another solver with ``feedback``.
+        for dense output, events or another solver with ``feedback``, and for events of the same name as the scenario's.
         """
         # Imported here, because reading a scenario needs no solver, and these take long to import.
         from ..simulation.simulate import simulate
@@ -127,7 +131,7 @@ class Scenario:
         given = {"solver": solver, "rtol": rtol, "atol": atol, "max_steps": max_steps}
         used = dataclasses.replace(self, **{name: value for name, value in given.items() if value is not None})
         if used.feedback is not None:
-            trajectory = used._held(dense or bool(events))
+            trajectory = used._held(dense or bool(events) or bool(self.events))
             return trajectory.raise_if_failed() if throw else trajectory
         trajectory = simulate(
             self.system,
@@ -141,11 +145,23 @@ class Scenario:
             dae=self.dae,
             project=self.project,
             dense=dense,
-            events=events,
+            events=self._with(events),
             contact=self.contact,
             progress=progress,
         ).made_by(used)
         return trajectory.raise_if_failed() if throw else trajectory
+
+    def _with(self, events: "Mapping[str, AbstractEvent] | None") -> "Mapping[str, AbstractEvent] | None":
+        """The events of the scenario and others, which must have other names."""
+        if not self.events or not isinstance(events, Mapping):
+            return self.events if events is None else events
+        for name in events:
+            if name in self.events:
+                raise ScenarioError(
+                    f'Argument `events` must have other names than the events of the scenario, but "{name}" is one of '
+                    "them; choose another name."
+                )
+        return {**self.events, **events}
 
     def closed_loop(self) -> "ClosedLoop":
         """The closed loop of a scenario with ``feedback``: what :func:`jaxball.control.closed_loop` returns.

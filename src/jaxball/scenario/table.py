@@ -218,6 +218,23 @@ def read_list(values: Any, path: str, read: Callable[[Any, str], Any], empty: bo
     return each_of(*(functools.partial(read, item, f"{path}[{index}]") for index, item in enumerate(values)))
 
 
+_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
+
+
+def read_named(values: Any, path: str, read: Callable[[Any, str], Any]) -> dict[str, Any]:
+    """The results of ``read`` for each table of a table and its path, by their names, which variables of files have."""
+    if not isinstance(values, dict):
+        raise key_error(path, f"a table of tables, each under the heading [{path}.name]", shown(values))
+    for name in values:
+        if not _NAME.fullmatch(name):
+            raise ScenarioError(
+                f"Key `{path}` must have names of letters, digits and underscores that begin with a letter, but it has "
+                f"{shown(name)}."
+            )
+    read_each = each_of(*(functools.partial(read, table, join(path, name)) for name, table in values.items()))
+    return dict(zip(values, read_each, strict=True))
+
+
 def refuse_unknown(values: Any, path: str, known: Iterable[str]) -> None:
     """Raises for a value that is not a table, and for a key that is not ``known``."""
     if not isinstance(values, dict):

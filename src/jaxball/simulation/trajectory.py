@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 from typing_extensions import TypeVar
 
 from ..interface.printing import Printed
-from ..interface.status import SolveError, Status
+from ..interface.status import SUCCESSES, SolveError, Status
 from ..interface.wording import counted
 from ..numerics import programs
 from ..numerics.arrays import Numbers, is_traced, to_array
@@ -144,7 +144,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     def ok(self) -> bool:
         """Whether the solve reached its end, or a terminal event. For one trajectory, not for a batch."""
         self._require_one("Property `ok`")
-        return int(self.status) in (Status.SUCCESS, Status.EVENT)
+        return int(self.status) in SUCCESSES
 
     @property
     def message(self) -> str:

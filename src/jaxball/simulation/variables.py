@@ -159,6 +159,16 @@ LEFT_PLANE = {
         (), "", "1 if the body would have left the plane, because N was not positive; -1 if unknown", dtype="i1"
     ),
 }
+
+
+def variables_of_event(name: str) -> dict[str, Variable]:
+    """The variables of an event of a scenario in the store of a study."""
+    return {
+        f"{name}_count": Variable((), "", f"how often the event {name} happened", dtype="i4"),
+        f"{name}_time": Variable((), "time", f"time of the first {name}; NaN if there is none"),
+    }
+
+
 # Of what a study can find by itself, in whose store there are no units.
 FINDS = {
     "distance": Variable((), "length", "distance of the run"),

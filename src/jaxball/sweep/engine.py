@@ -25,7 +25,7 @@ BLOCK = 2048
 def solve_in_lanes(batch: Batch, request: Request) -> dict[str, np.ndarray]:
     """The rows by :func:`jaxball.ensemble.simulate_ensemble`; an ``Engine``.
 
-    What is found of runs that end where the ball detaches is found of shorter ones, which end there.
+    What is found of runs that an event ends is found of shorter ones, which end there.
 
     **Arguments:**
 
@@ -35,13 +35,14 @@ def solve_in_lanes(batch: Batch, request: Request) -> dict[str, np.ndarray]:
     reductions = {**_contact(batch, request), **{find.name: find.reduction() for find in request.finds}}
     if batch.template.feedback is not None:
         return _closed_loops(batch, request, reductions)
-    if not request.detachment:
-        return _solved(batch, request, reductions)
-    ended = _solved(batch, request, {}, {"detachment": Detachment()})
-    if not reductions:
-        return ended
+    detachment: dict[str, AbstractEvent] = {"detachment": Detachment()} if request.detachment else {}
+    ends = detachment or any(event.terminal for event in batch.events.values())
+    if not (ends and reductions):
+        return _solved(batch, request, reductions, detachment)
+    ended = _solved(batch, request, {}, detachment)
     until = np.stack([batch.times[:, 0], ended["reached"]], axis=1)
-    results = _solved(batch._replace(times=until), request, reductions)
+    shorter = batch._replace(times=until, events={}, in_axes=(*batch.in_axes[:2], {}))
+    results = _solved(shorter, request, reductions, {})
     return ended | {name + end: results[name + end] for name, item in reductions.items() for end in item.ends}
 
 
@@ -49,16 +50,18 @@ def _solved(
     batch: Batch,
     request: Request,
     reductions: Mapping[str, AbstractReduction],
-    events: Mapping[str, AbstractEvent] | None = None,
+    others: dict[str, AbstractEvent],
 ) -> dict[str, np.ndarray]:
+    """The rows; ``others`` are events besides those of the scenario, of which nothing is kept."""
     first = batch.template
-    system, state = batch.shared_once()
+    system, state, events = batch.shared_once()
+    *axes, axes_of_events = batch.in_axes
     ensemble = simulate_ensemble(
         system,
         batch.times,
         state,
-        in_axes=batch.in_axes,
-        events=events,
+        in_axes=(*axes, axes_of_events | dict.fromkeys(others)),
+        events=events | others,
         contact=batch.contact,
         solver=SOLVERS[first.solver](),
         rtol=batch.rtol,
@@ -74,6 +77,9 @@ def _solved(
     trajectory = ensemble.trajectory
     rows = {name: np.asarray(getattr(trajectory, name)) for name in ("status", "steps", "rejected", "reached")}
     results = vars(trajectory.state) | history_results(trajectory.history) | ensemble.reductions
+    for name in events:
+        seen = trajectory.events[name]
+        results |= {f"{name}_count": seen.count, f"{name}_time": seen.times[:, 0]}
     if request.readings:
         results = results | _measured(batch.sensors, trajectory)
     return rows | jax.tree.map(np.asarray, results)

@@ -19,7 +19,7 @@ import numpy as np
 
 from .. import cache, compat
 from ..interface import interruption
-from ..interface.status import Status
+from ..interface.status import SUCCESSES, Status
 from ..scenario import Scenario
 from .errors import WorkerError
 from .outputs import LEAST, LEFT, Output, left_plane, outputs_of, state_variables, went_on, with_extremes
@@ -58,7 +58,7 @@ def solve_chunk(task: Task) -> ChunkResult:
     arrays = compute(study, template, outputs, rows, task.engine, task.threads)
     Store(task.store, study, outputs).write(task.chunk, arrays)
     worker = f"{socket.gethostname()}-{os.getpid()}-{threading.get_ident()}"
-    failed = int(np.sum(arrays["status"] != Status.SUCCESS))
+    failed = int(np.sum(~np.isin(arrays["status"], SUCCESSES)))
     return ChunkResult(len(rows), failed, worker, went_on(arrays["status"], arrays[LEFT]) if LEFT in arrays else 0)
 
 

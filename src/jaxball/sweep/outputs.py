@@ -21,7 +21,16 @@ from ..physics.system import AbstractSystem
 from ..results.variables import labels, of_classical_state
 from ..scenario import Scenario
 from ..sensors.base import Measurement
-from ..simulation.variables import EXTREMES, HISTORY, LEFT_PLANE, RUN, RUN_SWITCHES, STATE, Variable
+from ..simulation.variables import (
+    EXTREMES,
+    HISTORY,
+    LEFT_PLANE,
+    RUN,
+    RUN_SWITCHES,
+    STATE,
+    Variable,
+    variables_of_event,
+)
 from .axes import Axis, Designed, FromFile, Ranged, Zipped
 from .errors import StudyError
 from .study import Find, Study
@@ -112,6 +121,14 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
         outputs |= {name: _output(known) for name, known in EXTREMES.items()}
     if finds_least_normal_force(study, template):
         outputs |= {name: _output(known) for name, known in LEFT_PLANE.items()}
+    for event in template.events:
+        for name, known in variables_of_event(event).items():
+            if name in outputs:
+                raise StudyError(
+                    f"Key `scenario.events` must have names whose variables are not in the store yet, but `{name}` is "
+                    "taken; give that event another name."
+                )
+            outputs[name] = _output(known)
     for find in study.finds:
         for name, end in ((find.name + end, end) for end in find.reduction().ends):
             if find.kind and (name in outputs or name == AXES):

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Int
 
 from ..interface.activity import ERASE
-from ..interface.status import Status
+from ..interface.status import SUCCESSES, Status
 from ..interface.wording import counted
 from ..scenario import ScenarioError, read_document
 from ..scenario.paths import with_numbers
@@ -38,8 +38,8 @@ class StatusCounts(NamedTuple):
 
     @property
     def failed(self) -> int:
-        """How many of them have a status other than SUCCESS."""
-        return self.rows - int(self.counts[Status.SUCCESS])
+        """How many of them have a status other than SUCCESS and EVENT."""
+        return self.rows - sum(int(self.counts[status]) for status in SUCCESSES)
 
 
 def status_counts(folder: Path) -> StatusCounts:
@@ -58,8 +58,9 @@ def status_counts(folder: Path) -> StatusCounts:
         if not np.all((status >= 0) & (status < len(Status))):  # as a store of an earlier version may have them
             raise changed(folder / "status" / "c" / str(chunk))
         counts += np.bincount(status, minlength=len(Status))
-        if first is None and np.any(status):
-            first = chunk * size + int(np.argmax(status != Status.SUCCESS))
+        failed = ~np.isin(status, SUCCESSES)
+        if first is None and np.any(failed):
+            first = chunk * size + int(np.argmax(failed))
         if looks:
             flags = column(folder, LEFT, chunk, size, np.dtype(LEFT_PLANE[LEFT].dtype))[: status.size]
             left += went_on(status, flags)

@@ -31,8 +31,9 @@ class Batch(NamedTuple):
       used.
     - ``rtol``, ``atol``: the tolerances.
     - ``contact``: the law of contact, every leaf stacked, or None.
-    - ``in_axes``: 0 for the arrays of ``(system, state)`` that change from row to row, None for the others, as
+    - ``in_axes``: 0 for the arrays of ``(system, state, events)`` that change from row to row, None for the others, as
       :func:`jaxball.ensemble.simulate_ensemble` takes it.
+    - ``events``: those of the scenario by name, every leaf stacked.
     - ``sensors``: those of the scenario by name, every leaf stacked.
     - ``loop``: the numbers of its closed loop, every leaf stacked, or None without feedback.
     - ``loop_changes``: which leaves of ``loop`` change from row to row, in a PyTree of its structure.
@@ -44,8 +45,9 @@ class Batch(NamedTuple):
     state: Any
     rtol: Float[np.ndarray, " rows"]
     atol: Float[np.ndarray, " rows"]
-    contact: Any = None
-    in_axes: Any = 0
+    contact: Any
+    in_axes: Any
+    events: Any
     sensors: Any = None
     loop: Any = None
     loop_changes: Any = None
@@ -57,16 +59,16 @@ class Batch(NamedTuple):
 
     def take(self, rows: Any) -> "Batch":
         """Some of the scenarios, by a slice or by indices."""
-        names = ("system", "times", "state", "rtol", "atol", "contact", "sensors", "loop")
+        names = ("system", "times", "state", "rtol", "atol", "contact", "events", "sensors", "loop")
         stacked = {name: getattr(self, name) for name in names}
         return self._replace(**jax.tree.map(lambda leaf: leaf[rows], stacked))
 
-    def shared_once(self) -> tuple[Any, Any]:
-        """System and state, with the arrays that do not change unstacked."""
+    def shared_once(self) -> tuple[Any, Any, Any]:
+        """System, state and events, with the arrays that do not change unstacked."""
         return jax.tree.map(
             lambda axis, part: jax.tree.map(lambda leaf: leaf[0], part) if axis is None else part,
             self.in_axes,
-            (self.system, self.state),
+            (self.system, self.state, self.events),
             is_leaf=lambda axis: axis is None,
         )
 
@@ -131,7 +133,7 @@ def read_rows(
     # The times between do not affect the steps, and with `ends_only` they are not used.
     times = _times(stacked, template, ends_only)
     main = parts.system, times, parts.state, parts.rtol, parts.atol, parts.contact
-    batch = Batch(template, *main, stacked.in_axes, parts.sensors, parts.loop, stacked.loop_changes)
+    batch = Batch(template, *main, stacked.in_axes, parts.events, parts.sensors, parts.loop, stacked.loop_changes)
     return possible, batch if possible.size == len(rows) else batch.take(possible)
 
 
@@ -139,7 +141,7 @@ class _Stacked(NamedTuple):
     """Rows read at once, stacked.
 
     - ``parts``: the parts that depend on their numbers, stacked.
-    - ``in_axes``: which arrays of system and state differ, as of a :class:`Batch`.
+    - ``in_axes``: which arrays of system, state and events differ, as of a :class:`Batch`.
     - ``loop_changes``: as of a :class:`Batch`.
     - ``times_differ``: whether their times differ.
     - ``possible``: which of the rows are possible.
@@ -163,7 +165,7 @@ def _read_stacked(study: Study, values: Float[np.ndarray, "rows numbers"]) -> _S
         for k, leaf in enumerate(leaves)
     ]
     differs = tree.unflatten([k in changing for k in range(len(leaves))])
-    in_axes = jax.tree.map(lambda changes: 0 if changes else None, (differs.system, differs.state))
+    in_axes = jax.tree.map(lambda changes: 0 if changes else None, (differs.system, differs.state, differs.events))
     return _Stacked(tree.unflatten(stacked), in_axes, differs.loop, any(jax.tree.leaves(differs.times)), possible)
 
 
@@ -210,7 +212,8 @@ def _read_one_by_one(study: Study, values: Float[np.ndarray, "rows numbers"]) ->
         lambda *leaves: np.stack([_as_array(leaf) for leaf in leaves]),
         *(instead if parts is None else parts for parts in each),
     )
-    return _Stacked(stacked, 0, jax.tree.map(lambda leaf: True, stacked.loop), True, possible)
+    in_axes = 0, 0, dict.fromkeys(stacked.events, 0)
+    return _Stacked(stacked, in_axes, jax.tree.map(lambda leaf: True, stacked.loop), True, possible)
 
 
 def _read(study: Study, values: Float[np.ndarray, " numbers"]) -> Parts | None:

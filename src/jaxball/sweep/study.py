@@ -301,6 +301,11 @@ def _check_contact(table: dict[str, Any], template: Scenario) -> None:
                 f"Key `{key}` must be false where the scenario has a law of contact, with which the body may slip and "
                 "fly, but it is true."
             )
+    if table["detachment"] and "detachment" in template.events:
+        raise StudyError(
+            "Key `detachment` must be false where the scenario has an event of that name, which the store keeps, but "
+            "it is true."
+        )
     if table["detachment"] and template.feedback is not None:
         raise StudyError(
             "Key `detachment` must be false where the scenario has feedback, whose samples are solved one by one, but "

@@ -34,7 +34,7 @@ from ..options import (
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
-    from ...simulation.events import AbstractEvent
+    from ...simulation.events import AbstractEvent, Occurrences
     from ...simulation.trajectory import Trajectory
 
 # Bytes for each time, measured for balls and disks: of a run, and of its observables for files and figures.
@@ -188,7 +188,18 @@ def _content(scenario: "Scenario", trajectory: "Trajectory[Any, Any]") -> dict[s
     content = {**about, "ok": trajectory.ok, "time": float(trajectory.times[-1]), "state": end}
     if not isinstance(scenario.system, AbstractBody):
         content["law_changes"] = _law_changes(trajectory)
+    if trajectory.events:
+        content["events"] = {name: _summary(seen) for name, seen in trajectory.events.items()}
     return content | history_summary(trajectory.history)
+
+
+def _summary(seen: "Occurrences") -> dict[str, Any]:
+    """How often an event happened, and when, as far as there was room."""
+    return {
+        "count": int(seen.count),
+        "times": seen.times[: int(seen.count)].tolist(),
+        "unresolved": int(seen.unresolved),
+    }
 
 
 def _events(options: argparse.Namespace, scenario: "Scenario") -> "dict[str, AbstractEvent]":
@@ -219,12 +230,12 @@ def _events(options: argparse.Namespace, scenario: "Scenario") -> "dict[str, Abs
 
 
 def _checks(trajectory: "Trajectory[Any, Any]") -> list[str]:
-    """The lines about the contact of a body with its plane, and about conserved quantities of other systems."""
+    """The lines about events, the contact of a body with its plane, and conserved quantities of other systems."""
     from ...physics.body import AbstractBody
     from ...simulation.extremes import contact_extremes
     from ...simulation.trajectory import always_rolls
 
-    lines = []
+    lines = [f"{name}: {seen.message}" for name, seen in trajectory.events.items()]
     # With modes or feedback, of which the trajectory's own lines tell, there is no dense output.
     if always_rolls(trajectory) and trajectory.interpolant is not None:
         lines += str(contact_extremes(trajectory)).splitlines()
@@ -245,7 +256,8 @@ def _law_changes(trajectory: "Trajectory[Any, Any]") -> dict[str, float]:
     balances = eqx.filter_eval_shape(type(trajectory.system).law_rates, trajectory.system, *start)
     all_laws = trajectory.laws._asdict()
     laws = {name: np.asarray(values) for name, values in all_laws.items() if name not in balances}
-    return {name: float(np.max(np.abs(values - values[0]))) for name, values in laws.items()}
+    # NaN where an event ended the run; the start is always known.
+    return {name: float(np.nanmax(np.abs(values - values[0]))) for name, values in laws.items()}
 
 
 def _with_contact(document: dict[str, Any], law: str | None) -> dict[str, Any]:

@@ -107,8 +107,12 @@ LOOKS = {
 
 
 def outcomes(status: Int[np.ndarray, " rows"], values: Float[np.ndarray, " rows"]) -> Int[np.ndarray, " rows"]:
-    """The status of each row, or ``NOT_FINITE`` where a row that succeeded has a value that is not finite."""
-    return np.where((status == Status.SUCCESS) & ~np.isfinite(values), NOT_FINITE, status)
+    """The status of each row: SUCCESS where a row that an event ended has a finite value, and ``NOT_FINITE`` where one
+    that reached its end has none.
+    """
+    finite = np.isfinite(values)
+    status = np.where((status == Status.EVENT) & finite, Status.SUCCESS, status)
+    return np.where((status == Status.SUCCESS) & ~finite, NOT_FINITE, status)
 
 
 def present(outcome: Int[np.ndarray, " rows"]) -> list[int]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...interface.status import Status
+from ...interface.status import SUCCESSES, Status
 from ...interface.wording import did_you_mean
 from ...scenario.paths import entries
 from ...simulation.variables import EXTREMES, FINDS, RUN, symbol_of
@@ -124,7 +124,7 @@ class Rows:
     @property
     def failed(self) -> Bool[np.ndarray, " rows"]:
         """Which rows failed."""
-        return self.status != Status.SUCCESS
+        return ~np.isin(self.status, SUCCESSES)
 
     def axis_of(self, path: str) -> int:
         """The axis along which the number at ``path`` changes.
@@ -179,7 +179,7 @@ def rows_of(data: "xarray.Dataset") -> Rows:
     if not computed.size:
         raise PictureError("Argument `data` must have a row that was computed, but none of its rows is done yet.")
     status = status[computed]
-    if np.all(status != Status.SUCCESS):
+    if not np.any(np.isin(status, SUCCESSES)):
         counts = ", ".join(f"{np.sum(status == code):,} {Status(code).name}" for code in np.unique(status).tolist())
         raise PictureError(
             f"Argument `data` must have a row that succeeded, but all {len(status):,} that are done failed: {counts}; "

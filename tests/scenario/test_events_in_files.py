@@ -1,0 +1,354 @@
+"""Events in scenario files: when they happen, against closed forms, and what is wrong with them, in a sentence."""
+
+import dataclasses
+import math
+import sys
+import tomllib
+
+import jax
+import numpy as np
+import pytest
+import tomli_w
+
+from jaxball import Ball, Disk, Event, Scenario, ScenarioError, Slip, Status, read_scenario, write_scenario
+from jaxball.results import load_run, saved_scenario
+from jaxball.scenario.body import rolling_state
+from jaxball.scenario.errors import all_problems
+from tests.support.corpus import EVERY_EVENT
+from tests.support.under_feedback import FEEDFORWARD
+from tests.sweep.test_detachment import WHEEL, detachment
+
+SPEED = 1.5  # of the disk without resistance, whose centre is at z = 1.5 t
+ROLLING = f"""
+format = 1
+kind = "disk"
+body = {{ mass = 1.0, radius = 1.0, inertia = 0.5, gravity = 1.0 }}
+initial = {{ phidot = -{SPEED} }}
+time = {{ start = 0.0, end = 2.0, saves = 5 }}
+"""
+THROWN = """
+format = 1
+kind = "ball"
+body = { mass = 1.0, radius = 1.0, inertia = [0.4, 0.4, 0.4], gravity = 1.0 }
+initial = { velocity = [0.3, 0.0, 2.0], height = 0.5 }
+contact = { sliding = 0.3 }
+time = { start = 0.0, end = 4.0, saves = 5 }
+"""
+PARTICLE = """
+format = 1
+kind = "nonholonomic-particle"
+initial = { xdot = 0.5 }
+time = { start = 0.0, end = 4.0, saves = 5 }
+"""
+OWN = """
+import equinox as eqx
+import jaxball
+from jaxball import Status
+
+def turned(system, t, state):
+    return state.phi + 2.0
+
+def energetic(system, t, state, observables):
+    return observables.kinetic_energy - 0.1
+
+def of_two(system, t):
+    return t
+
+def several(system, t, state):
+    return state.theta
+
+def wrong(system, t, state):
+    return state.nowhere
+
+class Beyond(jaxball.AbstractEvent):
+    place: float
+    direction: int = eqx.field(static=True, default=1)
+    terminal: bool = eqx.field(static=True, default=False)
+    room: int = eqx.field(static=True, default=4)
+    from_start = False
+    status = Status.EVENT
+
+    def value(self, system, t, state):
+        return state.z - self.place
+
+class Broken(Beyond):
+    def value(self, system, t, state):
+        return state.nowhere
+"""
+
+
+@pytest.fixture
+def own(tmp_path, monkeypatch):
+    """A module of the user in the current folder."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own_events.py").write_text(OWN)
+    yield
+    sys.modules.pop("own_events", None)
+
+
+def simulated(text, events):
+    return read_scenario(text + events).simulate(rtol=1e-12, atol=1e-12, throw=True)
+
+
+def test_a_rolling_disk_passes_each_level_when_it_gets_there():
+    run = simulated(
+        ROLLING, '[events.near]\nof = "z"\nlevel = 0.75\n[events.far]\nof = "z"\nlevel = 2.4\nterminal = true'
+    )
+    assert run.status == Status.EVENT
+    np.testing.assert_allclose(run.reached, 2.4 / SPEED, rtol=1e-12)
+    np.testing.assert_allclose(run.events["near"].times[0], 0.75 / SPEED, rtol=1e-12)
+    assert {name: int(seen.count) for name, seen in run.events.items()} == {"near": 1, "far": 1}
+    np.testing.assert_array_equal(np.isnan(run.state.z), run.times > 2.4 / SPEED)
+
+
+@pytest.mark.parametrize(("direction", "count"), [("rising", 1), ("falling", 0), ("both", 1)])
+def test_directions_are_those_of_the_number(direction, count):
+    run = simulated(ROLLING, f'[events.near]\nof = "z"\nlevel = 0.75\ndirection = "{direction}"')
+    assert run.events["near"].count == count
+
+
+def test_a_thrown_ball_passes_a_height_twice():
+    up, down = (
+        f'[events.{name}]\nof = "height"\nlevel = 1.0\ndirection = "{name}"\n' for name in ("rising", "falling")
+    )
+    run = simulated(THROWN, up + down)
+    # 1/2 + 2 t − t²/2 = 1
+    np.testing.assert_allclose(run.events["rising"].times[0], 2 - math.sqrt(3), rtol=1e-10)
+    np.testing.assert_allclose(run.events["falling"].times[0], 2 + math.sqrt(3), rtol=1e-10)
+    assert run.events["rising"].count == run.events["falling"].count == 1
+
+
+def test_a_classical_system_has_events_of_its_coordinates():
+    run = simulated(PARTICLE, '[events.post]\nof = "x"\nlevel = 1.0')
+    np.testing.assert_allclose(run.events["post"].times[0], 2.0, rtol=1e-10)  # straight along x, where y is 0
+
+
+def test_kinds_end_a_run_where_rolling_does():
+    wheel = WHEEL.replace("phidot = 1.0", "phidot = 4.0")
+    run = read_scenario(wheel + '[events.lift]\nkind = "detachment"').simulate()
+    assert run.status == Status.DETACHED
+    np.testing.assert_allclose(run.reached, detachment(4.0), rtol=1e-8)
+    slipped = read_scenario(wheel + '[events.slide]\nkind = "slip"\nfriction = 0.01\nterminal = false').simulate()
+    assert slipped.ok
+    assert slipped.events["slide"].count > 0
+
+
+def test_functions_and_classes_of_ones_own_are_named(own):
+    run = simulated(
+        ROLLING,
+        '[events.turned]\nof = "own_events:turned"\n[events.slow]\nof = "own_events:energetic"\ndirection = "falling"\n'
+        '[events.beyond]\nkind = "own_events:Beyond"\nplace = 2.4',
+    )
+    np.testing.assert_allclose(run.events["turned"].times[0], 2.0 / SPEED, rtol=1e-12)
+    np.testing.assert_allclose(run.events["beyond"].times[0], 2.4 / SPEED, rtol=1e-12)
+    assert run.events["slow"].count == 0  # its kinetic energy is constant
+    np.testing.assert_allclose(run.events["slow"].least, 0.5 * 1.5 * SPEED**2 - 0.1, rtol=1e-10)
+    assert run.scenario is not None
+    again = tomllib.loads(write_scenario(run.scenario))["events"]
+    assert again["turned"] == {"of": "own_events:turned"}
+    assert again["beyond"] == {"kind": "own_events:Beyond", "place": 2.4, "terminal": False, "room": 4, "direction": 1}
+
+
+def test_what_is_written_is_what_was_read():
+    document = tomllib.loads(EVERY_EVENT)
+    scenario = read_scenario(EVERY_EVENT)
+    text = write_scenario(scenario)
+    assert tomllib.loads(text)["events"] == document["events"]
+    again = read_scenario(text)
+    assert list(again.events) == list(document["events"])
+    for name, event in scenario.events.items():
+        leaves, tree = jax.tree.flatten(event)
+        others, same = jax.tree.flatten(again.events[name])
+        assert tree == same
+        assert [float(leaf) for leaf in leaves] == [float(leaf) for leaf in others]
+    assert "post: Event(of='z', direction=1, terminal=True, room=1, level=1.5)" in repr(scenario)
+
+
+def test_defaults_are_left_out_and_none_is_no_table():
+    text = write_scenario(
+        read_scenario(ROLLING + '[events.origin]\nof = "z"\nlevel = 0\nroom = 64\ndirection = "both"')
+    )
+    assert tomllib.loads(text)["events"] == {"origin": {"of": "z"}}
+    assert "events" not in tomllib.loads(write_scenario(read_scenario(ROLLING + "[events]")))
+
+
+@pytest.mark.parametrize("suffix", [".nc", ".npz"])
+def test_a_saved_run_has_the_events_of_its_scenario_and_their_times(tmp_path, suffix):
+    events = '[events.near]\nof = "z"\nlevel = 0.75\n[events.never]\nof = "z"\nlevel = -1.0'
+    path = read_scenario(ROLLING + events).simulate().save(tmp_path / f"run{suffix}")
+    loaded = load_run(path).scenario
+    assert loaded is not None
+    assert list(loaded.events) == ["near", "never"]
+    again = saved_scenario(path).simulate()
+    np.testing.assert_allclose(again.events["near"].times[0], 0.75 / SPEED, rtol=1e-9)
+    if suffix == ".npz":
+        saved = dict(np.load(path))
+        counts = {name: saved[f"event_{name}_count"] for name in ("near", "never")}
+    else:
+        import xarray
+
+        saved = xarray.load_dataset(path)
+        counts = {name: saved.attrs[f"event_{name}_count"] for name in ("near", "never")}
+        assert saved["event_near_times"].attrs["units"] == "time"
+    assert counts == {"near": 1, "never": 0}
+    np.testing.assert_array_equal(saved["event_near_times"], again.events["near"].times[:1])
+    assert "event_never_times" not in saved
+
+
+def test_events_of_a_run_are_besides_those_of_its_scenario():
+    scenario = read_scenario(ROLLING + '[events.near]\nof = "z"\nlevel = 0.75')
+    run = scenario.simulate(events={"slide": Slip(0.1)})
+    assert {*run.events} == {"near", "slide"}
+    with pytest.raises(
+        ScenarioError, match='`events` must have other names than the events of the scenario, but "near"'
+    ):
+        scenario.simulate(events={"near": Slip(0.1)})
+
+
+def test_a_file_cannot_hold_a_function_without_a_name():
+    scenario = read_scenario(ROLLING)
+    events = {"bend": Event(lambda system, t, state: state.z)}
+    whole = Scenario("", scenario.system, scenario.state, scenario.times, events=events)
+    with pytest.raises(ScenarioError, match=r"Key `events\.bend\.of` must be a function that can be imported"):
+        write_scenario(whole)
+
+
+POST = '[events.post]\nof = "z"\n'
+ERRORS = {
+    "a name of nothing": (
+        ROLLING + '[events.post]\nof = "zz"',
+        'Key `events.post.of` must be a function or the name of a number of a run, but it is "zz", which a Disk does '
+        'not have; did you mean "z"?',
+    ),
+    "a name near that of an observable": (
+        ROLLING + '[events.post]\nof = "normal_forces"',
+        'Key `events.post.of` must be a function or the name of a number of a run, but it is "normal_forces", which a '
+        'Disk does not have; did you mean "normal_force"?',
+    ),
+    "no single number": (
+        ROLLING.replace("disk", "ball").replace("0.5", "[0.5, 0.5, 0.5]").replace("phidot = -1.5", "") + POST,
+        'Key `events.post.of` must name one number, but it is "z", and `z` is an array of shape (2,); name one number, '
+        "such as z[0].",
+    ),
+    "a height without a law of contact": (
+        ROLLING + '[events.post]\nof = "height"',
+        'Key `events.post.of` must be a function or the name of a number of a run, but it is "height"',
+    ),
+    "a number": (
+        ROLLING + "[events.post]\nof = 1",
+        'Key `events.post.of` must be the name of a number, such as "z[0]" or "normal_force", or a function, as '
+        '"module:function", but it is 1.',
+    ),
+    "neither a name nor a kind": (
+        ROLLING + "[events.post]\nlevel = 1.0",
+        'Key `events.post.of` must be the name of a number, such as "z[0]" or "normal_force", or a function, as '
+        '"module:function", but it is missing.',
+    ),
+    "no module": (
+        ROLLING + '[events.post]\nof = "no_such_module:f"',
+        'Key `events.post.of` must name functions that can be imported as "module:function"',
+    ),
+    "a function of other arguments": (
+        ROLLING + '[events.post]\nof = "own_events:of_two"',
+        "Key `events.post.of` must be a function of (system, t, state)",
+    ),
+    "a function of several numbers": (
+        ROLLING + '[events.post]\nof = "own_events:several"',
+        "Key `events.post.of` must be a function whose value is one real number that crosses zero, but it gives "
+        "float64 of shape (0,).",
+    ),
+    "a function that raises": (
+        ROLLING + '[events.post]\nof = "own_events:wrong"',
+        "Key `events.post.of` must name a function that fits here, but it raises AttributeError: ",
+    ),
+    "a class that raises": (
+        ROLLING + '[events.post]\nkind = "own_events:Broken"\nplace = 1.0',
+        "Key `events.post.kind` must name a class that these keys can make, but ",
+    ),
+    "a misspelt key": (ROLLING + POST + "levle = 1.0", "Key `events.post.levle` is not known; did you mean `level`?"),
+    "a level of text": (
+        ROLLING + POST + 'level = "high"',
+        'Key `events.post.level` must be a finite number, but it is "high".',
+    ),
+    "a misspelt direction": (
+        ROLLING + POST + 'direction = "risng"',
+        'Key `events.post.direction` cannot be "risng"; did you mean "rising"?',
+    ),
+    "a direction as in Python": (
+        ROLLING + POST + "direction = -1",
+        'Key `events.post.direction` must be one of "rising", "falling", "both", but it is -1.',
+    ),
+    "no room": (
+        ROLLING + POST + "room = 0",
+        "Key `events.post.room` must be a whole number from 1 to 1000000, but it is 0.",
+    ),
+    "a misspelt kind": (
+        ROLLING + '[events.post]\nkind = "slipp"',
+        'Key `events.post.kind` cannot be "slipp"; did you mean "slip"?',
+    ),
+    "a slip without friction": (
+        ROLLING + '[events.slide]\nkind = "slip"',
+        "Key `events.slide.friction` must be a positive number, but it is missing.",
+    ),
+    "a kind of a number": (
+        ROLLING + '[events.lift]\nkind = "detachment"\nof = "z"',
+        "Key `events.lift.of` is not known; the keys here are room, terminal.",
+    ),
+    "a name with a dash": (
+        ROLLING + '[events.the-post]\nof = "z"',
+        "Key `events` must have names of letters, digits and underscores that begin with a letter, but it has "
+        '"the-post".',
+    ),
+    "no tables": (
+        ROLLING + "[[events]]",
+        "Key `events` must be a table of tables, each under the heading [events.name], but it is [{}].",
+    ),
+    "a detachment with a law of contact": (
+        THROWN + '[events.lift]\nkind = "detachment"',
+        "Key `events` must hold no Detachment with `contact`, which says what happens then, but ",
+    ),
+    "a slip of what does not roll": (
+        PARTICLE + '[events.slide]\nkind = "slip"\nfriction = 0.1',
+        "Key `events` must not hold a Detachment or a Slip for a NonholonomicParticle, which does not roll on a ",
+    ),
+    "events with feedback": (
+        ROLLING + '[feedback]\nkind = "feedforward"\n' + POST,
+        "Key `events` must be left out with `feedback`, whose samples are solved one by one; ",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ERRORS)
+def test_what_is_wrong_is_one_sentence_that_names_the_key(own, name):
+    text, message = ERRORS[name]
+    with pytest.raises(ScenarioError) as caught:
+        read_scenario(text)
+    assert str(caught.value).startswith(message)
+    assert str(caught.value).endswith((".", "?"))
+
+
+def test_all_that_is_wrong_is_found_at_once():
+    document = tomllib.loads(ROLLING + '[events.a]\nof = "zz"\n[events.b]\nof = "phy"\n[events.c]\nof = "z"')
+    with all_problems() as problems:
+        read_scenario(tomli_w.dumps(document))
+    assert [str(problem).partition(" must")[0] for problem in problems] == ["Key `events.a.of`", "Key `events.b.of`"]
+
+
+def test_python_refuses_events_with_feedback_too():
+    held = dataclasses.replace(read_scenario(FEEDFORWARD), events={"post": Event("z")})
+    with pytest.raises(ScenarioError, match="has no dense output and no events"):
+        held.simulate()
+
+
+def test_what_needs_whole_runs_refuses_one_that_an_event_may_end():
+    looking = read_scenario(ROLLING + POST)
+    assert rolling_state(looking, "a design is") is looking.state
+    with pytest.raises(ScenarioError, match=r"Key `events.post.terminal` must be false here, because a design is for"):
+        rolling_state(read_scenario(ROLLING + POST + "terminal = true"), "a design is")
+
+
+def test_events_are_of_the_system_that_is_read():
+    assert isinstance(read_scenario(ROLLING + POST).system, Disk)
+    ball = read_scenario(THROWN + '[events.low]\nof = "z[1]"\nlevel = 0.25')
+    assert isinstance(ball.system, Ball)
+    assert ball.simulate().events["low"].count == 0  # thrown along e1
