@@ -19,8 +19,8 @@ import numpy as np
 from ..cache.executables import OWN, NoNameError, is_known
 from .code import IMPURE, Import, Use, Used, codes_in, imports, is_own, names_in, of_other, uses
 
-# Packages, besides those that are known, whose functions give the same in every process.
-_PURE = frozenset(("concurrent", "difflib", "inspect", "json", "re", "threading", "weakref", "zlib"))
+# Packages, besides those that are known, whose functions give the same in every process; a warning is no result.
+_PURE = frozenset(("concurrent", "difflib", "inspect", "json", "re", "threading", "warnings", "weakref", "zlib"))
 _PURE |= {"ml_dtypes", "scipy", "typing_extensions"}
 # What these read decides how a program is compiled, kept and interrupted, and what is said meanwhile; not its results.
 _MACHINERY = tuple(f"{OWN}.{name}" for name in ("cache", "cpu", "native", "numerics.programs"))
