@@ -65,9 +65,11 @@ class Watch:
         """
         functions, span = self._without_derivatives(step, parameters)
         log = scan(functions, span, seen, self._kinds, watched.log, kept & ~seen.quiet)
+        # Extremes of the step in which the run ends may lie beyond its end: they count only if there are no others.
+        counts = kept & (~log.ended | jnp.isinf(log.least))
         log = log._replace(
-            least=jnp.where(kept, jnp.minimum(log.least, seen.least), log.least),
-            largest=jnp.where(kept, jnp.maximum(log.largest, seen.largest), log.largest),
+            least=jnp.where(counts, jnp.minimum(log.least, seen.least), log.least),
+            largest=jnp.where(counts, jnp.maximum(log.largest, seen.largest), log.largest),
         )
 
         def row_of(k: Int[Array, ""]) -> Float[Array, " width"]:
