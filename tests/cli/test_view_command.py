@@ -55,7 +55,10 @@ def test_a_run_that_failed_is_shown_and_marked(folder, capsys):
             "`--view` must be a new file or a view to replace, but",
         ),
         (["simulate", "disk.toml", "--view", "run.txt"], '`--view` must end in .html, but it is "run.txt".'),
-        (["view", "disk.toml", "--out", "run.html"], 'disk.toml is a scenario; run it with `jaxball simulate disk.toml`.'),
+        (
+            ["view", "disk.toml", "--out", "run.html"],
+            "disk.toml is a scenario; run it with `jaxball simulate disk.toml`.",
+        ),
         (
             ["view", "notes.nc", "--out", "run.html"],
             'The file "notes.nc" must be a run that jaxball saved, but',

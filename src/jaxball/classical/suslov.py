@@ -15,6 +15,7 @@ from ..interface.arguments import require_function
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, a_number, require_shape, to_array
 from ..numerics.functions import HarmonicSeries, OfKinkedFunction
+from ..numerics.kinks import kinks_seen
 from ..numerics.vectors import apply, dot
 from ..physics.conditions import Condition, positive_inertia, real_inertia
 from .rigid_body import gyroscopic_torque, kinetic_energy, principal_moments, turned, versor_squared

@@ -141,7 +141,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
             if observers is not None:
                 taken = Step(state.tprev, state.tnext, state.y, coarse.evaluate, interpolation.evaluate)
                 seen = observers.observe(seen, taken, keep)
-            if watch is not None:
+            if watch is not None and glance is not None:
                 exact = jax.tree_util.Partial(fill_vectors, interpolation.evaluate)
                 within = Within(state.tprev, state.tnext, exact, (t0, t1))
                 watched = watch.record(watched, glance, within, args, keep, reverse=reverse)

@@ -155,10 +155,10 @@ def occurrences_of(
     log, rows = watched.log, once("times and states of events", watched.rows)
     occurrences = {}
     for k, ((name, event), part) in enumerate(zip(events.items(), _kinds(events).parts, strict=True)):
-        known = (jnp.arange(event.room) < log.count[k]) & started
+        known = (jnp.arange(event.room) < log.total[k]) & started
         own = rows[part]
         occurrences[name] = Occurrences(
-            count=jnp.where(started, log.count[k], 0),
+            count=jnp.where(started, log.total[k], 0),
             times=known_or_nothing(known, own[:, 0]),
             state=jax.tree.map(functools.partial(known_rows, known), jax.vmap(unravel)(own[:, 1:])),
             least=log.least[k],

@@ -298,7 +298,7 @@ def _evaluate(packing: Packing[Any, Any], times: Float[Array, " rows"], vectors:
 
 def _room_for(trajectory: Trajectory[Any, Any]) -> int:
     """How many steps to examine: those that were taken, and a few more."""
-    assert trajectory.interpolant is not None
-    largest = trajectory.interpolant.solution.interpolation.ts.shape[-1] - 1
+    interpolant: Any = trajectory.interpolant
+    largest = interpolant.solution.interpolation.ts.shape[-1] - 1
     accepted = int(np.asarray(trajectory.steps) - np.asarray(trajectory.rejected))
     return min(largest, STEPS_AT_A_TIME * -(-max(accepted, 1) // STEPS_AT_A_TIME))

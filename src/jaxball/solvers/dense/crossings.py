@@ -87,7 +87,7 @@ class Log(NamedTuple):
     """Holds the crossings of k functions so far, in the order in which they were found.
 
     - ``signs``: the signs at the end of the last step.
-    - ``count``, ``unresolved``: how many crossings, and pieces that were not resolved, each function had.
+    - ``total``, ``unresolved``: how many crossings, and pieces that were not resolved, each function had.
     - ``least``, ``largest``: its extreme values at the samples.
     - ``filled``: how many crossings are kept, in the order in which they were found; ``times``: when each was;
       ``places``: the place of each among all that can be kept, first those of the first function.
@@ -95,7 +95,7 @@ class Log(NamedTuple):
     """
 
     signs: Signs
-    count: Int[Array, " k"]
+    total: Int[Array, " k"]
     unresolved: Int[Array, " k"]
     least: Float[Array, " k"]
     largest: Float[Array, " k"]
@@ -107,13 +107,13 @@ class Log(NamedTuple):
     @classmethod
     def empty(cls, kinds: Kinds, start: Float[Array, ""]) -> "Log":
         """Makes the log before the first step; where a start beyond zero counts, the sign before is the other one."""
-        count = jnp.zeros(len(kinds.rooms), int)
+        none = jnp.zeros(len(kinds.rooms), int)
         before = [-direction if early else 0 for direction, early in zip(*kinds[:2], strict=True)]
-        signs = Signs(jnp.asarray(before, start.dtype), jnp.full(count.shape, start))
-        extremes = jnp.full(count.shape, jnp.inf, start.dtype)
+        signs = Signs(jnp.asarray(before, start.dtype), jnp.full(none.shape, start))
+        extremes = jnp.full(none.shape, jnp.inf, start.dtype)
         times = jnp.full(kinds.room, jnp.inf, start.dtype)
         filled, places = jnp.asarray(0), jnp.zeros(kinds.room, int)
-        return cls(signs, count, count, extremes, -extremes, filled, times, places, jnp.asarray(False))
+        return cls(signs, none, none, extremes, -extremes, filled, times, places, jnp.asarray(False))
 
 
 class Span(NamedTuple):
@@ -427,9 +427,9 @@ def _add_zeros(log: Log, kinds: Kinds, span: Span, roots: Float[Array, " k"]) ->
     crosses &= roots <= jnp.min(terminal) + together
     filled, times, places = log.filled, log.times, log.places
     for k, part in enumerate(kinds.parts):
-        place = part.start + log.count[k]
+        place = part.start + log.total[k]
         keeps = crosses[k] & (place < part.stop)
         times, places = put(times, filled, roots[k], keeps), put(places, filled, place, keeps)
         filled += jnp.where(keeps, 1, 0)
-    count = log.count + jnp.where(crosses, 1, 0)
-    return log._replace(filled=filled, times=times, places=places, count=count, ended=jnp.any(jnp.isfinite(terminal)))
+    total = log.total + jnp.where(crosses, 1, 0)
+    return log._replace(filled=filled, times=times, places=places, total=total, ended=jnp.any(jnp.isfinite(terminal)))
