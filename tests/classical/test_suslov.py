@@ -141,7 +141,7 @@ def bent(t, bend):
 
 
 def test_a_bend_of_xi_is_stepped_to():
-    """The rate of ξ jumps at an irrational time; the solver keeps the constraint in few steps all the same."""
+    """The rate of ξ jumps at an irrational time, which is found in its trace where it is not told."""
     bend = np.sqrt(7.0)
     runs = []
     for kinks in ([bend], [1e9]):
@@ -151,6 +151,7 @@ def test_a_bend_of_xi_is_stepped_to():
         start = classical.RigidBodyState(Omega=[0.7, 0.5, 0.0])
         runs.append(jaxball.simulate(problem, TIMES, start, rtol=1e-10, atol=1e-10).raise_if_failed())
     told, untold = runs
-    assert told.rejected < untold.rejected
+    assert int(told.rejected) == int(untold.rejected)
+    np.testing.assert_allclose(untold.state.Omega, told.state.Omega, rtol=0, atol=1e-12)
     np.testing.assert_allclose(told.laws.constraint, 0.0, atol=5e-9)
     np.testing.assert_allclose(told.laws.energy, told.laws.energy[0], rtol=1e-8)
