@@ -30,6 +30,7 @@ CHAPTERS = {
             "simulation.arguments",
             "simulation.trajectory",
             "interface.status",
+            "interface.warning",
             "numerics.users_programs",
             "native",
             "results",
@@ -55,7 +56,7 @@ CHAPTERS = {
         "Slip, flight and impact",
         ["physics.contact.law", "physics.contact.modes", "physics.contact.released", "physics.contact.body_on_plane"],
     ),
-    "systems": ("Systems of your own", ["physics.system", "physics.hybrid"]),
+    "systems": ("Systems of your own", ["physics.system", "physics.hybrid", "physics.rolling"]),
 }
 # Packages that a user imports, in the order in which the site lists them.
 PACKAGES = [
