@@ -93,7 +93,19 @@ def test_the_field_is_evaluated_within_the_step_alone():
 
 def test_what_needs_no_better_polynomial_keeps_its_own():
     for solver in (diffrax.Bosh3(), diffrax.Heun(), diffrax.Kvaerno5(), Gauss(4)):
-        assert DenseOutput.of(solver) == (None, solver.interpolation_cls)
+        assert DenseOutput.of(solver)[:2] == (None, solver.interpolation_cls)
+
+
+@pytest.mark.parametrize("kind", [diffrax.Dopri8, diffrax.Dopri5, diffrax.Tsit5, diffrax.Bosh3, diffrax.Heun])
+def test_a_sketch_is_the_own_interpolation_of_a_method(kind):
+    solver, rng = kind(), np.random.default_rng(3)
+    y0, k = jnp.asarray(rng.normal(size=3)), jnp.asarray(rng.normal(size=(kind.tableau.num_stages, 3)))
+    info = {"y0": y0, "y1": y0 + jnp.asarray(kind.tableau.b_sol) @ k, "k": k}
+    own = solver.interpolation_cls(t0=jnp.asarray(2.0), t1=jnp.asarray(2.5), **info)
+    times = jnp.asarray([2.0, 2.07, 2.3, 2.5])
+    sketch = DenseOutput.of(solver).sketch(info, own, times)
+    # Its powers come from Vandermonde's equations for ten places, whose condition number is 4e6.
+    np.testing.assert_allclose(sketch, jax.vmap(own.evaluate)(times), rtol=0, atol=1e-8)
 
 
 def test_what_is_projected_is_so_within_steps_too():
