@@ -134,6 +134,7 @@ def test_events_and_dense_output_of_a_body_with_a_closed_form():
             rtol=tolerance,
             atol=tolerance,
             events={"zero": Event(second)},
+            dense=True,
         )
         np.testing.assert_allclose(run.at(fine).Omega[:, 0], 0.4 * cn, rtol=0, atol=FACTOR * tolerance)
         np.testing.assert_allclose(run.at(fine).Omega[:, 2], 1.5 * dn, rtol=0, atol=FACTOR * tolerance)
