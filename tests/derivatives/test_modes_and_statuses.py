@@ -58,7 +58,9 @@ def outcome(p, adjoint):
         force=FunctionForce(growing, jnp.stack([push, growth])),
         masses=[PointMass(mass, OnRail(Circle(0.5), ConstantRate(0.3, rate)))],
     )
-    run = simulate(ball, TIMES, events=EVENTS, rtol=tolerance, atol=tolerance, adjoint=adjoint, max_steps=96)
+    run = simulate(
+        ball, TIMES, events=EVENTS, dense=True, rtol=tolerance, atol=tolerance, adjoint=adjoint, max_steps=96
+    )
     extremes = contact_extremes(run)
     looked_at = [run.events[name].times for name in EVENTS], run.events["turn"].state, run.state, run.at(TIMES)
     values = (extremes.least_normal_force, extremes.friction_needed, extremes.largest_friction)
