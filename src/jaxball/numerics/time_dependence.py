@@ -147,7 +147,7 @@ def is_linear(name: str, equation: Any, given: Sequence[Value]) -> bool:
 
 
 def through(equation: Any, given: Sequence[Value]) -> Piecewise:
-    """The pieces of what a linear operation gives."""
+    """Returns the pieces of the result of a linear operation."""
     name = equation.primitive.name
     return Piecewise(tuple(_piece(name, equation, each) for each in itertools.product(*map(pieces_of, given))))
 

@@ -230,7 +230,7 @@ def require_wrench(name: str, force: AbstractWrench, coordinates: int) -> None:
 
 
 def unknown_motion(coordinates: int) -> BodyMotion:
-    """The shapes of the motion of a body with so many ``coordinates``, for tracing a force."""
+    """Returns the shapes of the motion of a body with ``coordinates`` of this number, for tracing a force."""
     shapes = ((3,), (3,), (3, 3), (3,), (coordinates,), (coordinates,))
     unknown: list[Any] = [jax.ShapeDtypeStruct(shape, default_dtype()) for shape in shapes]
     return BodyMotion(*unknown)
