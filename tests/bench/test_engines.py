@@ -59,7 +59,7 @@ def test_it_does_not_converge_as_the_step_alone_vanishes(slope):
     """Then the sphere sinks into the plane, and rolls on a smaller radius."""
     coarse, fine = slope("RK4", 0.004), slope("RK4", 0.001)
     assert fine > 1e-2
-    assert abs(coarse / fine - 1) < 0.01
+    assert 0.95 < coarse / fine < 1.05  # A method of first order would have 4, MuJoCo 3.17 has 1.015.
 
 
 def test_with_the_implicit_method_it_converges_of_first_order(slope):

@@ -5,8 +5,9 @@ import warnings
 from collections.abc import Callable
 from typing import Any
 
-# By which Python shows each of these once, until filters are changed.
-_shown: dict[Any, Any] = {}
+# The warnings that were shown, each with the filters then. Python's own registry forgets them whenever any library enters
+# `warnings.catch_warnings`, as JAX does while it traces.
+_shown: set[Any] = set()
 
 
 class KinkWarning(UserWarning):
@@ -16,7 +17,7 @@ class KinkWarning(UserWarning):
 def warn_of_kinks(function: Callable[..., Any], symbols: tuple[str, ...], remedy: str) -> None:
     """Warns that ``function`` compares the time by these operations, in a way that gives no times.
 
-    The warning is shown at the first line of the function, and once.
+    The warning is shown at the first line of the function, and once while filters are the same, unless one says "always".
 
     - ``remedy``: how its times are given.
     """
@@ -32,4 +33,8 @@ def warn_of_kinks(function: Callable[..., Any], symbols: tuple[str, ...], remedy
         "warnings.filterwarnings."
     )
     file, line = ("<function>", 1) if code is None else (code.co_filename, code.co_firstlineno)
-    warnings.warn_explicit(message, KinkWarning, file, line, getattr(function, "__module__", None), _shown)
+    warning = message, file, line, tuple(warnings.filters)
+    always = any(action == "always" and issubclass(KinkWarning, kind) for action, _, kind, *_ in warnings.filters)
+    if always or warning not in _shown:
+        warnings.warn_explicit(message, KinkWarning, file, line, getattr(function, "__module__", None))
+        _shown.add(warning)
