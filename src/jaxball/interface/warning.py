@@ -5,8 +5,8 @@ import warnings
 from collections.abc import Callable
 from typing import Any
 
-# The warnings that were shown, each with the filters then. Python's own registry forgets them whenever any library enters
-# `warnings.catch_warnings`, as JAX does while it traces.
+# The warnings that were shown, each with the filters then. Python's own registry forgets them whenever any library
+# enters `warnings.catch_warnings`, as JAX does while it traces.
 _shown: set[Any] = set()
 
 
@@ -17,7 +17,8 @@ class KinkWarning(UserWarning):
 def warn_of_kinks(function: Callable[..., Any], symbols: tuple[str, ...], remedy: str) -> None:
     """Warns that ``function`` compares the time by these operations, in a way that gives no times.
 
-    The warning is shown at the first line of the function, and once while filters are the same, unless one says "always".
+    The warning is shown at the first line of the function, and once while filters are the same unless one of them says
+    "always".
 
     - ``remedy``: how its times are given.
     """
