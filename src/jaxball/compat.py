@@ -46,6 +46,7 @@ __all__ = [
     "Loop",
     "Primitive",
     "Program",
+    "Rules",
     "argument",
     "array_type",
     "batch_by",
@@ -55,10 +56,13 @@ __all__ = [
     "differentiate_by",
     "evaluate",
     "function_of",
+    "is_for_export",
     "is_traced",
     "is_tracer_type",
     "jitted",
     "loop",
+    "new_primitive",
+    "no_tangent",
     "node_functions",
     "node_of",
     "primitive",
@@ -72,6 +76,7 @@ __all__ = [
     "trace_context",
     "unvmap_any",
     "without_locations",
+    "zero_tangent",
 ]
 
 
@@ -215,6 +220,69 @@ def primitive(name: str, function: Callable[..., Any], results: int | None = Non
     mlir.register_lowering(new, mlir.lower_fun(function, multiple_results=new.multiple_results))
     batching.primitive_batchers[new] = lambda given, axes, **params: (new.bind(*given, **params), of_each(axes[0]))
     return new
+
+
+class Rules(NamedTuple):
+    """What JAX has to know of an operation of several arrays with several results; all take its parameters by name.
+
+    - ``compute(*arrays)``: of arrays that are not traced.
+    - ``types(*types)``: of the results, as of ``jax.eval_shape``.
+    - ``write(*arrays)``: the same as functions of JAX.
+    - ``target(context, types)``: the name of a registered function that XLA calls on a CPU; None to write it.
+    - ``differentiate(primals, tangents)``: results and their tangents.
+    - ``batch(arrays, axes)``: results and their axes.
+    - ``transpose(cotangents, *arrays)``: the cotangents of the arrays, None of those that are no unknown tangents.
+    """
+
+    compute: Callable[..., Any]
+    types: Callable[..., Any]
+    write: Callable[..., Any]
+    target: Callable[..., str | None]
+    differentiate: Callable[..., Any]
+    batch: Callable[..., Any]
+    transpose: Callable[..., Any] | None
+
+
+def new_primitive(name: str, rules: Rules) -> Any:
+    """An operation of JAX with these rules."""
+    new = Primitive(name)
+    new.multiple_results = True
+    new.def_impl(rules.compute)
+    new.def_abstract_eval(
+        lambda *arrays, **params: [
+            ShapedArray(one.shape, one.dtype, weak_type=bool(one.weak_type)) for one in rules.types(*arrays, **params)
+        ]
+    )
+    written = mlir.lower_fun(rules.write, multiple_results=True)
+
+    def called(context: Any, *operands: Any, **params: Any) -> Any:
+        target = rules.target(context, context.avals_in, **params)
+        if target is None:
+            return written(context, *operands, **params)
+        return jax.ffi.ffi_lowering(target)(context, *operands)
+
+    mlir.register_lowering(new, written)
+    mlir.register_lowering(new, called, platform="cpu")
+    ad.primitive_jvps[new] = rules.differentiate
+    batching.primitive_batchers[new] = rules.batch
+    if rules.transpose is not None:
+        ad.primitive_transposes[new] = rules.transpose
+    return new
+
+
+def no_tangent(tangent: Any) -> bool:
+    """Whether a tangent or a cotangent is zero by its kind, as those of integers are."""
+    return type(tangent) is ad.Zero or getattr(tangent, "dtype", None) == jax.dtypes.float0
+
+
+def zero_tangent(primal: Any) -> Any:
+    """The tangent of what does not vary."""
+    return ad.Zero.from_primal_value(primal)
+
+
+def is_for_export(context: Any) -> bool:
+    """Whether what is lowered is to be run in another process, from the context that a rule for lowering is given."""
+    return bool(getattr(context.module_context.lowering_parameters, "for_export", False))
 
 
 def differentiate_by(own: Any, rule: Callable[..., tuple[Any, Any]]) -> None:

@@ -26,17 +26,24 @@ It contains nothing specific to mechanics.
 
 from .choice import asked_for, chosen, compiler
 from .elements import LANES
+from .handler import Rows
 from .jitting import (
     CallbackReachedError,
     Form,
     Lowered,
     Program,
     Refusal,
+    allowed,
+    are_numbers,
+    as_keys,
+    implementation,
     kind,
+    numbers,
     on_one_cpu,
     settings,
     some_traced,
     traced_natively,
+    type_of,
     usable,
     warn_if_asked_for,
 )
@@ -51,15 +58,22 @@ __all__ = [
     "Lowered",
     "Program",
     "Refusal",
+    "Rows",
+    "allowed",
+    "are_numbers",
+    "as_keys",
     "asked_for",
     "chosen",
     "compiler",
     "identity",
+    "implementation",
     "kind",
+    "numbers",
     "on_one_cpu",
     "settings",
     "some_traced",
     "traced_natively",
+    "type_of",
     "usable",
     "warn_if_asked_for",
 ]

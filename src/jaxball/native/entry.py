@@ -7,8 +7,9 @@ import numpy as np
 from .elements import UnsupportedError
 from .executable import ALIGNMENT, Form
 from .extent import loops_over_large_arrays
+from .handler import Part, Rows, handler
 from .lowering import INTERRUPTED, REFUSED, Compiler, Function
-from .machine import object_code, routines_in
+from .machine import object_code, routines_in, triple
 from .program import Value, functions_of
 from .rules import RULES
 from .values import Array, Buffer, Memory, size_of
@@ -49,7 +50,8 @@ continue:
   ret i1 false
 }}
 
-define i32 @run(ptr %inputs, ptr %outputs, ptr %workspace) {{
+define i32 @run(ptr %inputs, ptr %block, ptr %workspace) {{
+OUTPUTS
   %control = alloca [24 x i8], align 8
   %place = getelementptr i8, ptr %control, i64 8
   %state.place = getelementptr i8, ptr %control, i64 16
@@ -72,43 +74,60 @@ class Entry:
     """The text of a compiled program, and how it is called.
 
     - ``text``: LLVM's IR of a function ``run(inputs, outputs, workspace)``: the addresses of the arguments, one array
-      in which all results lie, and memory to work in.
+      in which all results lie, and memory to work in; and of ``call(frame)``, as of :func:`~.handler.handler`.
     - ``results``: offset in bytes, shape and type of each result.
     - ``size``: bytes of all results; ``workspace``: those to work in.
+    - ``refuses``: whether it may stop at a callback of Python, so that XLA cannot call it.
     """
 
-    def __init__(self, compiler: Compiler):
+    def __init__(self, compiler: Compiler, rows: Rows | None = None):
         block = compiler.functions["main"]
         function = Function(compiler, "ret void")
         arguments = [_argument(function, compiler, value, position) for position, value in enumerate(block.arguments)]
         self.results: list[tuple[int, tuple[int, ...], np.dtype]] = []
         self.size = 0
         with function.executed(block, arguments) as results:
-            for array in results:
+            for position, array in enumerate(results):
                 self.results.append((self.size, array.shape, array.dtype))
-                address = function.builder.address("%outputs", self.size)
+                address = _listed(function, "%outputs", position)
                 function.storage.fill(Memory(array.shape, array.dtype, Buffer(address, 0)), array)
                 self.size += -(-max(size_of(array.shape) * array.dtype.itemsize, 1) // ALIGNMENT) * ALIGNMENT
         function.builder.write("ret void")
         head = "internal void @main(ptr %control, ptr %workspace, ptr %inputs, ptr %outputs)"
         compiler.module.functions.append(function.builder.function(head))
         self.workspace = compiler.module.workspace
-        self.text = SUPPORT + compiler.module.text()
+        self.refuses = compiler.refuses
+        takes = [_part(value, rows is not None and rows.taken[k]) for k, value in enumerate(block.arguments)]
+        gives = [_part(value, rows is not None) for value in block.results]
+        called = handler(takes, gives, rows.block if rows else 1, self.workspace, triple())
+        self.text = SUPPORT.replace("OUTPUTS", self._outputs()) + called + compiler.module.text()
+
+    def _outputs(self) -> str:
+        """The list of the places of all results in one array."""
+        lines = [f"%outputs = alloca [{max(len(self.results), 1)} x ptr], align 8"]
+        for position, (offset, *_) in enumerate(self.results):
+            lines.append(f"%output.{position} = getelementptr i8, ptr %block, i64 {offset}")
+            lines.append(f"%output.place.{position} = getelementptr i8, ptr %outputs, i64 {8 * position}")
+            lines.append(f"store ptr %output.{position}, ptr %output.place.{position}")
+        return "  " + "\n  ".join(lines)
 
 
-def compiled(module: Any, arguments: int, large: bool = True, quickly: bool = False) -> Form:
+def compiled(
+    module: Any, arguments: int, large: bool = True, quickly: bool = False, rows: Rows | None = None
+) -> Form:
     """A StableHLO module of so many arguments, compiled.
 
     - ``large``: even if its loops are over large arrays; ``quickly``: as of :func:`~.machine.object_code`.
+    - ``rows``: the rows that it computes at once, if it does.
 
     **Raises:** :class:`UnsupportedError`.
     """
-    entry = written(module, arguments, large)
+    entry = written(module, arguments, large, rows)
     code, routines = object_code(entry.text, quickly), routines_in(entry.text)
-    return Form(code, tuple(entry.results), entry.size, entry.workspace, arguments, routines)
+    return Form(code, tuple(entry.results), entry.size, entry.workspace, arguments, routines, entry.refuses)
 
 
-def written(module: Any, arguments: int, large: bool = True) -> Entry:
+def written(module: Any, arguments: int, large: bool = True, rows: Rows | None = None) -> Entry:
     """The same as LLVM IR, before LLVM compiles it.
 
     **Raises:** :class:`UnsupportedError`.
@@ -118,11 +137,19 @@ def written(module: Any, arguments: int, large: bool = True) -> Entry:
         raise UnsupportedError("A program of loops over large arrays")
     if len(functions["main"].arguments) != arguments:
         raise UnsupportedError("A program with arguments of JAX's own")
-    return Entry(Compiler(functions))
+    return Entry(Compiler(functions), rows)
 
 
 def _argument(function: Function, compiler: Compiler, value: Value, position: int) -> Array:
-    b = function.builder
-    address = b.effect(f"load ptr, ptr {b.address('%inputs', 8 * position)}")
-    memory = Memory(value.shape, value.dtype, Buffer(address, 0, writable=False))
+    memory = Memory(value.shape, value.dtype, Buffer(_listed(function, "%inputs", position), 0, writable=False))
     return function.storage.to_registers(memory) if compiler.in_registers(value) else memory
+
+
+def _listed(function: Function, addresses: str, position: int) -> str:
+    b = function.builder
+    return b.effect(f"load ptr, ptr {b.address(addresses, 8 * position)}")
+
+
+def _part(value: Value, in_rows: bool) -> Part:
+    shape = value.shape[1:] if in_rows else value.shape
+    return Part(len(shape), size_of(shape) * value.dtype.itemsize, in_rows)

@@ -1,6 +1,7 @@
 """Calls of a compiled program: arrays in, arrays out, and a workspace for each running call."""
 
 import ctypes
+import hashlib
 import threading
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -14,6 +15,8 @@ from .machine import Code
 ALIGNMENT = 64  # of each result, in bytes
 
 _spare = threading.local()
+_targets: dict[str, Code] = {}  # the programs that XLA may call at any time
+_lock = threading.Lock()
 
 
 class Form(NamedTuple):
@@ -25,6 +28,7 @@ class Form(NamedTuple):
     - ``results``: offset in bytes, shape and type of each result in the array in which all of them lie.
     - ``size``: the bytes of that array; ``workspace``: those of the memory to work in.
     - ``takes``: how many arrays it takes; ``routines``: those of libraries that the code calls.
+    - ``refuses``: whether it may stop at a callback of Python.
     """
 
     code: bytes
@@ -33,6 +37,7 @@ class Form(NamedTuple):
     workspace: int
     takes: int
     routines: tuple[tuple[str, str], ...]
+    refuses: bool
 
 
 class Executable:
@@ -43,6 +48,7 @@ class Executable:
     """
 
     def __init__(self, form: Form):
+        self._form = form
         self._code = Code(form.code, form.routines)
         # Of the kind that looks, after the call, for an exception; the code releases Python's lock itself.
         kind = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
@@ -64,6 +70,23 @@ class Executable:
         if refused:
             return None
         return [np.ndarray(shape, dtype, block, start + offset) for offset, shape, dtype in self._results]
+
+
+    def target(self) -> str | None:
+        """The name under which XLA finds the program, for as long as the process lives; None if it may refuse to run.
+
+        The name is that of the code, so that what JAX itself keeps of a compiled function calls the same code later.
+        """
+        if self._form.refuses:
+            return None
+        described = self._form.code, repr(self._form.routines).encode()
+        name = f"jaxball_{hashlib.blake2b(b''.join(described), digest_size=16).hexdigest()}"
+        with _lock:
+            if name not in _targets:
+                handler = ctypes.cast(self._code.address("call"), ctypes.c_void_p)
+                jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(handler), platform="cpu")
+                _targets[name] = self._code
+        return name
 
 
 def _address(array: np.ndarray | jax.Array) -> int:

@@ -1,8 +1,11 @@
 """Functions traced for arguments, and their compiled programs."""
 
+import contextlib
+import copy
+import functools
 import threading
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -74,17 +77,22 @@ class Program:
         self._as_jax = Results([array_type(*given) for given in form.gives])
 
     def __call__(self, arrays: Sequence[Any]) -> list[jax.Array]:
-        numbers = map(_numbers, arrays) if self.form.takes_keys else arrays
+        given = map(numbers, arrays) if self.form.takes_keys else arrays
         results = self._executable(
             [
                 np.asarray(array, dtype, order="C") if _is_of_numpy[type(array)] else array
-                for array, dtype in zip(numbers, self.form.takes, strict=True)
+                for array, dtype in zip(given, self.form.takes, strict=True)
             ]
         )
         if results is None:
             raise CallbackReachedError
         arrays = self._as_jax(results)
-        return _as_keys(arrays, self.form.keys) if self.form.keys else arrays
+        return as_keys(arrays, self.form.keys) if self.form.keys else arrays
+
+    @functools.cached_property
+    def target(self) -> str | None:
+        """The name by which XLA calls the program in this process; None if it may stop at a callback of Python."""
+        return self._executable.target()
 
 
 def traced_natively() -> bool:
@@ -99,55 +107,90 @@ def traced_natively() -> bool:
 
 
 class Lowered:
-    """A function of a list of arrays, traced for these, to be compiled by either compiler.
+    """A function of a list of arrays, traced for arrays of certain types, to be compiled by either compiler.
 
-    - ``natively``: whether it is traced for the native one; if XLA compiles it in the end, it may be traced again.
+    **Arguments:**
+
+    - ``function``: of a list of arrays, and returns one.
+    - ``arrays``: such arrays, or what ``jax.eval_shape`` gives of such.
+    - ``natively``: whether it is traced for the native compiler; if XLA compiles it in the end, it may be traced again.
+    - ``keys``: how each of the arrays makes random numbers, where only its type is given and it consists of random keys.
     """
 
     def __init__(
-        self, function: Callable[[list[Any]], list[Any]], arrays: Sequence[Any], name: str, natively: bool = True
+        self,
+        function: Callable[[list[Any]], list[Any]],
+        arrays: Sequence[Any],
+        name: str,
+        natively: bool = True,
+        keys: Sequence[Any] = (),
     ):
-        keys = list(map(_implementation, arrays))
+        keys = keys or list(map(implementation, arrays))
         made: list[list[Any]] = []
 
         def of_numbers(arrays: list[Any]) -> list[Any]:
-            results = function(_as_keys(arrays, keys))
-            made.append(list(map(_implementation, results)))
-            return list(map(_numbers, results))
+            results = function(as_keys(arrays, keys))
+            made.append(list(map(implementation, results)))
+            return list(map(numbers, results))
 
         self.name = of_numbers.__name__ = of_numbers.__qualname__ = name
-        self._function, self._arrays = of_numbers, list(map(_numbers, arrays))
+        self.function = jax.jit(of_numbers, keep_unused=True)
+        self.takes = [type_of(numbers(array)) for array in arrays]
+        self._made, self._takes_keys, self._natively = made, any(keys), natively
+        self._depends = False
+
+    @functools.cached_property
+    def traced(self) -> Any:
+        """The trace."""
         _asked.discard(threading.get_ident())
-        self._trace(natively)
+        with self.as_traced():
+            traced = self.function.trace(self.takes)
         self._depends = threading.get_ident() in _asked
-        self._takes_keys, self._keys = any(keys), tuple(made[-1]) if any(made[-1]) else ()
+        return traced
 
-    @seldom_collected()
-    def _trace(self, natively: bool) -> None:
-        with _natively(natively), same_mesh():
-            self._traced = jax.jit(self._function, keep_unused=True).trace(self._arrays)
-            with without_locations():
-                self._lowered = self._traced.lower()
+    @functools.cached_property
+    def lowered(self) -> Any:
+        """The trace, lowered to StableHLO."""
+        traced = self.traced
+        with self.as_traced(), without_locations():
+            return traced.lower()
 
-    @seldom_collected()
-    def natively(self, large: bool = True, quickly: bool = False) -> Program | Refusal:
+    @contextlib.contextmanager
+    def as_traced(self) -> Iterator[None]:
+        """The context in which it is traced, in which JAX finds the trace again."""
+        with seldom_collected(), _natively(self._natively), same_mesh():
+            yield
+
+    @property
+    def gives(self) -> list[Any]:
+        """The types of the results, which are numbers where these are random keys."""
+        return [type_of(aval) for aval in self.traced.jaxpr.out_avals]
+
+    @property
+    def keys(self) -> tuple[Any, ...]:
+        """How each of the results makes random numbers, where it is of random keys; empty where none is."""
+        return tuple(self._made[-1]) if self.traced and any(self._made[-1]) else ()
+
+    def natively(self, large: bool = True, quickly: bool = False, rows: Any = None) -> Program | Refusal:
         """The program; a refusal if it contains something unsupported.
 
         - ``large``: whether it is compiled even if its loops are over large arrays, which XLA runs faster.
         - ``quickly``: whether LLVM optimises it less.
+        - ``rows``: what it computes at once, as of :class:`~.entry.Rows`.
         """
         from . import operations  # noqa: F401 (whose rules are entered)
         from .entry import compiled
 
-        takes, gives = self._traced.jaxpr.in_avals, self._traced.jaxpr.out_avals
+        takes, gives = self.traced.jaxpr.in_avals, self.traced.jaxpr.out_avals
         try:
-            form = Form(
-                tuple(map(_numpy_type, takes)),
-                self._takes_keys,
-                tuple((aval.shape, _numpy_type(aval), aval.weak_type) for aval in gives),
-                self._keys,
-                compiled(self._lowered.compiler_ir("stablehlo"), len(takes), large, quickly),
-            )
+            with seldom_collected():
+                form = Form(
+                    tuple(map(_numpy_type, takes)),
+                    self._takes_keys,
+                    tuple((aval.shape, _numpy_type(aval), aval.weak_type) for aval in gives),
+                    self.keys,
+                    compiled(self.lowered.compiler_ir("stablehlo"), len(takes), large, quickly, rows),
+                )
         except UnsupportedError as error:
             return Refusal(str(error))
         return Program(form)
@@ -160,26 +203,43 @@ class Lowered:
         from . import operations  # noqa: F401 (whose rules are entered)
         from .entry import written
 
-        return written(self._lowered.compiler_ir("stablehlo"), len(self._traced.jaxpr.in_avals)).text
+        return written(self.lowered.compiler_ir("stablehlo"), len(self.takes)).text
 
     def by_xla(self) -> Callable[[list[Any]], list[Any]]:
         """The program."""
-        if self._depends:
-            self._trace(natively=False)
-            self._depends = False
-        compiled, keys = self._lowered.compile(), self._keys
+        lowered = self.for_xla().lowered
+        compiled, keys = lowered.compile(), self.keys
         if not self._takes_keys and not keys:
             return compiled  # which can be kept
 
         def run(arrays: list[Any]) -> list[Any]:
-            results = compiled(list(map(_numbers, arrays)))
-            return _as_keys(results, keys) if keys else results
+            results = compiled(list(map(numbers, arrays)))
+            return as_keys(results, keys) if keys else results
 
         return run
 
+    def for_xla(self) -> "Lowered":
+        """The same, traced for XLA; this one, where that does not matter."""
+        if self.traced and not self._depends:
+            return self
+        again = copy.copy(self)
+        again._natively = False
+        for name in ("traced", "lowered"):
+            vars(again).pop(name, None)
+        return again
 
-def _implementation(array: Any) -> Any:
-    """How random keys make numbers; None of what is none."""
+
+def type_of(array: Any) -> jax.ShapeDtypeStruct:
+    """Shape and type of an array, or of what JAX takes for one."""
+    if type(array) is jax.ShapeDtypeStruct:
+        return array
+    weak = getattr(array, "weak_type", type(array) in (bool, int, float, complex))
+    dtype = jax.dtypes.canonicalize_dtype(getattr(array, "dtype", None) or np.result_type(type(array)))
+    return jax.ShapeDtypeStruct(np.shape(array), dtype, weak_type=bool(weak))
+
+
+def implementation(array: Any) -> Any:
+    """How random keys make numbers; None for anything else."""
     return jax.random.key_impl(array) if _is_key(array) else None
 
 
@@ -190,12 +250,12 @@ def _is_key(array: Any) -> bool:
     return jnp.issubdtype(array.dtype, jax.dtypes.prng_key)
 
 
-def _numbers(array: Any) -> Any:
+def numbers(array: Any) -> Any:
     """The numbers of which random keys consist; anything else as it is."""
     return jax.random.key_data(array) if _is_key(array) else array
 
 
-def _as_keys(arrays: Sequence[Any], implementations: Sequence[Any]) -> list[Any]:
+def as_keys(arrays: Sequence[Any], implementations: Sequence[Any]) -> list[Any]:
     """Random keys of such numbers, where there is one of how they make others."""
     return [
         array if implementation is None else jax.random.wrap_key_data(array, impl=implementation)
@@ -217,7 +277,12 @@ def allowed() -> bool:
 
 def usable(leaves: Sequence[Any]) -> bool:
     """Whether programs can be compiled natively for such arguments: on the one device of a CPU, and with numbers."""
-    return allowed() and not some_traced(leaves) and all(map(_is_numbers, leaves))
+    return allowed() and not some_traced(leaves) and are_numbers(leaves)
+
+
+def are_numbers(leaves: Sequence[Any]) -> bool:
+    """Whether all leaves are numbers, arrays of numbers, or random keys."""
+    return all(map(_is_numbers, leaves))
 
 
 def on_one_cpu() -> bool:

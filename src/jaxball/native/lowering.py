@@ -27,6 +27,7 @@ class Compiler:
         self._sizes: dict[str, int] = {}
         self._calls: dict[str, int] = {}
         self.indexed: set[Value] = set()
+        self.refuses = False
         self._survey("main")
         if any(map(is_callback, self._always_executed(functions["main"]))):
             raise UnsupportedError("A callback of Python")
@@ -200,6 +201,7 @@ class Function:
     def refuse(self) -> None:
         """Ends the program, which must be run by another compiler, from the beginning."""
         b = self.builder
+        self.compiler.refuses = True
         b.write(f"store i8 {REFUSED}, ptr {b.address('%control', 8)}")
         b.write("store i64 -1, ptr %control")
         b.write(self.abort)

@@ -40,6 +40,11 @@ def identity() -> list[str]:
     return [llvmlite.__version__, version, llvm.get_default_triple(), *_processor()]
 
 
+def triple() -> str:
+    """LLVM's name of the target."""
+    return _llvm().get_default_triple()
+
+
 def object_code(text: str, quickly: bool = False) -> bytes:
     """The machine code of a module of LLVM's IR, which :class:`Code` loads, in this process or in another one.
 

@@ -7,14 +7,15 @@ come out of a plain loop are marked: their tangents cannot be transposed. Times 
 tangents cannot be differentiated again.
 """
 
-from typing import Any, NoReturn, TypeVar
+import contextlib
+from typing import Any, Literal, NoReturn, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, PyTree
 
-from ..compat import batch_by, declare_linear, differentiate_by, primitive
+from ..compat import batch_by, declare_linear, differentiate_by, primitive, setting_of_traces
 
 Tree = TypeVar("Tree", bound=PyTree)
 
@@ -41,6 +42,19 @@ NO_SECOND_OF = (
     "Second derivatives are only those of states at fixed times, but they were requested for {what}, which have only "
     "first derivatives; take differences of these."
 )
+
+
+_mode = setting_of_traces("")
+
+
+def differentiated_in(mode: Literal["forward", "reverse"]) -> contextlib.AbstractContextManager[Any]:
+    """The context in which what is traced is differentiated in this mode."""
+    return _mode(mode)
+
+
+def mode_of_differentiation() -> Literal["forward", "reverse", ""]:
+    """The mode in which what is being traced is differentiated, if that is known."""
+    return _mode.value
 
 
 def reverse_only(tree: PyTree) -> PyTree:

@@ -40,4 +40,4 @@ def jit(function: Callable[P, T]) -> Callable[P, T]:
     >>> print(f(2.0))
     12.0
     """
-    return Program(function, jax.jit(function), None, large=True)
+    return Program(function, jax.jit(function), None, large=True, opaque=False)
