@@ -277,7 +277,7 @@ def no_tangent(tangent: Any) -> bool:
 
 def zero_tangent(primal: Any) -> Any:
     """The tangent of what does not vary."""
-    return ad.Zero.from_primal_value(primal)
+    return ad.Zero(primal.aval.to_tangent_aval())
 
 
 def is_for_export(context: Any) -> bool:

@@ -118,10 +118,13 @@ def _body_of_block(takes: Sequence[Part], gives: Sequence[Part], block: int, pad
     if padded:
         yield "  br i1 %short, label %cut, label %done"
         yield "cut:"
+        offset = 0
         for j, part in enumerate(parts):
             if part.in_rows and j >= len(takes):
                 yield f"  %bytes.{j} = mul i64 %left, {part.size}"
-                yield f"  call ptr @memcpy(ptr %own.{j}, ptr %padded.{j}, i64 %bytes.{j})"
+                yield f"  %cut.{j} = getelementptr i8, ptr %given, i64 {offset}"
+                yield f"  call ptr @memcpy(ptr %own.{j}, ptr %cut.{j}, i64 %bytes.{j})"
+            offset += block * part.size * part.in_rows
         yield "  call void @free(ptr %given)"
         yield "  br label %done"
         yield "done:"

@@ -114,7 +114,7 @@ class Lowered:
     - ``function``: of a list of arrays, and returns one.
     - ``arrays``: such arrays, or what ``jax.eval_shape`` gives of such.
     - ``natively``: whether it is traced for the native compiler; if XLA compiles it in the end, it may be traced again.
-    - ``keys``: how each of the arrays makes random numbers, where only its type is given and it consists of random keys.
+    - ``context``: in which it is traced, too.
     """
 
     def __init__(
@@ -123,9 +123,9 @@ class Lowered:
         arrays: Sequence[Any],
         name: str,
         natively: bool = True,
-        keys: Sequence[Any] = (),
+        context: Callable[[], contextlib.AbstractContextManager[Any]] = contextlib.nullcontext,
     ):
-        keys = keys or list(map(implementation, arrays))
+        keys = list(map(implementation, arrays))
         made: list[list[Any]] = []
 
         def of_numbers(arrays: list[Any]) -> list[Any]:
@@ -137,7 +137,7 @@ class Lowered:
         self.function = jax.jit(of_numbers, keep_unused=True)
         self.takes = [type_of(numbers(array)) for array in arrays]
         self._made, self._takes_keys, self._natively = made, any(keys), natively
-        self._depends = False
+        self._depends, self._context = False, context
 
     @functools.cached_property
     def traced(self) -> Any:
@@ -158,7 +158,7 @@ class Lowered:
     @contextlib.contextmanager
     def as_traced(self) -> Iterator[None]:
         """The context in which it is traced, in which JAX finds the trace again."""
-        with seldom_collected(), _natively(self._natively), same_mesh():
+        with seldom_collected(), _natively(self._natively), self._context(), same_mesh():
             yield
 
     @property

@@ -23,7 +23,7 @@ from ..cache.current import Store
 from ..cache.executables import NoNameError
 from ..compat import setting_of_traces, settings
 from ..interface.compilation import compiling
-from .differentiation import differentiated_in
+from .differentiation import differentiated_forward
 from .fingerprints import Fingerprint, fingerprint
 from .reverse_rules import chosen, pulled_by_forward_mode, replaced
 
@@ -45,14 +45,18 @@ class Rest(NamedTuple):
     - ``structure``: a PyTree's.
     - ``static``: the leaves, with None in the places of arrays; empty where all are arrays.
     - ``dynamic``: which leaves are arrays; empty where all are.
+    - ``keys``: how each array makes random numbers, if it consists of random keys; empty where none does.
     """
 
     structure: Any
     static: tuple[Any, ...] = ()
     dynamic: tuple[bool, ...] = ()
+    keys: tuple[Any, ...] = ()
 
     def joined(self, arrays: Sequence[Any]) -> Any:
-        """The arguments or the result."""
+        """The arguments or the result, with random keys made of their numbers."""
+        if self.keys:
+            arrays = native.as_keys(arrays, self.keys)
         if not self.dynamic:
             return self.structure.unflatten(arrays)
         remaining = iter(arrays)
@@ -68,13 +72,28 @@ class Result(NamedTuple):
     rest: Rest
 
 
+def call_with(
+    function: Callable[..., Any], is_dynamic: Callable[[Any], bool] | None, rest: Rest, arrays: list[Any]
+) -> Result:
+    """The result of a function of PyTrees, of the arrays of its arguments and their ``rest``."""
+    args, kwargs = rest.joined(arrays)
+    result, arrays = parted(*jax.tree.flatten(function(*args, **kwargs)), is_dynamic)
+    return Result([jnp.asarray(native.numbers(array)) for array in arrays], result)
+
+
 def parted(leaves: list[Any], structure: Any, is_dynamic: Callable[[Any], bool] | None) -> tuple[Rest, list[Any]]:
     """A flattened PyTree as its arrays, which are all leaves if there is no ``is_dynamic``, and the rest."""
     if is_dynamic is None or not leaves:
-        return Rest(structure), leaves
+        return Rest(structure, keys=_keys(leaves)), leaves
     dynamic = tuple(map(is_dynamic, leaves))
     static = tuple(None if new else leaf for leaf, new in zip(leaves, dynamic, strict=True))
-    return Rest(structure, static, dynamic), chosen(leaves, dynamic)
+    arrays = chosen(leaves, dynamic)
+    return Rest(structure, static, dynamic, _keys(arrays)), arrays
+
+
+def _keys(arrays: list[Any]) -> tuple[Any, ...]:
+    keys = tuple(map(native.implementation, arrays))
+    return keys if any(keys) else ()
 
 
 class Computation:
@@ -87,7 +106,6 @@ class Computation:
     - ``name``: in messages and profiles.
     - ``large``: whether what has loops over large arrays is compiled natively, too.
     - ``in_lanes``: whether rows are computed side by side in the lanes of vectors, or else one after another.
-    - ``keys``: how each of the arrays makes random numbers, where it consists of random keys.
     - ``gives``: the types of the results, where they are known.
     - ``opaque``: whether all within is one program; otherwise, as in a user's function, computations in it are
       differentiated and mapped by themselves.
@@ -97,7 +115,8 @@ class Computation:
     smooth: Callable[[list[Any]], Any]  # the same function, in a form that forward mode differentiates
     linear: tuple[bool, ...]
     is_derivative = False
-    rows: Any = None
+    rows: native.Rows | None = None
+    takes_keys = False
 
     def __init__(
         self,
@@ -108,7 +127,6 @@ class Computation:
         large: bool = False,
         in_lanes: bool = True,
         opaque: bool = True,
-        keys: Sequence[Any] = (),
         gives: Sequence[Any] | None = None,
     ):
         self.function = self.smooth = function
@@ -116,13 +134,14 @@ class Computation:
         self._gives = gives
         self._results: list[Rest] = []
         self.linear = (False,) * len(arrays)
-        self.traced = native.Lowered(self._of_arrays, arrays, name, natively=native.chosen() == "native", keys=keys)
+        self.traced = native.Lowered(
+            self._of_arrays, arrays, name, native.chosen() == "native", lambda: _within(self.opaque)
+        )
         self.takes = self.traced.takes
         self._made: dict[Any, Any] = {}
 
     def _of_arrays(self, arrays: list[Any]) -> list[Any]:
-        with _within(self.opaque):
-            result = self.function(arrays)
+        result = self.function(arrays)
         if not isinstance(result, Result):
             result = Result(result, Rest(jax.tree.structure(result)))
         self._results.append(result.rest)
@@ -163,7 +182,7 @@ class Computation:
         runs = self.runs(current.store)
         if runs is not None:
             with contextlib.suppress(native.CallbackReachedError):
-                return runs.arrays(list(arrays))
+                return runs.numbers(list(arrays))
         return self.here(arrays)
 
     def program(self) -> native.Program | None:
@@ -282,7 +301,7 @@ class Computation:
 
         def make() -> Computation:
             by_tangents = functools.partial(_cotangents_by_tangents, self.smooth, which, of)
-            going_back = functools.partial(_cotangents, self.function, which, of)
+            going_back = functools.partial(_cotangents, _Traced(self), which, of)
             given = chosen(list(filter(_has_tangents, self.gives)), of)
             function = by_tangents if self.is_derivative else going_back
             made = self._made_of(function, [*self.takes, *given], chosen(self.takes, which))
@@ -296,7 +315,7 @@ class Computation:
         """The same of as many of the ``mapped`` arrays, which are linear, so that the rest is computed once."""
 
         def make() -> Computation:
-            function, smooth = (functools.partial(_in_directions, f, mapped) for f in (self.function, self.smooth))
+            function, smooth = (functools.partial(_in_directions, f, mapped) for f in (_Traced(self), self.smooth))
             takes = [_in_rows(one, count) if many else one for one, many in zip(self.takes, mapped, strict=True)]
             made = self._made_of(function, takes, [_in_rows(one, count) for one in self.gives])
             made.smooth, made.linear = smooth, self.linear
@@ -309,12 +328,24 @@ class Computation:
 
         def make() -> Computation:
             takes = [_in_rows(one, BLOCK) if many else one for one, many in zip(self.takes, taken, strict=True)]
-            function = functools.partial(_of_each_row, self.function, taken)
+            function = functools.partial(_of_each_row, _Traced(self), taken)
             made = self._made_of(function, takes, [_in_rows(one, BLOCK) for one in self.gives])
             made.rows, made.large = native.Rows(BLOCK, taken), True
             return made
 
         return self._following(("block", taken), make)
+
+
+class _Traced:
+    """The function of a computation, which is not traced again."""
+
+    follows = ("_computation",)  # what does not determine what it computes
+
+    def __init__(self, computation: Computation):
+        self._function, self._computation = computation.function, computation
+
+    def __call__(self, arrays: list[Any]) -> list[Any]:
+        return self._computation.here(arrays)
 
 
 # The functions that computations follow from. They have names, by which a store finds their programs.
@@ -330,7 +361,7 @@ def _tangents(function: Callable, which: tuple[bool, ...], arrays: list[Any]) ->
     def of_moving(*moving: Any) -> list[Any]:
         return list(filter(_has_tangents, _arrays(function(replaced(primals, which, moving)))))
 
-    with differentiated_in("forward"):
+    with differentiated_forward():
         return jax.jvp(of_moving, chosen(primals, which), tangents)[1]
 
 
@@ -341,8 +372,7 @@ def _cotangents(function: Callable, which: tuple[bool, ...], of: tuple[bool, ...
         results = _arrays(function(replaced(primals, which, moving)))
         return chosen(list(filter(_has_tangents, results)), of)
 
-    with differentiated_in("reverse"):
-        return list(jax.vjp(of_moving, *chosen(primals, which))[1](cotangents))
+    return list(jax.vjp(of_moving, *chosen(primals, which))[1](cotangents))
 
 
 def _cotangents_by_tangents(
@@ -353,7 +383,7 @@ def _cotangents_by_tangents(
     def results(primals: list[Any]) -> list[Any]:
         return chosen(list(filter(_has_tangents, _arrays(function(primals)))), of)
 
-    with differentiated_in("forward"):
+    with differentiated_forward():
         pull = pulled_by_forward_mode(results)
         return chosen(pull((primals, None), cotangents, list(which)), which)
 
@@ -388,15 +418,17 @@ class Compiled(NamedTuple):
 
     made: Any
     result: Rest
+    takes_keys: bool = False
 
-    def arrays(self, arrays: list[Any]) -> list[Any]:
-        """The arrays of the result."""
+    def numbers(self, arrays: list[Any]) -> list[Any]:
+        """The arrays of the result, as numbers."""
         if not isinstance(self.made, native.Program):
             arrays = list(map(_as_converted, arrays))
         return self.made(arrays)
 
     def __call__(self, arrays: list[Any]) -> Any:
-        return self.result.joined(self.arrays(arrays))
+        """The result, of arrays that may be random keys."""
+        return self.result.joined(self.numbers(list(map(native.numbers, arrays)) if self.takes_keys else arrays))
 
 
 class _Kept(NamedTuple):
@@ -442,7 +474,7 @@ class _Kept(NamedTuple):
 
 
 def _as_made(made: Any, computation: Computation) -> Compiled | native.Refusal:
-    return made if isinstance(made, native.Refusal) else Compiled(made, computation.result)
+    return made if isinstance(made, native.Refusal) else Compiled(made, computation.result, computation.takes_keys)
 
 
 def _content(made: Any, computation: Computation, reached: Sequence[Any]) -> bytes:

@@ -8,7 +8,7 @@ tangents cannot be differentiated again.
 """
 
 import contextlib
-from typing import Any, Literal, NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 import equinox as eqx
 import jax
@@ -44,17 +44,17 @@ NO_SECOND_OF = (
 )
 
 
-_mode = setting_of_traces("")
+_forward = setting_of_traces(False)
 
 
-def differentiated_in(mode: Literal["forward", "reverse"]) -> contextlib.AbstractContextManager[Any]:
-    """The context in which what is traced is differentiated in this mode."""
-    return _mode(mode)
+def differentiated_forward() -> contextlib.AbstractContextManager[Any]:
+    """The context in which what is traced is differentiated in forward mode."""
+    return _forward(True)
 
 
-def mode_of_differentiation() -> Literal["forward", "reverse", ""]:
-    """The mode in which what is being traced is differentiated, if that is known."""
-    return _mode.value
+def is_differentiated_forward() -> bool:
+    """Whether what is being traced is differentiated in forward mode; if not, it is in reverse mode, or not at all."""
+    return _forward.value
 
 
 def reverse_only(tree: PyTree) -> PyTree:

@@ -20,7 +20,7 @@ from .. import native
 from ..cache import current
 from ..cache.current import Store
 from ..compat import settings
-from .computation import QUICKLY, Compiled, Computation, Rest, Result, parted, within_a_computation
+from .computation import QUICKLY, Compiled, Computation, Rest, call_with, parted, within_a_computation
 from .operation import may_be_an_operation, operation
 
 P = ParamSpec("P")
@@ -127,11 +127,10 @@ class Program:
         if within_a_computation() or not may_be_an_operation():
             return None
         numbers = [jnp.asarray(native.numbers(array)) for array in arrays]
-        computation = self._computation(rest, [native.type_of(array) for array in numbers], arrays)
+        computation = self._computation(rest, [native.type_of(array) for array in numbers])
         if computation is None or not computation.is_pure():
             return None
-        results = native.as_keys(operation(computation, numbers), computation.traced.keys)
-        return (computation.result.joined(results),)
+        return (computation.result.joined(operation(computation, numbers)),)
 
     def _program_for(self, rest: Rest, arrays: list[Any], only_natively: bool = False) -> Compiled | None:
         """The program for such arguments; None if JAX compiles it as usual, or if it is not native but must be."""
@@ -153,31 +152,22 @@ class Program:
             found = None
             if native.are_numbers(arrays):
                 types = [native.type_of(native.numbers(array)) for array in arrays]
-                computation = self._computation(rest, types, arrays)
+                computation = self._computation(rest, types)
                 found = computation and computation.runs(self._store, only_natively)
             found = self._programs.setdefault(key, found)
         return found
 
-    def _computation(self, rest: Rest, types: list[Any], arrays: list[Any]) -> Computation | None:
+    def _computation(self, rest: Rest, types: list[Any]) -> Computation | None:
         """The function of such arrays; None if something has no hash."""
-        keys = tuple(map(native.implementation, arrays))
         described = tuple((one.shape, one.dtype, one.weak_type) for one in types)
-        key = native.asked_for(), rest, tuple(map(type, rest.static)), described, keys, native.settings()
+        key = native.asked_for(), rest, tuple(map(type, rest.static)), described, native.settings()
         try:
             found = self._computations.get(key)
         except TypeError:
             return None
         if found is None:
-            function = functools.partial(_call, self._function, self._is_dynamic, rest)
-            name = getattr(self, "__name__", "program")
-            made = Computation(function, types, keys=keys, name=name, **self._how)
+            function = functools.partial(call_with, self._function, self._is_dynamic, rest)
+            made = Computation(function, types, name=getattr(self, "__name__", "program"), **self._how)
+            made.takes_keys = bool(rest.keys)
             found = self._computations.setdefault(key, made)
         return found
-
-
-def _call(
-    function: Callable[..., Any], is_dynamic: Callable[[Any], bool] | None, rest: Rest, arrays: list[Any]
-) -> Result:
-    args, kwargs = rest.joined(arrays)
-    result, arrays = parted(*jax.tree.flatten(function(*args, **kwargs)), is_dynamic)
-    return Result(arrays, result)

@@ -11,6 +11,7 @@ from jaxtyping import Array
 from ..interface.arguments import described, refusal, require
 from ..interface.wording import UserError, all_of
 from ..numerics.arrays import Numbers, default_dtype, is_traced, require_numbers, to_array
+from ..numerics.differentiation import is_differentiated_forward
 from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.law import COEFFICIENTS, Contact
@@ -101,13 +102,13 @@ def checked_steps(max_steps: int) -> int:
 
 def checked_adjoint(
     adjoint: diffrax.AbstractAdjoint | None,
-) -> diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode:
-    """The adjoint, or the default.
+) -> diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode | None:
+    """The adjoint; None, if it is that of the mode in which the solve is differentiated.
 
     **Raises:** ``TypeError`` for anything else, and for an adjoint that is not supported.
     """
     if adjoint is None:
-        return DEFAULT_ADJOINT
+        return None
     if isinstance(adjoint, diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode):
         return adjoint
     require("adjoint", adjoint, diffrax.AbstractAdjoint, "an adjoint, such as diffrax.ForwardMode()")
@@ -117,9 +118,18 @@ def checked_adjoint(
         else "which needs a loop of its own, but simulate uses its own"
     )
     raise TypeError(
-        "Argument `adjoint` must be diffrax.RecursiveCheckpointAdjoint(), the default, for reverse mode or "
-        f"diffrax.ForwardMode() for forward mode, but it is diffrax.{type(adjoint).__name__}(), {why}."
+        "Argument `adjoint` must be None, for both modes, diffrax.RecursiveCheckpointAdjoint() for reverse mode alone or "
+        f"diffrax.ForwardMode() for forward mode alone, but it is diffrax.{type(adjoint).__name__}(), {why}."
     )
+
+
+def adjoint_in_mode(
+    adjoint: diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode | None,
+) -> diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode:
+    """The adjoint that was chosen, or else that of the mode in which what is traced is differentiated."""
+    if adjoint is not None:
+        return adjoint
+    return diffrax.ForwardMode() if is_differentiated_forward() else DEFAULT_ADJOINT
 
 
 def checked_progress(progress: diffrax.AbstractProgressMeter | None) -> diffrax.AbstractProgressMeter:

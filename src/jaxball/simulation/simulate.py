@@ -33,8 +33,10 @@ from ..physics.system import AbstractState, AbstractSystem, require_system
 from ..physics.validity import possible_start
 from ..solvers import Projected, SwitchingMassMatrixTerm
 from ..solvers.base import approach_of
+from ..solvers.collocation import fills_vectors
 from .arguments import (
     DEFAULT_TOLERANCE,
+    adjoint_in_mode,
     checked_adjoint,
     checked_progress,
     checked_solver,
@@ -171,7 +173,7 @@ class Method(NamedTuple):
     """What a program is compiled for; everything else may change from call to call."""
 
     solver: diffrax.AbstractAdaptiveSolver
-    adjoint: diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode
+    adjoint: diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode | None
     progress: diffrax.AbstractProgressMeter
     max_steps: int
     dense: bool = False
@@ -208,7 +210,7 @@ def _program(method: Method) -> Callable[..., tuple]:
 
 @functools.cache
 def _compiled(method: Method) -> Callable[..., tuple]:
-    return programs.jit(functools.partial(simulated, method))
+    return programs.jit(functools.partial(simulated, method), in_lanes=not fills_vectors(method.solver))
 
 
 def simulated(method: Method, system: AbstractSystem, times: Array, *others: Any) -> tuple:
@@ -232,7 +234,8 @@ def solve(
     events: dict[str, AbstractEvent],
 ) -> tuple:
     """Solves: the saved states, where and how it ended, its steps, the interpolant, events, switches, observations."""
-    if isinstance(method.adjoint, diffrax.RecursiveCheckpointAdjoint):
+    adjoint = adjoint_in_mode(method.adjoint)
+    if isinstance(adjoint, diffrax.RecursiveCheckpointAdjoint):
         system, times, state, rtol, atol, events = reverse_only((system, times, state, rtol, atol, events))
     state = system.start(times[0], state)
     startable, given = _startable(system, times, state, method.inside), (system, times, state)
@@ -292,7 +295,7 @@ def solve(
         saveat=diffrax.SaveAt(t1=True, dense=method.dense),
         stepsize_controller=_controller(method, system, times, rtol, atol),
         adjoint=SolveLoop.of(
-            method.adjoint,
+            adjoint,
             times,
             switching,
             observers if method.observation else None,
@@ -304,7 +307,7 @@ def solve(
         progress_meter=method.progress,
         throw=False,
     )
-    if isinstance(method.adjoint, diffrax.ForwardMode):
+    if isinstance(adjoint, diffrax.ForwardMode):
         solution = forward_only(solution)
     states, ended = cast(Array, solution.ys), cast(Array, solution.ts)
     saved = _unpacked(packing, startable & jnp.all(jnp.isfinite(states), axis=1), times, states)
@@ -320,7 +323,7 @@ def solve(
         reached, status = until_left(packing.system, times, saved, reached, status, left)
     status = jnp.where(startable, status, Status.IMPOSSIBLE)
     # The steps that were tried beyond that are part of what reverse mode goes through.
-    spoilt = (status == int(Status.NOT_FINITE)) & isinstance(method.adjoint, diffrax.RecursiveCheckpointAdjoint)
+    spoilt = (status == int(Status.NOT_FINITE)) & isinstance(adjoint, diffrax.RecursiveCheckpointAdjoint)
     saved, record, occurrences = with_unknown_derivatives((saved, record, occurrences), given, spoilt)
     return (
         saved,
