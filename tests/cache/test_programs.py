@@ -16,7 +16,7 @@ from jaxball import Disk, DiskState, Fixed, PointMass, contact_extremes, simulat
 from jaxball.cache import current, store as module
 from jaxball.native import choice, machine, operations  # noqa: F401 (whose rules are entered)
 from jaxball.native.rules import RULES
-from jaxball.numerics import programs, vectors
+from jaxball.numerics import computation, programs, vectors
 from tests.support.precision import enable_x64
 
 TIMES = np.linspace(0.0, 2.0, 5)
@@ -124,7 +124,7 @@ def test_code_made_quickly_gives_the_same_bits_and_is_used_until_there_is_optimi
 def test_a_program_is_compiled_once_and_found_by_the_next_process(in_process, contents, monkeypatch):
     first, store = in_process(cross, A, B)
     assert (len(store.found), len(store.missed), len(contents)) == (0, 1, 1)
-    monkeypatch.setattr(programs.Program, "_lowered", None)  # nothing is traced any more
+    monkeypatch.setattr(computation.Computation, "_of_arrays", None)  # nothing is traced any more
     second, store = in_process(cross, A, B)
     assert (len(store.found), len(store.missed)) == (1, 0)
     same_bits(first, second)
@@ -242,8 +242,8 @@ def test_programs_that_call_python_are_not_kept(in_process, contents, compiler, 
 @pytest.fixture
 def traces(monkeypatch):
     """The names of the functions that are traced."""
-    names, original = [], programs.Program._lowered
-    monkeypatch.setattr(programs.Program, "_lowered", lambda *given: names.append(given[0]) or original(*given))
+    names, original = [], computation.Computation._of_arrays
+    monkeypatch.setattr(computation.Computation, "_of_arrays", lambda *given: names.append(given[0]) or original(*given))
     return names
 
 
@@ -309,14 +309,22 @@ def test_ctrl_c_ends_a_run_of_a_program_that_was_kept(in_process, contents):
     assert (len(store.found), store.missed) == (1, [])
 
 
-def test_within_a_trace_functions_are_traced(in_process, contents):
+def test_programs_within_a_trace_are_kept_as_well(in_process, contents):
     def grow(a):
         return jnp.sum(cross(a, B) ** 2)
 
-    expected = jax.grad(grow)(A), jax.vmap(cross)(A[None], B[None]), jax.jit(cross)(A, B)
-    result, _ = in_process(lambda: (jax.grad(grow)(A), jax.vmap(cross)(A[None], B[None]), jax.jit(cross)(A, B)))
+    def traced():
+        jax.clear_caches()
+        return jax.grad(grow)(A), jax.vmap(cross)(A[None], B[None]), jax.jit(cross)(A, B)
+
+    expected = traced()
+    result, _ = in_process(traced)
     same_bits(result, expected)
-    assert contents == {}
+    assert contents
+    again, store = in_process(traced)
+    same_bits(again, expected)
+    assert store.found
+    assert store.missed == []
 
 
 def test_the_one_device_may_be_named(in_process, contents):

@@ -153,11 +153,11 @@ import sys
 import jax
 jax.config.update("jax_enable_x64", True)
 import jaxball
-from jaxball.numerics import programs
+from jaxball.numerics import computation, programs
 
 jaxball.cache.enable(sys.argv[1])
-traced, original = [], programs.Program._lowered
-programs.Program._lowered = lambda of, *given: traced.append(of._name()) or original(of, *given)
+traced, original = [], computation.Computation._of_arrays
+computation.Computation._of_arrays = lambda of, *given: traced.append(of.name) or original(of, *given)
 
 def momentum(speed):
     with jax.ensure_compile_time_eval():

@@ -15,7 +15,7 @@ import jaxball
 from jaxball import Disk, FunctionSchedule, OnRail, PointMass, Tube, simulate
 from jaxball.cache import current
 from jaxball.cache.executables import NoNameError
-from jaxball.numerics import programs
+from jaxball.numerics import computation, programs
 from jaxball.numerics.fingerprints import digest
 from tests.support.precision import enable_x64
 
@@ -206,8 +206,8 @@ def test_what_may_depend_on_more_is_refused(body):
 @pytest.fixture
 def in_process(monkeypatch):
     """Calls a function as in a process of its own; returns its result, and how many programs were traced."""
-    contents, traced, original = {}, [], programs.Program._lowered
-    monkeypatch.setattr(programs.Program, "_lowered", lambda *given: traced.append(1) or original(*given))
+    contents, traced, original = {}, [], computation.Computation._of_arrays
+    monkeypatch.setattr(computation.Computation, "_of_arrays", lambda *given: traced.append(1) or original(*given))
 
     def call(function, *args):
         traced.clear()
@@ -233,7 +233,7 @@ def test_arguments_and_settings_are_told_apart(in_process):
     def made(x):
         return jaxball.jit(lambda x: jax.tree.map(lambda one: 2 * one, x))(x)
 
-    kinds = [1, 1.0, np.float32(1), np.arange(2), np.arange(3), {"a": 1.0}, {"b": 1.0}, [1.0], (1.0,), jnp.asarray(1.0)]
+    kinds = [1, 1.0, np.float32(1), np.arange(2), np.arange(3), {"a": 1.0}, {"b": 1.0}, [1.0], (1.0,), jnp.ones(())]
     for k in kinds:
         result, traced = in_process(made, k)
         assert traced == 1
@@ -312,11 +312,11 @@ import sys
 import jax
 jax.config.update("jax_enable_x64", True)
 import jaxball
-from jaxball.numerics import programs
+from jaxball.numerics import computation, programs
 import model
 jaxball.cache.enable(sys.argv[1])
-traced, original = [], programs.Program._lowered
-programs.Program._lowered = lambda *given: traced.append(1) or original(*given)
+traced, original = [], computation.Computation._of_arrays
+computation.Computation._of_arrays = lambda *given: traced.append(1) or original(*given)
 results = [jaxball.jit(f)(0.3) for f in (jax.grad(model.loss), lambda x: model.held(x))]
 print(len(traced), *(float(x).hex() for x in results))
 """

@@ -46,25 +46,44 @@ def test_first_and_second_derivatives_in_forward_mode():
     np.testing.assert_allclose(both(W), expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize(
-    "differentiated",
-    [jax.jacfwd(omega), jax.jit(jax.jacfwd(omega)), lambda w: jax.linearize(omega, w)[1](w), jax.hessian(omega)],
-    ids=["jacfwd", "jacfwd within jit", "linearize", "hessian"],
-)
-def test_forward_mode_wants_another_adjoint(differentiated):
-    with pytest.raises(TypeError, match=r"`adjoint` must be diffrax.ForwardMode\(\) where .* in forward mode"):
-        differentiated(W)
+def of_closed_form(n):
+    with mpmath.workdps(30):
+        return float(mpmath.diff(closed_form, mpmath.mpf("0.4"), n))
 
 
-def test_reverse_mode_goes_once():
-    with pytest.raises(TypeError, match=r"`adjoint` must be diffrax.ForwardMode\(\) for second derivatives"):
-        jax.grad(jax.grad(omega))(W)
-
-
-def test_reverse_mode_wants_the_default():
-    with pytest.raises(
-        TypeError, match=r"`adjoint` must be diffrax.RecursiveCheckpointAdjoint\(\) where .* in reverse mode"
+@pytest.mark.parametrize("around", [lambda f: f, jax.jit, jaxball.jit], ids=["as typed", "jax.jit", "jaxball.jit"])
+def test_without_an_adjoint_both_modes_are_there(around):
+    for first in (
+        jax.grad(omega),
+        jax.jacfwd(omega),
+        lambda w: jax.linearize(omega, w)[1](jnp.ones_like(w)),
+        lambda w: jax.vjp(omega, w)[1](jnp.ones_like(w))[0],
+        jax.grad(jax.checkpoint(omega)),
     ):
+        np.testing.assert_allclose(around(first)(W), of_closed_form(1), rtol=1e-9)
+
+
+@pytest.mark.parametrize("outer", [jax.jacfwd, jax.jacrev], ids=["forward", "reverse"])
+@pytest.mark.parametrize("inner", [jax.jacfwd, jax.jacrev], ids=["over forward", "over reverse"])
+def test_without_an_adjoint_second_derivatives_are_there(outer, inner):
+    np.testing.assert_allclose(jax.jit(outer(inner(omega)))(W), of_closed_form(2), rtol=1e-9)
+
+
+def test_maps_of_derivatives_and_derivatives_of_maps():
+    rows = W + 0.01 * jnp.arange(5.0)
+    of_each = jnp.stack([jax.grad(omega)(w) for w in rows])
+    np.testing.assert_allclose(jax.jit(jax.vmap(jax.grad(omega)))(rows), of_each, rtol=1e-9)
+    np.testing.assert_allclose(jax.vmap(jax.jacfwd(omega))(rows), of_each, rtol=1e-9)
+    np.testing.assert_allclose(jax.jit(jax.grad(lambda rows: jnp.sum(jax.vmap(omega)(rows))))(rows), of_each, rtol=1e-9)
+    np.testing.assert_allclose(jax.jacfwd(jax.vmap(omega))(rows), jnp.diag(of_each), rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(jax.lax.map(jax.grad(omega), rows), of_each, rtol=1e-9)
+
+
+def test_what_is_chosen_is_kept_to():
+    by = diffrax.RecursiveCheckpointAdjoint()
+    with pytest.raises(TypeError, match=r"`adjoint` must not be .*Checkpoint.* in forward mode.*; leave it out"):
+        jax.jacfwd(lambda w: omega(w, by))(W)
+    with pytest.raises(TypeError, match=r"`adjoint` must not be .*Forward.* in reverse mode.*; leave it out"):
         jax.grad(lambda w: omega(w, diffrax.ForwardMode()))(W)
 
 

@@ -411,8 +411,10 @@ look:
 count:
   %threads = call i64 @threads_of(ptr %api, ptr %context)
   %others.threads = sub i64 %threads, 1
-  %bounded = call i64 @llvm.smin.i64(i64 %others, i64 %others.threads)
-  %helpers = call i64 @llvm.smin.i64(i64 %bounded, i64 {MOST_HELPERS})
+  %fewer.blocks = icmp slt i64 %others, %others.threads
+  %useful = select i1 %fewer.blocks, i64 %others, i64 %others.threads
+  %few = icmp slt i64 %useful, {MOST_HELPERS}
+  %helpers = select i1 %few, i64 %useful, i64 {MOST_HELPERS}
   %users.place = getelementptr i8, ptr %shared, i64 {_USERS}
   %arguments = alloca [40 x i8], align 8
   store i64 40, ptr %arguments
@@ -458,6 +460,4 @@ end:
   call void @leave(ptr %shared)
   ret void
 }}
-
-declare i64 @llvm.smin.i64(i64, i64)
 """

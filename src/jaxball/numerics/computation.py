@@ -167,7 +167,8 @@ class Computation:
         """Whether it does nothing but compute, of its arguments alone, numbers that XLA's arrays can hold."""
         program = self.traced.traced.jaxpr
         has_numbers = all(isinstance(one.dtype, np.dtype) and one.dtype != jax.dtypes.float0 for one in self.gives)
-        return has_numbers and not program.effects and not native.some_traced(program.consts)
+        captures = len(program.in_avals) > len(self.takes)  # numbers that are traced around it
+        return has_numbers and not program.effects and not captures
 
     # Programs
 
@@ -287,7 +288,7 @@ class Computation:
         def make() -> Computation:
             function = functools.partial(_tangents, self.smooth, which)
             moving = chosen(self.takes, which)
-            made = self._made_of(function, [*self.takes, *moving], filter(_has_tangents, self.gives))
+            made = self._made_of(function, [*self.takes, *moving], list(filter(_has_tangents, self.gives)))
             made.linear, made.is_derivative = (False,) * len(which) + (True,) * len(moving), True
             return made
 

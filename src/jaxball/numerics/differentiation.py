@@ -20,23 +20,22 @@ from ..compat import batch_by, declare_linear, differentiate_by, primitive, sett
 Tree = TypeVar("Tree", bound=PyTree)
 
 WAY_OUT = (
-    "pass adjoint=diffrax.ForwardMode() to simulate, with jax.jvp or jax.jacfwd, and for second derivatives "
-    "jax.jacfwd(jax.jacfwd(f))."
+    "leave it out, and simulate has both modes, in any order. Where JAX cannot take the solve as one operation "
+    "(jax.disable_jit, jax.debug_nans, several devices, a function that captures traced numbers), this is the default: "
+    "pass adjoint=diffrax.ForwardMode() there."
 )
 NO_FORWARD = (
-    "Argument `adjoint` must be diffrax.ForwardMode() where a solve is differentiated in forward mode (jax.jvp, "
-    "jax.jacfwd, jax.linearize, jax.hessian), but it is diffrax.RecursiveCheckpointAdjoint(), the default, which has "
-    f"reverse mode only (jax.grad, jax.jacrev, jax.vjp); {WAY_OUT}"
+    "Argument `adjoint` must not be diffrax.RecursiveCheckpointAdjoint(), which has reverse mode only (jax.grad, "
+    "jax.jacrev, jax.vjp), where a solve is differentiated in forward mode (jax.jvp, jax.jacfwd, jax.linearize, "
+    f"jax.hessian); {WAY_OUT}"
 )
 NO_SECOND = (
-    "Argument `adjoint` must be diffrax.ForwardMode() for second derivatives, but it is "
-    "diffrax.RecursiveCheckpointAdjoint(), the default, whose loop does not support reverse mode over reverse mode; "
-    f"{WAY_OUT}"
+    "Argument `adjoint` must not be diffrax.RecursiveCheckpointAdjoint() for second derivatives, because its loop does "
+    f"not support reverse mode over reverse mode; {WAY_OUT}"
 )
 NO_REVERSE = (
-    "Argument `adjoint` must be diffrax.RecursiveCheckpointAdjoint() where a solve is differentiated in reverse mode "
-    "(jax.grad, jax.jacrev, jax.vjp), but it is diffrax.ForwardMode(), which has forward mode only (jax.jvp, "
-    "jax.jacfwd)."
+    "Argument `adjoint` must not be diffrax.ForwardMode(), which has forward mode only (jax.jvp, jax.jacfwd), where a "
+    "solve is differentiated in reverse mode (jax.grad, jax.jacrev, jax.vjp); leave it out, and simulate has both modes."
 )
 NO_SECOND_OF = (
     "Second derivatives are only those of states at fixed times, but they were requested for {what}, which have only "

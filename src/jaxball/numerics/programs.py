@@ -126,16 +126,16 @@ class Program:
         """The result as that of one operation of what is traced; None where it has to be written out."""
         if within_a_computation() or not may_be_an_operation():
             return None
-        numbers = [jnp.asarray(native.numbers(array)) for array in arrays]
-        computation = self._computation(rest, [native.type_of(array) for array in numbers])
+        self._follow_store()
+        numbers = [native.numbers(array) if isinstance(array, jax.Array) else jnp.asarray(array) for array in arrays]
+        computation = self._computation(rest, numbers)
         if computation is None or not computation.is_pure():
             return None
         return (computation.result.joined(operation(computation, numbers)),)
 
     def _program_for(self, rest: Rest, arrays: list[Any], only_natively: bool = False) -> Compiled | None:
         """The program for such arguments; None if JAX compiles it as usual, or if it is not native but must be."""
-        if current.store is not self._store:
-            self._programs, self._store = {}, current.store
+        self._follow_store()
         kinds = tuple(map(native.kind, arrays))
         key = (native.asked_for(), only_natively, rest, tuple(map(type, rest.static)), kinds, native.settings())
         try:
@@ -151,15 +151,19 @@ class Program:
         if found is _MISSING:
             found = None
             if native.are_numbers(arrays):
-                types = [native.type_of(native.numbers(array)) for array in arrays]
-                computation = self._computation(rest, types)
+                computation = self._computation(rest, [native.type_of(native.numbers(array)) for array in arrays])
                 found = computation and computation.runs(self._store, only_natively)
             found = self._programs.setdefault(key, found)
         return found
 
-    def _computation(self, rest: Rest, types: list[Any]) -> Computation | None:
-        """The function of such arrays; None if something has no hash."""
-        described = tuple((one.shape, one.dtype, one.weak_type) for one in types)
+    def _follow_store(self) -> None:
+        """Drops what is not of the current store."""
+        if current.store is not self._store:
+            self._programs, self._computations, self._store = {}, {}, current.store
+
+    def _computation(self, rest: Rest, numbers: list[Any]) -> Computation | None:
+        """The function of arrays of such types; None if something has no hash."""
+        described = tuple((one.shape, one.dtype, one.weak_type) for one in numbers)
         key = native.asked_for(), rest, tuple(map(type, rest.static)), described, native.settings()
         try:
             found = self._computations.get(key)
@@ -167,7 +171,7 @@ class Program:
             return None
         if found is None:
             function = functools.partial(call_with, self._function, self._is_dynamic, rest)
-            made = Computation(function, types, name=getattr(self, "__name__", "program"), **self._how)
+            made = Computation(function, list(map(native.type_of, numbers)), name=getattr(self, "__name__", "program"), **self._how)
             made.takes_keys = bool(rest.keys)
             found = self._computations.setdefault(key, made)
         return found
