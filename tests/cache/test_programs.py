@@ -243,7 +243,9 @@ def test_programs_that_call_python_are_not_kept(in_process, contents, compiler, 
 def traces(monkeypatch):
     """The names of the functions that are traced."""
     names, original = [], computation.Computation._of_arrays
-    monkeypatch.setattr(computation.Computation, "_of_arrays", lambda *given: names.append(given[0]) or original(*given))
+    monkeypatch.setattr(
+        computation.Computation, "_of_arrays", lambda *given: names.append(given[0]) or original(*given)
+    )
     return names
 
 

@@ -15,7 +15,7 @@ import jaxball
 from jaxball import Disk, FunctionSchedule, OnRail, PointMass, Tube, simulate
 from jaxball.cache import current
 from jaxball.cache.executables import NoNameError
-from jaxball.numerics import computation, programs
+from jaxball.numerics import computation
 from jaxball.numerics.fingerprints import digest
 from tests.support.precision import enable_x64
 

@@ -7,15 +7,12 @@ import numpy as np
 from .elements import UnsupportedError
 from .executable import ALIGNMENT, Form
 from .extent import loops_over_large_arrays
-from .handler import Part, Rows, handler
+from .handler import PATIENCE, Part, Rows, handler
 from .lowering import INTERRUPTED, REFUSED, Compiler, Function
 from .machine import object_code, routines_in, triple
 from .program import Value, functions_of
 from .rules import RULES
 from .values import Array, Buffer, Memory, size_of
-
-# Instructions between two checks for signals: a few milliseconds.
-PATIENCE = 5_000_000
 
 # The control data of a program: the instructions left until it next checks for signals, whether it must stop, and the
 # state of Python's thread, which has released Python's lock.
@@ -112,9 +109,7 @@ class Entry:
         return "  " + "\n  ".join(lines)
 
 
-def compiled(
-    module: Any, arguments: int, large: bool = True, quickly: bool = False, rows: Rows | None = None
-) -> Form:
+def compiled(module: Any, arguments: int, large: bool = True, quickly: bool = False, rows: Rows | None = None) -> Form:
     """A StableHLO module of so many arguments, compiled.
 
     - ``large``: even if its loops are over large arrays; ``quickly``: as of :func:`~.machine.object_code`.
@@ -124,7 +119,16 @@ def compiled(
     """
     entry = written(module, arguments, large, rows)
     code, routines = object_code(entry.text, quickly), routines_in(entry.text)
-    return Form(code, tuple(entry.results), entry.size, entry.workspace, arguments, routines, entry.refuses)
+    return Form(
+        code,
+        tuple(entry.results),
+        entry.size,
+        entry.workspace,
+        arguments,
+        routines,
+        entry.refuses,
+        rows.block if rows else 0,
+    )
 
 
 def written(module: Any, arguments: int, large: bool = True, rows: Rows | None = None) -> Entry:

@@ -2,6 +2,7 @@
 
 import ctypes
 import hashlib
+import itertools
 import threading
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -29,6 +30,7 @@ class Form(NamedTuple):
     - ``size``: the bytes of that array; ``workspace``: those of the memory to work in.
     - ``takes``: how many arrays it takes; ``routines``: those of libraries that the code calls.
     - ``refuses``: whether it may stop at a callback of Python.
+    - ``block``: how many rows it computes at once; 0 if it computes a single one, without an axis of rows.
     """
 
     code: bytes
@@ -38,6 +40,7 @@ class Form(NamedTuple):
     takes: int
     routines: tuple[tuple[str, str], ...]
     refuses: bool
+    block: int
 
 
 class Executable:
@@ -53,6 +56,7 @@ class Executable:
         # Of the kind that looks, after the call, for an exception; the code releases Python's lock itself.
         kind = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
         self._run = kind(self._code.address("run"))
+        self._run_rows = ctypes.PYFUNCTYPE(None, ctypes.c_void_p)(self._code.address("rows"))
         self._addresses = ctypes.c_void_p * form.takes
         self._results, self._size, self._workspace = form.results, form.size, form.workspace
 
@@ -71,6 +75,36 @@ class Executable:
             return None
         return [np.ndarray(shape, dtype, block, start + offset) for offset, shape, dtype in self._results]
 
+    def of_rows(
+        self, arguments: Sequence[np.ndarray | jax.Array], in_rows: Sequence[bool], threads: int
+    ) -> list[np.ndarray]:
+        """The results of all rows, computed by so many threads, which changes none of their bits.
+
+        - ``in_rows``: which arguments have rows as leading axis.
+        """
+        rows = next(len(array) for array, many in zip(arguments, in_rows, strict=True) if many)
+        results = [
+            _aligned((rows, *(shape[1:] if self._form.block else shape)), dtype) for _, shape, dtype in self._results
+        ]
+        blocks = -(-rows // max(self._form.block, 1))
+        parts = [
+            (_address(array), array.nbytes // rows if many else 0)
+            for array, many in zip(arguments, in_rows, strict=True)
+        ]
+        parts += [(_address(array), array.nbytes // rows) for array in results]
+        header = 0, 0, 1, rows, blocks  # as of `handler`
+        shared = (ctypes.c_int64 * (len(header) + 2 * len(parts)))(*header, *itertools.chain(*parts))
+        address = ctypes.addressof(shared)
+        others = [threading.Thread(target=self._run_rows, args=(address,)) for _ in range(min(threads, blocks) - 1)]
+        for thread in others:
+            thread.start()
+        try:
+            self._run_rows(address)
+        finally:
+            shared[0] = blocks  # so that the others end after their blocks
+            for thread in others:
+                thread.join()
+        return results
 
     def target(self) -> str | None:
         """The name under which XLA finds the program, for as long as the process lives; None if it may refuse to run.
@@ -96,6 +130,14 @@ def _address(array: np.ndarray | jax.Array) -> int:
         return ctypes.addressof(ctypes.c_char.from_buffer(array))  # pyright: ignore[reportArgumentType]
     except (TypeError, ValueError, BufferError):  # as of an array that is read-only, or empty
         return array.__array_interface__["data"][0]  # which takes three times as long
+
+
+def _aligned(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
+    """Room for an array that JAX takes without a copy."""
+    size = int(np.prod(shape, dtype=int)) * dtype.itemsize
+    memory = np.empty(size + ALIGNMENT, np.uint8)
+    start = -_address(memory) % ALIGNMENT
+    return memory[start : start + size].view(dtype).reshape(shape)
 
 
 class _Workspace:

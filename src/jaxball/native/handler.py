@@ -1,10 +1,12 @@
-"""The functions by which XLA calls a compiled program: a handler of its typed foreign-function interface, as LLVM IR.
+"""The functions by which a compiled program is called for many rows, and by XLA, as LLVM IR.
+
+XLA calls a handler of its typed foreign-function interface.
 
 XLA hands over a frame: where its arguments, its results and its own functions lie. The layout of the frame is part of
 XLA's stable interface (``xla/ffi/api/c_api.h``, beside ``jax.ffi.include_dir()``); offsets below are those of 64 bits.
 
 A program is one of a single call or of a block of rows. Where an argument of XLA has one axis more than a row has, that
-axis counts rows, and the handler computes all of them: block after block, each by whichever of XLA's threads is free.
+axis counts rows, and the handler computes all of them: block after block, each by whichever of XLA's threads is free. Python calls ``rows(shared)`` in threads of its own.
 A block computes the same whatever thread it is computed by and whatever was computed before, to the last bit.
 """
 
@@ -14,8 +16,8 @@ from typing import NamedTuple
 MOST_HELPERS = 255  # threads that compute blocks besides the one that calls
 SPARE = 16  # memories to work in that a program keeps for its next calls
 
-# Instructions until a program that XLA calls looks for Python's signals: there are not so many.
-NEVER = 2**63 - 1
+# Instructions between two checks for signals: a few milliseconds; and more than there are, for XLA's threads.
+PATIENCE, NEVER = 5_000_000, 2**63 - 1
 
 
 class Rows(NamedTuple):
@@ -40,7 +42,8 @@ class Part(NamedTuple):
     in_rows: bool
 
 
-# What the threads share that compute the blocks of a call, at these offsets. Bases and steps of all parts follow.
+# What the threads share that compute the blocks of a call, at these offsets. Bases and steps of all parts follow, from
+# argument to argument and from result to result; the step of what all rows share is 0.
 _NEXT, _DONE, _USERS, _ROWS, _BLOCKS, _PARTS = 0, 8, 16, 24, 32, 40
 
 
@@ -56,7 +59,7 @@ def handler(takes: Sequence[Part], gives: Sequence[Part], block: int, workspace:
         _DECLARED.replace("SPARE", str(SPARE)).replace("WORKSPACE", str(-(-max(workspace, 1) // 64) * 64)),
         _MODE.get(triple.partition("-")[0], _NO_MODE),
         *(_PADDING if padded else ()),
-        "define internal void @block(ptr %shared, i64 %k) {",
+        "define internal void @block(ptr %shared, i64 %k, ptr %control) {",
         *_body_of_block(takes, gives, block, padded),
         "}",
         _THREADS,
@@ -74,7 +77,6 @@ def _body_of_block(takes: Sequence[Part], gives: Sequence[Part], block: int, pad
     yield f"  %first = mul i64 %k, {block}"
     yield f"  %inputs = alloca [{max(len(takes), 1)} x ptr], align 8"
     yield f"  %outputs = alloca [{max(len(gives), 1)} x ptr], align 8"
-    yield "  %control = alloca [24 x i8], align 8"
     for j, _ in enumerate(parts):
         base, step = _PARTS + 16 * j, _PARTS + 16 * j + 8
         listed = f"%inputs, i64 {8 * j}" if j < len(takes) else f"%outputs, i64 {8 * (j - len(takes))}"
@@ -108,9 +110,6 @@ def _body_of_block(takes: Sequence[Part], gives: Sequence[Part], block: int, pad
         yield "compute:"
         yield "  %given = phi ptr [ null, %0 ], [ %memory, %pad ]"
     yield "  %mode = call i64 @standard_mode()"
-    yield f"  store i64 {NEVER}, ptr %control"
-    yield "  %stopped = getelementptr i8, ptr %control, i64 8"
-    yield "  store i8 0, ptr %stopped"
     yield "  %workspace = call ptr @take_workspace()"
     yield "  call void @main(ptr %control, ptr %workspace, ptr %inputs, ptr %outputs)"
     yield "  call void @give_back_workspace(ptr %workspace)"
@@ -320,18 +319,48 @@ done:
 # A thread that comes late finds nothing left to do. So the caller waits only for blocks that somebody computes, and
 # neither needs the other threads nor how many there are. What is shared is freed by the last who uses it.
 _THREADS = f"""
-define internal void @work(ptr %shared) {{
+define void @rows(ptr %shared) {{
 entry:
   %blocks.place = getelementptr i8, ptr %shared, i64 {_BLOCKS}
   %blocks = load i64, ptr %blocks.place
-  %done.place = getelementptr i8, ptr %shared, i64 {_DONE}
+  %control = alloca [24 x i8], align 8
+  store i64 {PATIENCE}, ptr %control
+  %stopped.place = getelementptr i8, ptr %control, i64 8
+  store i8 0, ptr %stopped.place
+  %state.place = getelementptr i8, ptr %control, i64 16
+  %state = call ptr @PyEval_SaveThread()
+  store ptr %state, ptr %state.place
   br label %choose
 choose:
   %k = atomicrmw add ptr %shared, i64 1 seq_cst
   %is_left = icmp slt i64 %k, %blocks
   br i1 %is_left, label %compute, label %end
 compute:
-  call void @block(ptr %shared, i64 %k)
+  call void @block(ptr %shared, i64 %k, ptr %control)
+  %stopped = load i8, ptr %stopped.place
+  %goes.on = icmp eq i8 %stopped, 0
+  br i1 %goes.on, label %choose, label %end
+end:
+  %last = load ptr, ptr %state.place
+  call void @PyEval_RestoreThread(ptr %last)
+  ret void
+}}
+define internal void @work(ptr %shared) {{
+entry:
+  %blocks.place = getelementptr i8, ptr %shared, i64 {_BLOCKS}
+  %blocks = load i64, ptr %blocks.place
+  %done.place = getelementptr i8, ptr %shared, i64 {_DONE}
+  %control = alloca [24 x i8], align 8
+  store i64 {NEVER}, ptr %control
+  %stopped.place = getelementptr i8, ptr %control, i64 8
+  store i8 0, ptr %stopped.place
+  br label %choose
+choose:
+  %k = atomicrmw add ptr %shared, i64 1 seq_cst
+  %is_left = icmp slt i64 %k, %blocks
+  br i1 %is_left, label %compute, label %end
+compute:
+  call void @block(ptr %shared, i64 %k, ptr %control)
   %before = atomicrmw add ptr %done.place, i64 1 seq_cst
   br label %choose
 end:

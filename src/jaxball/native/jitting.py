@@ -89,6 +89,23 @@ class Program:
         arrays = self._as_jax(results)
         return as_keys(arrays, self.form.keys) if self.form.keys else arrays
 
+    def of_rows(self, arrays: Sequence[Any], in_rows: Sequence[bool], threads: int) -> list[jax.Array]:
+        """The results of all rows; ``in_rows`` says which arrays have them as leading axis.
+
+        Only a program with a :attr:`target` has this. Ctrl-C ends it.
+        """
+        from .executable import Results
+
+        results = self._executable.of_rows(
+            [
+                np.asarray(array, dtype, order="C") if _is_of_numpy[type(array)] else array
+                for array, dtype in zip(arrays, self.form.takes, strict=True)
+            ],
+            in_rows,
+            threads,
+        )
+        return Results([array_type(array.shape, array.dtype, False) for array in results])(results)
+
     @functools.cached_property
     def target(self) -> str | None:
         """The name by which XLA calls the program in this process; None if it may stop at a callback of Python."""

@@ -30,6 +30,7 @@ from .reverse_rules import chosen, pulled_by_forward_mode, replaced
 Runs: TypeAlias = Callable[[list[Any]], Any]
 QUICKLY = "jax_disable_most_optimizations"
 BLOCK = native.FEWEST * native.LANES  # rows that a program computes at once
+TOGETHER = 64  # rows that are one solve by XLA on a CPU, where 512 were no faster
 
 _within = setting_of_traces(False)
 
@@ -106,6 +107,7 @@ class Computation:
     - ``name``: in messages and profiles.
     - ``large``: whether what has loops over large arrays is compiled natively, too.
     - ``in_lanes``: whether rows are computed side by side in the lanes of vectors, or else one after another.
+    - ``together``: how many rows XLA computes side by side on a CPU.
     - ``gives``: the types of the results, where they are known.
     - ``opaque``: whether all within is one program; otherwise, as in a user's function, computations in it are
       differentiated and mapped by themselves.
@@ -126,11 +128,12 @@ class Computation:
         name: str,
         large: bool = False,
         in_lanes: bool = True,
+        together: int = TOGETHER,
         opaque: bool = True,
         gives: Sequence[Any] | None = None,
     ):
         self.function = self.smooth = function
-        self.name, self.large, self.in_lanes, self.opaque = name, large, in_lanes, opaque
+        self.name, self.large, self.in_lanes, self.together, self.opaque = name, large, in_lanes, together, opaque
         self._gives = gives
         self._results: list[Rest] = []
         self.linear = (False,) * len(arrays)
@@ -258,6 +261,18 @@ class Computation:
                 found = _as_made(made, self)
         return found
 
+    def program_of_rows(self, rows: tuple[bool, ...], count: int) -> native.Program | None:
+        """The natively compiled program of this many rows, which XLA may call too, if there is one.
+
+        - ``rows``: which arrays have rows as leading axis.
+        """
+        several = self.in_lanes and any(rows) and count > 1
+        for computation in (*((self.block(rows),) if several else ()), self):
+            program = computation.program()
+            if program is not None and program.target is not None:
+                return program
+        return None
+
     # Computations that follow from it
 
     @functools.cached_property
@@ -276,6 +291,7 @@ class Computation:
             name=self.name,
             large=self.large,
             in_lanes=self.in_lanes,
+            together=self.together,
             opaque=self.opaque,
             gives=[_strong(one) for one in gives],
         )

@@ -14,8 +14,10 @@ there is none, as on a GPU, the function itself is written there.
 Both take ``rows``: which arrays have rows as leading axis, of which each is a run; empty where it is a single one.
 """
 
+import contextlib
 import functools
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import jax
@@ -23,12 +25,12 @@ import jax.numpy as jnp
 
 from .. import native
 from ..compat import Rules, is_for_export, new_primitive, no_tangent, zero_tangent
+from ..cpu import cores
 from .batches import map_batches
 from .computation import Computation
 from .reverse_rules import chosen
 
 MOST_DIRECTIONS = 32  # that are one program; more are rows
-ON_CPU = 64  # rows that are one solve by XLA
 
 Which = tuple[bool, ...]
 
@@ -58,10 +60,31 @@ def _count(rows: Which, arrays: Sequence[Any]) -> int:
     return next(array.shape[0] for array, many in zip(arrays, rows, strict=True) if many)
 
 
+@contextlib.contextmanager
+def in_threads(count: int | None) -> Iterator[None]:
+    """Rows of what is called in this block are computed by so many threads; by all cores, if None."""
+    before, _limit.threads = _limit.threads, count
+    try:
+        yield
+    finally:
+        _limit.threads = before
+
+
+class _Limit(threading.local):
+    threads: int | None = None
+
+
+_limit = _Limit()
+
+
 def _compute(*arrays: Any, computation: Computation, rows: Which) -> list[Any]:
     """Computes it of arrays that are not traced."""
     if not rows:
         return computation(arrays)
+    if native.chosen() == "native" and native.allowed():
+        program = computation.program_of_rows(rows, _count(rows, arrays))
+        if program is not None:
+            return program.of_rows(arrays, rows, _limit.threads or cores())
     return _compiled(computation, rows)(*arrays)
 
 
@@ -85,19 +108,15 @@ def _written_here(*arrays: Any, computation: Computation, rows: Which) -> list[A
         return jax.lax.map(of_row, leading)
     if jax.default_backend() != "cpu":
         return jax.vmap(of_row)(leading)
-    return map_batches(of_row, leading, ON_CPU)
+    return map_batches(of_row, leading, computation.together)
 
 
 def _target(context: Any, types: Sequence[Any], computation: Computation, rows: Which) -> str | None:
     """The name by which XLA calls the native program; None where there is none, or the function must be written out."""
     if native.traced_natively() or is_for_export(context) or native.chosen() != "native" or not native.allowed():
         return None
-    several = bool(rows) and computation.in_lanes and _count(rows, types) > 1
-    for made in (*((computation.block(rows),) if several else ()), computation):
-        program = made.program()
-        if program is not None and program.target is not None:
-            return program.target
-    return None
+    program = computation.program_of_rows(rows, _count(rows, types) if rows else 1)
+    return None if program is None else program.target
 
 
 def _differentiate(primals: Sequence[Any], tangents: Sequence[Any], *, computation: Computation, rows: Which) -> Any:
@@ -188,9 +207,7 @@ def _transpose_tangents(
         return [None] * len(arrays)
     given = chosen(cotangents, of)
     back = computation.cotangents(which, of)
-    results = run.bind(
-        *arrays[:count], *given, computation=back, rows=rows and (*rows, *(True,) * len(given))
-    )
+    results = run.bind(*arrays[:count], *given, computation=back, rows=rows and (*rows, *(True,) * len(given)))
     if rows:  # What all rows share has the cotangents of all.
         own = chosen(rows, which)
         results = [one if many else jnp.sum(one, axis=0) for one, many in zip(results, own, strict=True)]

@@ -20,7 +20,7 @@ from .. import native
 from ..cache import current
 from ..cache.current import Store
 from ..compat import settings
-from .computation import QUICKLY, Compiled, Computation, Rest, call_with, parted, within_a_computation
+from .computation import QUICKLY, TOGETHER, Compiled, Computation, Rest, call_with, parted, within_a_computation
 from .operation import may_be_an_operation, operation
 
 P = ParamSpec("P")
@@ -35,12 +35,13 @@ def forget() -> None:
         program.forget()
 
 
-def jit(function: Callable[P, T], *, in_lanes: bool = True) -> "Program":
+def jit(function: Callable[P, T], *, in_lanes: bool = True, together: int = TOGETHER) -> "Program":
     """Like ``jax.jit``: all leaves of all arguments are arrays. What ``function`` holds distinguishes programs.
 
     - ``in_lanes``: whether ``jax.vmap`` of it computes several rows side by side, in vectors.
+    - ``together``: how many rows are computed side by side where XLA compiles it for a CPU.
     """
-    return Program(function, jax.jit(function), None, in_lanes=in_lanes)
+    return Program(function, jax.jit(function), None, in_lanes=in_lanes, together=together)
 
 
 def filter_jit(function: Callable[P, T]) -> Callable[P, T]:
@@ -68,7 +69,7 @@ class Program:
     """A function, and its computations by the kinds of their arguments.
 
     - ``large``: whether what has loops over large arrays is compiled natively, too.
-    - ``in_lanes``: whether several rows of arguments are computed side by side, in vectors.
+    - ``in_lanes``: whether several rows of arguments are computed side by side, in vectors; ``together``: how many by XLA.
     - ``opaque``: whether all within is one program, as in jaxball's own functions.
     """
 
@@ -82,10 +83,11 @@ class Program:
         *,
         large: bool = False,
         in_lanes: bool = True,
+        together: int = TOGETHER,
         opaque: bool = True,
     ):
         self._function, self._compiled, self._is_dynamic = function, compiled, is_dynamic
-        self._how = {"large": large, "in_lanes": in_lanes, "opaque": opaque}
+        self._how = {"large": large, "in_lanes": in_lanes, "together": together, "opaque": opaque}
         self._programs: dict[Any, Compiled | None] = {}
         self._computations: dict[Any, Computation] = {}
         self._store: Store | None = None
@@ -171,7 +173,9 @@ class Program:
             return None
         if found is None:
             function = functools.partial(call_with, self._function, self._is_dynamic, rest)
-            made = Computation(function, list(map(native.type_of, numbers)), name=getattr(self, "__name__", "program"), **self._how)
+            made = Computation(
+                function, list(map(native.type_of, numbers)), name=getattr(self, "__name__", "program"), **self._how
+            )
             made.takes_keys = bool(rest.keys)
             found = self._computations.setdefault(key, made)
         return found

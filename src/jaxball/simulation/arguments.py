@@ -118,8 +118,8 @@ def checked_adjoint(
         else "which needs a loop of its own, but simulate uses its own"
     )
     raise TypeError(
-        "Argument `adjoint` must be None, for both modes, diffrax.RecursiveCheckpointAdjoint() for reverse mode alone or "
-        f"diffrax.ForwardMode() for forward mode alone, but it is diffrax.{type(adjoint).__name__}(), {why}."
+        "Argument `adjoint` must be None, for both modes, diffrax.RecursiveCheckpointAdjoint() for reverse mode alone "
+        f"or diffrax.ForwardMode() for forward mode alone, but it is diffrax.{type(adjoint).__name__}(), {why}."
     )
 
 
