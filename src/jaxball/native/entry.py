@@ -14,8 +14,8 @@ from .program import Value, functions_of
 from .rules import RULES
 from .values import Array, Buffer, Memory, size_of
 
-# The control data of a program: the instructions left until it next checks for signals, whether it must stop, and the
-# state of Python's thread, which has released Python's lock.
+# The control data of a program: the instructions left until it next checks for signals, whether it must stop, the state
+# of Python's thread, which has released Python's lock, and where it says that all threads must stop, if there are others.
 SUPPORT = f"""
 declare ptr @PyEval_SaveThread()
 declare void @PyEval_RestoreThread(ptr)
@@ -36,7 +36,16 @@ look:
   %new = call ptr @PyEval_SaveThread()
   store ptr %new, ptr %state.place
   %interrupted = icmp ne i32 %raised, 0
-  br i1 %interrupted, label %interrupt, label %continue
+  br i1 %interrupted, label %interrupt, label %others
+others:
+  %all.place = getelementptr i8, ptr %control, i64 24
+  %all = load ptr, ptr %all.place
+  %alone = icmp eq ptr %all, null
+  br i1 %alone, label %continue, label %together
+together:
+  %all.stopped = load atomic i64, ptr %all seq_cst, align 8
+  %stop.all = icmp ne i64 %all.stopped, 0
+  br i1 %stop.all, label %interrupt, label %continue
 interrupt:
   store i8 {INTERRUPTED}, ptr %place
   br label %stop
@@ -49,7 +58,9 @@ continue:
 
 define i32 @run(ptr %inputs, ptr %block, ptr %workspace) {{
 OUTPUTS
-  %control = alloca [24 x i8], align 8
+  %control = alloca [32 x i8], align 8
+  %all.place = getelementptr i8, ptr %control, i64 24
+  store ptr null, ptr %all.place
   %place = getelementptr i8, ptr %control, i64 8
   %state.place = getelementptr i8, ptr %control, i64 16
   %state = call ptr @PyEval_SaveThread()

@@ -92,7 +92,7 @@ class Executable:
             for array, many in zip(arguments, in_rows, strict=True)
         ]
         parts += [(_address(array), array.nbytes // rows) for array in results]
-        header = 0, 0, 1, rows, blocks  # as of `handler`
+        header = 0, 0, 1, rows, blocks, 0  # as `handler` has them
         shared = (ctypes.c_int64 * (len(header) + 2 * len(parts)))(*header, *itertools.chain(*parts))
         address = ctypes.addressof(shared)
         others = [threading.Thread(target=self._run_rows, args=(address,)) for _ in range(min(threads, blocks) - 1)]
@@ -100,8 +100,10 @@ class Executable:
             thread.start()
         try:
             self._run_rows(address)
+        except BaseException:
+            shared[0], shared[5] = blocks, 1
+            raise
         finally:
-            shared[0] = blocks  # so that the others end after their blocks
             for thread in others:
                 thread.join()
         return results

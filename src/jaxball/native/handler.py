@@ -6,7 +6,7 @@ XLA hands over a frame: where its arguments, its results and its own functions l
 XLA's stable interface (``xla/ffi/api/c_api.h``, beside ``jax.ffi.include_dir()``); offsets below are those of 64 bits.
 
 A program is one of a single call or of a block of rows. Where an argument of XLA has one axis more than a row has, that
-axis counts rows, and the handler computes all of them: block after block, each by whichever of XLA's threads is free. Python calls ``rows(shared)`` in threads of its own.
+axis counts rows, and the handler computes all of them: block after block, each by whichever of XLA's threads is free. Python calls ``rows(shared)``, in threads of its own.
 A block computes the same whatever thread it is computed by and whatever was computed before, to the last bit.
 """
 
@@ -44,7 +44,7 @@ class Part(NamedTuple):
 
 # What the threads share that compute the blocks of a call, at these offsets. Bases and steps of all parts follow, from
 # argument to argument and from result to result; the step of what all rows share is 0.
-_NEXT, _DONE, _USERS, _ROWS, _BLOCKS, _PARTS = 0, 8, 16, 24, 32, 40
+_NEXT, _DONE, _USERS, _ROWS, _BLOCKS, _STOPPED, _PARTS = 0, 8, 16, 24, 32, 40, 48
 
 
 def handler(takes: Sequence[Part], gives: Sequence[Part], block: int, workspace: int, triple: str) -> str:
@@ -101,9 +101,8 @@ def _body_of_block(takes: Sequence[Part], gives: Sequence[Part], block: int, pad
             if part.in_rows:
                 yield f"  %padded.{j} = getelementptr i8, ptr %memory, i64 {offset}"
                 if j < len(takes):
-                    yield (
-                        f"  call void @repeat_last(ptr %padded.{j}, ptr %own.{j}, i64 {part.size}, i64 %left, i64 {block})"
-                    )
+                    given = f"ptr %padded.{j}, ptr %own.{j}, i64 {part.size}, i64 %left, i64 {block}"
+                    yield f"  call void @repeat_last({given})"
                 yield f"  store ptr %padded.{j}, ptr %place.{j}"
                 offset += block * part.size
         yield "  br label %compute"
@@ -163,7 +162,12 @@ def _body_of_call(takes: Sequence[Part], gives: Sequence[Part], block: int) -> I
     rows = f"%rows.{len(parts) - 1}" if parts else "1"
     yield f"  %more = add i64 {rows}, {block - 1}"
     yield f"  %blocks = udiv i64 %more, {block}"
-    for name, offset, value in (("next", _NEXT, "0"), ("done", _DONE, "0"), ("users", _USERS, "1")):
+    for name, offset, value in (
+        ("next", _NEXT, "0"),
+        ("done", _DONE, "0"),
+        ("users", _USERS, "1"),
+        ("stopped", _STOPPED, "0"),
+    ):
         yield f"  %{name}.place = getelementptr i8, ptr %shared, i64 {offset}"
         yield f"  store i64 {value}, ptr %{name}.place"
     yield f"  %rows.place = getelementptr i8, ptr %shared, i64 {_ROWS}"
@@ -323,8 +327,11 @@ define void @rows(ptr %shared) {{
 entry:
   %blocks.place = getelementptr i8, ptr %shared, i64 {_BLOCKS}
   %blocks = load i64, ptr %blocks.place
-  %control = alloca [24 x i8], align 8
+  %control = alloca [32 x i8], align 8
   store i64 {PATIENCE}, ptr %control
+  %all.place = getelementptr i8, ptr %control, i64 24
+  %all.stopped = getelementptr i8, ptr %shared, i64 {_STOPPED}
+  store ptr %all.stopped, ptr %all.place
   %stopped.place = getelementptr i8, ptr %control, i64 8
   store i8 0, ptr %stopped.place
   %state.place = getelementptr i8, ptr %control, i64 16
@@ -350,7 +357,7 @@ entry:
   %blocks.place = getelementptr i8, ptr %shared, i64 {_BLOCKS}
   %blocks = load i64, ptr %blocks.place
   %done.place = getelementptr i8, ptr %shared, i64 {_DONE}
-  %control = alloca [24 x i8], align 8
+  %control = alloca [32 x i8], align 8
   store i64 {NEVER}, ptr %control
   %stopped.place = getelementptr i8, ptr %control, i64 8
   store i8 0, ptr %stopped.place

@@ -35,7 +35,7 @@ NO_SECOND = (
 )
 NO_REVERSE = (
     "Argument `adjoint` must not be diffrax.ForwardMode(), which has forward mode only (jax.jvp, jax.jacfwd), where a "
-    "solve is differentiated in reverse mode (jax.grad, jax.jacrev, jax.vjp); leave it out, and simulate has both modes."
+    "solve is differentiated in reverse mode (jax.grad, jax.jacrev, jax.vjp); leave it out, and simulate has both."
 )
 NO_SECOND_OF = (
     "Second derivatives are only those of states at fixed times, but they were requested for {what}, which have only "

@@ -8,8 +8,8 @@ arrays. Their rules make new computations, which are compiled like any other:
 - transpose of ``tangents``: ``run`` of the cotangents, in reverse mode;
 - either of many: ``run`` of many rows or, where only linear arguments are many, of many directions.
 
-So one call is differentiated in both modes, in any order. On a CPU, XLA calls the native program of a computation; where
-there is none, as on a GPU, the function itself is written there.
+So one call is differentiated in both modes, in any order. On a CPU, XLA calls the native program of a computation;
+where there is none, as on a GPU, the function itself is written there.
 
 Both take ``rows``: which arrays have rows as leading axis, of which each is a run; empty where it is a single one.
 """

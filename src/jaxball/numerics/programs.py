@@ -69,7 +69,8 @@ class Program:
     """A function, and its computations by the kinds of their arguments.
 
     - ``large``: whether what has loops over large arrays is compiled natively, too.
-    - ``in_lanes``: whether several rows of arguments are computed side by side, in vectors; ``together``: how many by XLA.
+    - ``in_lanes``: whether several rows of arguments are computed side by side, in vectors.
+    - ``together``: how many rows are computed side by side where XLA compiles it for a CPU.
     - ``opaque``: whether all within is one program, as in jaxball's own functions.
     """
 
