@@ -12,7 +12,6 @@ from jaxball.ensemble import Maximum, simulate_ensemble
 
 SLOPE, END = 0.3, 2.0
 INERTIAS = np.linspace(0.2, 1.0, 20)
-BACKWARDS = diffrax.RecursiveCheckpointAdjoint()
 
 
 def placed(system, t, state):
@@ -60,7 +59,7 @@ def test_reverse_mode(compiled):
     weights = jnp.linspace(1.0, 2.0, INERTIAS.size)
 
     def total(d):
-        ends, most = rolled(d, adjoint=BACKWARDS)
+        ends, most = rolled(d)
         return jnp.sum(weights * (ends + 2 * most))
 
     found = compiled(jax.grad(total))(jnp.asarray(INERTIAS))
@@ -68,13 +67,13 @@ def test_reverse_mode(compiled):
 
 
 @pytest.mark.thorough
-def test_reverse_mode_must_be_asked_for():
-    with pytest.raises(TypeError, match=r"`adjoint` must be diffrax.RecursiveCheckpointAdjoint\(\) where"):
-        jax.grad(lambda d: jnp.sum(rolled(d)[0]))(jnp.asarray(INERTIAS))
+def test_what_is_chosen_is_kept_to():
+    with pytest.raises(TypeError, match=r"`adjoint` must not be diffrax.ForwardMode\(\)"):
+        jax.grad(lambda d: jnp.sum(rolled(d, adjoint=diffrax.ForwardMode())[0]))(jnp.asarray(INERTIAS))
 
 
 def test_a_compiled_function_computes_runs_side_by_side_in_whatever_way_it_is_compiled():
-    """Eight in vectors natively. XLA would compute the turns of a loop one after the other, and is given none."""
+    """Eight in vectors natively. XLA calls the same program, as one operation."""
 
     @jax.jit
     def ends(inertias):
@@ -82,6 +81,5 @@ def test_a_compiled_function_computes_runs_side_by_side_in_whatever_way_it_is_co
 
     given = jnp.asarray(INERTIAS)
     assert "<8 x double>" in native.Lowered(lambda arrays: [ends(*arrays)], [given], "ends").as_text()
-    # A trace for one of the compilers is not taken for the other: XLA's has the frames of all disks in one array.
-    assert f"tensor<{INERTIAS.size}x3x3xf64>" in ends.lower(given).as_text()
+    assert "jaxball_" in ends.lower(given).as_text()
     np.testing.assert_allclose(jaxball.jit(ends)(given), ends(given), rtol=1e-12)

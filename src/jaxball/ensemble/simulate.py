@@ -1,5 +1,6 @@
 """Many runs: from systems that differ in numbers to their trajectories, as one result."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -13,6 +14,7 @@ from ..interface.arguments import require, require_flags
 from ..interface.printing import Printed, shown
 from ..interface.status import SUCCESSES
 from ..numerics.arrays import Numbers, is_traced, to_numpy
+from ..numerics.operation import in_threads
 from ..physics.contact.body_on_plane import ContactHistory
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
@@ -31,10 +33,9 @@ from ..simulation.arguments import (
 from ..simulation.events import AbstractEvent, check_events
 from ..simulation.simulate import Method
 from ..simulation.trajectory import Trajectory
-from .program import Settings, solved, solved_in_blocks
+from .program import Settings, solved
 from .reductions import AbstractReduction
 
-FORWARD = diffrax.ForwardMode()
 LANES = 64
 
 
@@ -154,26 +155,23 @@ def simulate_ensemble(
       run.
     - ``solver``, ``step_to_times``, ``dae``, ``project``, ``inside``, ``max_steps``: as for one run.
     - ``rtol``, ``atol``: for all runs, or of shape (runs,).
-    - ``adjoint``: the mode of differentiation. ``diffrax.ForwardMode()`` if not given: ``jax.jvp``, ``jax.jacfwd``.
-      ``diffrax.RecursiveCheckpointAdjoint()`` for reverse mode: ``jax.grad``, ``jax.jacrev``, ``jax.vjp``, once.
+    - ``adjoint``: as for one run.
     - ``reductions``: results to find in each run while it is computed, by name: some of
       ``jaxball.ensemble.REDUCTIONS``, or any :class:`Maximum`, :class:`Minimum`, :class:`Drift` or :class:`Integral` of
       your own function.
-    - ``lanes``: how many runs XLA computes side by side; by default 64 on a CPU, where 512 were no faster, or a whole
-      block on a GPU. Native programs always take 8 runs, or a single one where each step makes matrices for its stages,
-      as with ``RadauIIA``. The next begin when the longest of these has ended: put runs of similar length next to each
-      other.
-    - ``block``: how many runs a compiled program takes at a time; fewer are padded, so that calls with other numbers of
-      runs share it. By default the runs are divided equally among threads, or GPUs, with at most 512 at a time natively
-      and 4096 with XLA on CPUs.
-    - ``threads``: how many blocks are computed at a time; by default the number of this process's cores, or GPUs.
+    - ``lanes``: how many runs XLA computes side by side; by default 64 on a CPU, where 512 were no faster, or all on a
+      GPU. Native programs always take 8 runs, or a single one where each step makes matrices for its stages, as with
+      ``RadauIIA``. The next begin when the longest of these has ended: put runs of similar length next to each other.
+    - ``block``: how many runs are in memory at a time while they are computed; by default all.
+    - ``threads``: how many threads compute native programs; by default the number of this process's cores. Results do
+      not depend on it.
     - ``in_axes``: which arrays of ``(system, state)`` have the runs as leading axis, as ``jax.vmap`` takes it: 0 for
       those that have, None for those that all runs share, which is cheaper; each for one array or for all of a part, so
       that ``(None, 0)`` is one system from many states. By default 0. A third entry is for the arrays of ``events``,
       such as their levels; without it all runs share them.
 
-    A run that fails has its status and NaN, and does not affect the others. Within ``jax.jit`` and where it is
-    differentiated, all runs are one block: compile such functions with :func:`jaxball.jit`.
+    A run that fails has its status and NaN, and does not affect the others. It is ``jax.vmap`` of a run, with
+    reductions and checks of its arguments, and can be differentiated and compiled like it.
 
     **Raises:** ``ValueError`` where leading axes differ or ``in_axes`` is not of this form, and as
     :func:`jaxball.simulate`.
@@ -202,7 +200,6 @@ def simulate_ensemble(
     rtol, atol = checked_tolerances(rtol, atol, of_many=True)
     given = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
     reductions = _checked_reductions(reductions)
-    adjoint = checked_adjoint(FORWARD if adjoint is None else adjoint)
     of_both, of_events = (in_axes[:2], in_axes[2]) if _has_three(in_axes) else (in_axes, None)
     own_shared = shared_leaves(of_both, (system, state))
     of_contact = tuple(np.ndim(leaf) == 0 for leaf in jax.tree.leaves(contact))
@@ -212,10 +209,9 @@ def simulate_ensemble(
     runs = _count(parameters, shared, given, rtol, atol)
     whole = given if given.ndim == 2 else jnp.broadcast_to(given, (runs, given.shape[-1]))
     limits = tuple(x if x.ndim else jnp.broadcast_to(x, (runs,)) for x in (rtol, atol))
-    traced = any(map(is_traced, (*jax.tree.leaves((parameters, whole, limits)), jnp.zeros(()))))
     method = Method(
         solver=solver,
-        adjoint=adjoint if traced else FORWARD,  # where nothing is traced, nothing is differentiated
+        adjoint=checked_adjoint(adjoint),
         progress=NO_PROGRESS,
         max_steps=checked_steps(max_steps),
         step_to_times=step_to_times,
@@ -224,14 +220,34 @@ def simulate_ensemble(
         inside=inside,
     )
     lanes = lanes or (LANES if jax.default_backend() == "cpu" else runs)
-    settings = Settings(method, tuple(reductions.items()), shared, lanes)
-    given = parameters, whole, *limits
-    if traced:
-        ends, reported, executed = solved(settings, *given)
-    else:
-        ends, reported, executed = solved_in_blocks(settings, *given, block=block, threads=threads)
-    system, state = for_all_rows((system, state), own_shared, runs, jnp if traced else np)
+    settings = Settings(method, tuple(reductions.items()), lanes)
+    with in_threads(threads):
+        ends, reported, executed = _in_blocks(settings, shared, block, parameters, whole, *limits)
+    system, state = for_all_rows((system, state), own_shared, runs, jnp if _is_any_traced(system, state) else np)
     return Ensemble(Trajectory(system, whole, **ends._asdict(), start=state), reported, executed)
+
+
+def _in_blocks(
+    settings: Settings, shared: tuple[bool, ...], block: int | None, parameters: Any, *others: Any
+) -> tuple[Any, ...]:
+    """The results of all runs; as typed, of so many at a time, where that is asked for."""
+    runs = len(others[0])
+    if block is None or block >= runs or _is_any_traced(parameters, others):
+        return solved(settings, shared, parameters, *others)
+    leaves, structure = jax.tree.flatten(parameters)
+    starts, results = list(range(0, runs, block)), []
+    if starts[-1] == runs - 1 and block > 1:  # A run alone would be another program, which rounds otherwise.
+        starts.pop()
+    for start, end in itertools.pairwise([*starts, runs]):
+        rows = slice(start, end)
+        own = [leaf if is_shared else leaf[rows] for leaf, is_shared in zip(leaves, shared, strict=True)]
+        results.append(solved(settings, shared, structure.unflatten(own), *(x[rows] for x in others)))
+    *parts, executed = zip(*results, strict=True)
+    return *(jax.tree.map(lambda *of: jnp.concatenate(of), *part) for part in parts), sum(executed)
+
+
+def _is_any_traced(*trees: Any) -> bool:
+    return any(map(is_traced, (*jax.tree.leaves(trees), jnp.zeros(()))))
 
 
 def _has_three(in_axes: Any) -> bool:

@@ -15,7 +15,7 @@ from .rules import RULES
 from .values import Array, Buffer, Memory, size_of
 
 # The control data of a program: the instructions left until it next checks for signals, whether it must stop, the state
-# of Python's thread, which has released Python's lock, and where it says that all threads must stop, if there are others.
+# of Python's thread, which has released Python's lock, and where it says that all threads must stop, if it has several.
 SUPPORT = f"""
 declare ptr @PyEval_SaveThread()
 declare void @PyEval_RestoreThread(ptr)

@@ -6,8 +6,8 @@ XLA hands over a frame: where its arguments, its results and its own functions l
 XLA's stable interface (``xla/ffi/api/c_api.h``, beside ``jax.ffi.include_dir()``); offsets below are those of 64 bits.
 
 A program is one of a single call or of a block of rows. Where an argument of XLA has one axis more than a row has, that
-axis counts rows, and the handler computes all of them: block after block, each by whichever of XLA's threads is free. Python calls ``rows(shared)``, in threads of its own.
-A block computes the same whatever thread it is computed by and whatever was computed before, to the last bit.
+axis counts rows, and the handler computes all of them: block after block, each by whichever of XLA's threads is free.
+Python calls ``rows(shared)``, in threads of its own. A block is the same to the last bit, whatever thread computes it.
 """
 
 from collections.abc import Iterator, Sequence
