@@ -105,9 +105,9 @@ def simulate(
     - ``contact``: a :class:`~jaxball.Contact`, the law of friction and impact by which a ball or a disk may slip, leave
       the plane and land on it. ``state`` may then be a :class:`~jaxball.ReleasedState`, and ``trajectory.contact`` has
       the modes and when each of them began. If not given, the body always rolls.
-    - ``adjoint``: the mode of differentiation. ``diffrax.RecursiveCheckpointAdjoint()`` if not given: reverse mode,
-      ``jax.grad``, ``jax.jacrev``, ``jax.vjp``, once. ``diffrax.ForwardMode()`` for ``jax.jvp`` and ``jax.jacfwd``,
-      and for second derivatives, ``jax.jacfwd(jax.jacfwd(f))``, of all but events and hybrid systems.
+    - ``adjoint``: the mode of differentiation. If not given, both modes in any order, as ``jax.grad``, ``jax.jacfwd`` and
+      ``jax.hessian`` ask for them; of events and hybrid systems, first derivatives.
+      ``diffrax.RecursiveCheckpointAdjoint()`` for reverse mode alone, ``diffrax.ForwardMode()`` for forward mode alone.
       ``diffrax.DirectAdjoint()`` is refused, because its reverse-mode derivatives were wrong.
     - ``max_steps``: the most steps, accepted and rejected, that the solve may take.
     - ``progress``: a diffrax progress meter.
@@ -122,7 +122,7 @@ def simulate(
     times of kinks are right; the module ``locked`` explains why.
 
     **Raises:** :class:`PrecisionError` when float32 cannot reach the tolerances, ``ValueError`` or ``TypeError`` for
-    arguments of the wrong kind, ``TypeError`` where the default adjoint is differentiated in forward mode or twice, and
+    arguments of the wrong kind, ``TypeError`` where an ``adjoint`` is differentiated in the other mode, and
     :class:`~jaxball.SolveError` with ``throw``.
 
     **Example:**
