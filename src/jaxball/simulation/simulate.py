@@ -105,8 +105,8 @@ def simulate(
     - ``contact``: a :class:`~jaxball.Contact`, the law of friction and impact by which a ball or a disk may slip, leave
       the plane and land on it. ``state`` may then be a :class:`~jaxball.ReleasedState`, and ``trajectory.contact`` has
       the modes and when each of them began. If not given, the body always rolls.
-    - ``adjoint``: the mode of differentiation. If not given, both modes in any order, as ``jax.grad``, ``jax.jacfwd`` and
-      ``jax.hessian`` ask for them; of events and hybrid systems, first derivatives.
+    - ``adjoint``: the mode of differentiation. If not given, both modes in any order, as ``jax.grad``, ``jax.jacfwd``
+      and ``jax.hessian`` ask for them; of events and hybrid systems, first derivatives.
       ``diffrax.RecursiveCheckpointAdjoint()`` for reverse mode alone, ``diffrax.ForwardMode()`` for forward mode alone.
       ``diffrax.DirectAdjoint()`` is refused, because its reverse-mode derivatives were wrong.
     - ``max_steps``: the most steps, accepted and rejected, that the solve may take.
