@@ -1,5 +1,6 @@
 """Which disturbed starts come back to a motion under feedback: closed loops in vector lanes, on all cores."""
 
+import functools
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -197,7 +198,7 @@ def _outcome(feedback: AbstractFeedback, plant: SampledSystem, samples: int, del
     return Outcome(deviations[-1], jnp.min(normal), jnp.max(ratio))
 
 
-@programs.filter_jit
+@functools.partial(programs.filter_jit, large=True)
 def _one_by_one(feedback: AbstractFeedback, plant: SampledSystem, xi: Array, samples: int, delay: int) -> Outcome:
     return jax.lax.map(lambda one: _outcome(feedback, plant, samples, delay, one), xi)
 

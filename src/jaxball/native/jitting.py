@@ -50,16 +50,13 @@ class Refusal(NamedTuple):
 class Form(NamedTuple):
     """A compiled program as plain data.
 
-    - ``takes``: the types of the arrays that it takes; ``takes_keys``: whether some are those of random keys.
+    - ``takes``: the types of the arrays that it takes.
     - ``gives``: shape, type and whether the type is weak, of the arrays that it gives.
-    - ``keys``: of each of these how it makes numbers, where it is of random keys; empty where none is.
     - ``executable``: as of :class:`~.executable.Form`.
     """
 
     takes: tuple[np.dtype, ...]
-    takes_keys: bool
     gives: tuple[tuple[tuple[int, ...], np.dtype, bool], ...]
-    keys: tuple[Any, ...]
     executable: Any
 
 
@@ -77,17 +74,15 @@ class Program:
         self._as_jax = Results([array_type(*given) for given in form.gives])
 
     def __call__(self, arrays: Sequence[Any]) -> list[jax.Array]:
-        given = map(numbers, arrays) if self.form.takes_keys else arrays
         results = self._executable(
             [
                 np.asarray(array, dtype, order="C") if _is_of_numpy[type(array)] else array
-                for array, dtype in zip(given, self.form.takes, strict=True)
+                for array, dtype in zip(arrays, self.form.takes, strict=True)
             ]
         )
         if results is None:
             raise CallbackReachedError
-        arrays = self._as_jax(results)
-        return as_keys(arrays, self.form.keys) if self.form.keys else arrays
+        return self._as_jax(results)
 
     def of_rows(self, arrays: Sequence[Any], in_rows: Sequence[bool], threads: int) -> list[jax.Array]:
         """The results of all rows; ``in_rows`` says which arrays have them as leading axis.
@@ -142,18 +137,12 @@ class Lowered:
         natively: bool = True,
         context: Callable[[], contextlib.AbstractContextManager[Any]] = contextlib.nullcontext,
     ):
-        keys = list(map(implementation, arrays))
-        made: list[list[Any]] = []
+        def traced(arrays: list[Any]) -> list[Any]:
+            return function(arrays)
 
-        def of_numbers(arrays: list[Any]) -> list[Any]:
-            results = function(as_keys(arrays, keys))
-            made.append(list(map(implementation, results)))
-            return list(map(numbers, results))
-
-        self.name = of_numbers.__name__ = of_numbers.__qualname__ = name
-        self.function = jax.jit(of_numbers, keep_unused=True)
-        self.takes = [type_of(numbers(array)) for array in arrays]
-        self._made, self._takes_keys, self._natively = made, any(keys), natively
+        self.name = traced.__name__ = traced.__qualname__ = name
+        self.function = jax.jit(traced, keep_unused=True)
+        self.takes, self._natively = list(map(type_of, arrays)), natively
         self._depends, self._context = False, context
 
     @functools.cached_property
@@ -180,13 +169,8 @@ class Lowered:
 
     @property
     def gives(self) -> list[Any]:
-        """The types of the results, which are numbers where these are random keys."""
+        """The types of the results."""
         return [type_of(aval) for aval in self.traced.jaxpr.out_avals]
-
-    @property
-    def keys(self) -> tuple[Any, ...]:
-        """How each of the results makes random numbers, where it is of random keys; empty where none is."""
-        return tuple(self._made[-1]) if self.traced and any(self._made[-1]) else ()
 
     def natively(self, large: bool = True, quickly: bool = False, rows: Any = None) -> Program | Refusal:
         """The program; a refusal if it contains something unsupported.
@@ -203,9 +187,7 @@ class Lowered:
             with seldom_collected():
                 form = Form(
                     tuple(map(_numpy_type, takes)),
-                    self._takes_keys,
                     tuple((aval.shape, _numpy_type(aval), aval.weak_type) for aval in gives),
-                    self.keys,
                     compiled(self.lowered.compiler_ir("stablehlo"), len(takes), large, quickly, rows),
                 )
         except UnsupportedError as error:
@@ -224,16 +206,7 @@ class Lowered:
 
     def by_xla(self) -> Callable[[list[Any]], list[Any]]:
         """The program."""
-        lowered = self.for_xla().lowered
-        compiled, keys = lowered.compile(), self.keys
-        if not self._takes_keys and not keys:
-            return compiled  # which can be kept
-
-        def run(arrays: list[Any]) -> list[Any]:
-            results = compiled(list(map(numbers, arrays)))
-            return as_keys(results, keys) if keys else results
-
-        return run
+        return self.for_xla().lowered.compile()
 
     def for_xla(self) -> "Lowered":
         """The same, traced for XLA; this one, where that does not matter."""

@@ -2,33 +2,26 @@
 
 What follows from a function is its derivative along tangents, the cotangents of its arguments, and the function of many
 rows or directions at once. Each of these is such a function again, compiled where it is first needed.
-
-If there is a store, a program that was compiled in another process is found by a digest of everything that determines
-what it computes, without being traced, and is loaded in a fraction of the time. It is the same machine code, so its
-results are the same to the last bit. The store also notes that a program is not compiled natively.
 """
 
 import contextlib
 import functools
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .. import native
-from ..cache import current, executables
+from ..cache import current
 from ..cache.current import Store
-from ..cache.executables import NoNameError
 from ..compat import setting_of_traces, settings
 from ..interface.compilation import compiling
 from .differentiation import differentiated_forward
-from .fingerprints import Fingerprint, fingerprint
+from .kept_programs import QUICKLY, Compiled, Place, Rest, kept_by_jax, place_in
 from .reverse_rules import chosen, pulled_by_forward_mode, replaced
 
-Runs: TypeAlias = Callable[[list[Any]], Any]
-QUICKLY = "jax_disable_most_optimizations"
 BLOCK = native.FEWEST * native.LANES  # rows that a program computes at once
 TOGETHER = 64  # rows that are one solve by XLA on a CPU, where 512 were no faster
 
@@ -38,32 +31,6 @@ _within = setting_of_traces(False)
 def within_a_computation() -> bool:
     """Whether what is being traced is a computation of jaxball's own, of which all is compiled as one program."""
     return _within.value
-
-
-class Rest(NamedTuple):
-    """The parts of arguments or of a result that are not arrays.
-
-    - ``structure``: a PyTree's.
-    - ``static``: the leaves, with None in the places of arrays; empty where all are arrays.
-    - ``dynamic``: which leaves are arrays; empty where all are.
-    - ``keys``: how each array makes random numbers, if it consists of random keys; empty where none does.
-    """
-
-    structure: Any
-    static: tuple[Any, ...] = ()
-    dynamic: tuple[bool, ...] = ()
-    keys: tuple[Any, ...] = ()
-
-    def joined(self, arrays: Sequence[Any]) -> Any:
-        """The arguments or the result, with random keys made of their numbers."""
-        if self.keys:
-            arrays = native.as_keys(arrays, self.keys)
-        if not self.dynamic:
-            return self.structure.unflatten(arrays)
-        remaining = iter(arrays)
-        return self.structure.unflatten(
-            [next(remaining) if new else leaf for leaf, new in zip(self.static, self.dynamic, strict=True)]
-        )
 
 
 class Result(NamedTuple):
@@ -118,7 +85,6 @@ class Computation:
     linear: tuple[bool, ...]
     is_derivative = False
     rows: native.Rows | None = None
-    takes_keys = False
 
     def __init__(
         self,
@@ -150,28 +116,41 @@ class Computation:
         self._results.append(result.rest)
         return result.arrays
 
-    # What is known without a program
+    # What is known of its results
 
     @property
     def gives(self) -> list[Any]:
         """The types of the arrays of the result."""
         if self._gives is None:
-            self._gives = self.traced.gives
+            self._gives = self._in_store.gives if self._in_store else self.traced.gives
         return list(self._gives)
 
     @property
     def result(self) -> Rest:
         """The parts of the result that are not arrays."""
+        if self._in_store:
+            return self._in_store.result
         if not self._results:
             _ = self.traced.traced
         return self._results[-1]
 
     def is_pure(self) -> bool:
         """Whether it does nothing but compute, of its arguments alone, numbers that XLA's arrays can hold."""
+        if any(not isinstance(one.dtype, np.dtype) or one.dtype == jax.dtypes.float0 for one in self.gives):
+            return False
+        if self._in_store:
+            return self._in_store.target is not None
         program = self.traced.traced.jaxpr
-        has_numbers = all(isinstance(one.dtype, np.dtype) and one.dtype != jax.dtypes.float0 for one in self.gives)
         captures = len(program.in_avals) > len(self.takes)  # numbers that are traced around it
-        return has_numbers and not program.effects and not captures
+        return not program.effects and not captures
+
+    @functools.cached_property
+    def _in_store(self) -> Compiled | None:
+        """The native program that another process has compiled, which tells what a trace would tell."""
+        if current.store is None or self._results:
+            return None
+        found = self.natively(current.store, compiles=False)
+        return found if isinstance(found, Compiled) else None
 
     # Programs
 
@@ -189,77 +168,69 @@ class Computation:
                 return runs.numbers(list(arrays))
         return self.here(arrays)
 
-    def program(self) -> native.Program | None:
-        """The natively compiled program, if there is one."""
-        runs = self.runs(current.store, only_natively=True)
-        return None if runs is None else runs.made
-
-    def runs(self, store: Store | None, only_natively: bool = False) -> "Compiled | None":
+    def runs(self, store: Store | None) -> Compiled | None:
         """The program, from the store or compiled: natively, or by XLA if that is chosen or necessary.
 
-        None if JAX compiles it as usual, or if it is not native but must be.
+        None if JAX compiles it as usual.
         """
-        key = store, only_natively, native.asked_for(), native.settings(), settings()[QUICKLY]
-        if key not in self._made:
-            self._made[key] = self._compiled(store, only_natively)
+        natively = self.natively(store)
+        if isinstance(natively, Compiled):
+            return natively
+        if store is None and natively is None:
+            return None
+        return self._once(("xla", store), lambda: self._by_xla(store if native.on_one_cpu() else None, natively))
+
+    def natively(self, store: Store | None, compiles: bool = True) -> Compiled | native.Refusal | None:
+        """The native program, a refusal, or None if the compiler is not chosen or cannot be used.
+
+        - ``compiles``: whether it is compiled if it is not in the store.
+        """
+        if native.chosen() != "native" or not native.allowed():
+            return None
+        return self._once(("native", store), lambda: self._natively(store, compiles))
+
+    def _once(self, which: Any, make: Callable[[], Any]) -> Any:
+        """What ``make`` returns, kept for the present settings unless it is None."""
+        key = which, native.asked_for(), native.settings(), settings()[QUICKLY]
+        if self._made.get(key) is None:
+            self._made[key] = make()
         return self._made[key]
 
-    def _compiled(self, store: Store | None, only_natively: bool) -> "Compiled | None":
-        natively = native.chosen() == "native" and native.allowed()
-        store = store if native.on_one_cpu() else None
-        if store is None and not natively:
-            return None
-        quickly = settings()[QUICKLY]
-        if natively:
-            large = self.large or only_natively or native.asked_for() == "native"
-            quickly &= not large  # Vectors would take several times the stack, in threads that have little.
-            kept = self._kept(store, "native", large, *native.identity())
-            known = None
-            if kept is not None and quickly:
-                known, kept = kept.found(), kept.of_quick_code()
-            found = known or self._obtained(kept, lambda: self.traced.natively(large, quickly, self.rows))
-            if not isinstance(found, native.Refusal):
-                return found
-            native.warn_if_asked_for(found, self.name)
-        if only_natively:
-            return None
-        kept = None if _kept_by_jax() else self._kept(store, "xla", settings()[QUICKLY])
-        if kept is None and not natively:
-            return None
-        found = self._obtained(kept, self.traced.by_xla)
-        return None if isinstance(found, native.Refusal) else found
+    def _natively(self, store: Store | None, compiles: bool) -> Compiled | native.Refusal | None:
+        large = self.large or native.asked_for() == "native"
+        quickly = settings()[QUICKLY] and not large  # Vectors would take several times the stack, which threads lack.
+        place = place_in(store, self._described(), "native", large, *native.identity())
+        known = None
+        if place is not None and quickly:
+            known, place = place.found(), place.of_quick_code()
+        if not compiles:
+            return known or (place and place.found())
+        program = known or self._obtained(place, lambda: self.traced.natively(large, quickly, self.rows))
+        if isinstance(program, native.Refusal):
+            native.warn_if_asked_for(program, self.name)
+        return program
 
-    def _kept(self, store: Store | None, *of_compiler: Any) -> "_Kept | None":
-        """The place of the program in the store; None if it has none."""
-        if store is None:
+    def _by_xla(self, store: Store | None, natively: Any) -> Compiled | None:
+        place = None if kept_by_jax() else place_in(store, self._described(), "xla", settings()[QUICKLY])
+        if place is None and natively is None:
             return None
+        program = self._obtained(place, self.traced.by_xla)
+        return program if isinstance(program, Compiled) else None
 
-        def identified() -> Fingerprint | None:
-            with contextlib.suppress(NoNameError):
-                described = self.function, self.opaque, self.rows, *_describe(self.takes)
-                return fingerprint(store.identity(), *described, *of_compiler)
-            return None
+    def _described(self) -> list[Any]:
+        """What determines its programs, besides the compiler."""
+        takes = [(one.shape, one.dtype, one.weak_type) for one in self.takes]
+        return [self.function, self.opaque, self.rows, takes]
 
-        found = identified()
-        return found and _Kept(store, found, identified, key=found.digest)
-
-    def _obtained(self, kept: "_Kept | None", make: Callable[[], Any]) -> "Compiled | native.Refusal":
+    def _obtained(self, place: Place | None, make: Callable[[], Any]) -> Compiled | native.Refusal:
         """The program: loaded from the store, or compiled and written there."""
-        found = kept and kept.found()
-        if found is not None:
-            return found
-        if kept is None or not kept.is_pure():
+
+        def compiled() -> Compiled | native.Refusal:
             with compiling():
-                return _as_made(make(), self)
-        store, key = kept.store, kept.key
-        with store.alone(key) as written:
-            found = kept.loaded(written)
-            if found is None:
-                with compiling():
-                    made = make()
-                kept.written(_content(made, self, kept.fingerprint.reached))
-                found = _as_made(made, self)
-        return found
+                made = make()
+            return made if isinstance(made, native.Refusal) else Compiled(made, self.result)
+
+        return compiled() if place is None else place.obtain(compiled, len(self.takes))
 
     def program_of_rows(self, rows: tuple[bool, ...], count: int) -> native.Program | None:
         """The natively compiled program of this many rows, which XLA may call too, if there is one.
@@ -268,9 +239,9 @@ class Computation:
         """
         several = self.in_lanes and any(rows) and count > 1
         for computation in (*((self.block(rows),) if several else ()), self):
-            program = computation.program()
-            if program is not None and program.target is not None:
-                return program
+            natively = computation.natively(current.store)
+            if isinstance(natively, Compiled) and natively.target is not None:
+                return natively.made
         return None
 
     # Computations that follow from it
@@ -428,105 +399,3 @@ def _strong(one: Any) -> jax.ShapeDtypeStruct:
 
 def _in_rows(one: Any, rows: int) -> jax.ShapeDtypeStruct:
     return jax.ShapeDtypeStruct((rows, *one.shape), one.dtype)
-
-
-class Compiled(NamedTuple):
-    """A compiled program, with the parts of its result that are not arrays."""
-
-    made: Any
-    result: Rest
-    takes_keys: bool = False
-
-    def numbers(self, arrays: list[Any]) -> list[Any]:
-        """The arrays of the result, as numbers."""
-        if not isinstance(self.made, native.Program):
-            arrays = list(map(_as_converted, arrays))
-        return self.made(arrays)
-
-    def __call__(self, arrays: list[Any]) -> Any:
-        """The result, of arrays that may be random keys."""
-        return self.result.joined(self.numbers(list(map(native.numbers, arrays)) if self.takes_keys else arrays))
-
-
-class _Kept(NamedTuple):
-    """The place of a program in a store.
-
-    - ``fingerprint``: of everything that determines the program; ``identified`` finds it again.
-    - ``key``: its name there.
-    """
-
-    store: Store
-    fingerprint: Fingerprint
-    identified: Callable[[], Fingerprint | None]
-    key: str
-
-    def of_quick_code(self) -> "_Kept":
-        """The place of the same program, compiled quickly."""
-        return self._replace(key=fingerprint(self.fingerprint.digest, QUICKLY).digest)
-
-    def found(self) -> Compiled | native.Refusal | None:
-        """The program; None if there is none."""
-        return _as_kept(self.store.early(self.key), self.fingerprint.reached) or self.loaded(self.store.read(self.key))
-
-    def loaded(self, content: bytes | None) -> Compiled | native.Refusal | None:
-        """The program of this content; None if there is none."""
-        return _as_kept(executables.loaded(content), self.fingerprint.reached)
-
-    def is_pure(self) -> bool:
-        """Whether users' functions in it use nothing of jaxball that reads files and the like.
-
-        This holds for all programs in the store, because it depends on nothing but their names there.
-        """
-        try:
-            self.fingerprint.require_pure()
-        except NoNameError:
-            return False
-        return True
-
-    def written(self, content: bytes) -> None:
-        """Keeps the content, unless tracing has changed something that the function uses, as what counts calls."""
-        again = self.identified()
-        if again is not None and again.digest == self.fingerprint.digest:
-            self.store.write(self.key, content)
-
-
-def _as_made(made: Any, computation: Computation) -> Compiled | native.Refusal:
-    return made if isinstance(made, native.Refusal) else Compiled(made, computation.result, computation.takes_keys)
-
-
-def _content(made: Any, computation: Computation, reached: Sequence[Any]) -> bytes:
-    """A program as bytes: empty if it cannot be kept, so that no process waits for another to compile it."""
-    if isinstance(made, native.Refusal):
-        return executables.content_of_refusal(made)
-    takes, gives = len(computation.takes), len(computation.gives)
-    return executables.content(made, takes, gives, tuple(computation.result), reached) or b""
-
-
-def _as_kept(
-    loaded: executables.Loaded | native.Refusal | None, reached: Sequence[Any]
-) -> Compiled | native.Refusal | None:
-    """A loaded program; None if there is none."""
-    if isinstance(loaded, executables.Loaded):
-        with contextlib.suppress(Exception):  # whatever a class of another version raises
-            return Compiled(loaded.executable, Rest(*loaded.result(reached)))
-        return None
-    return loaded
-
-
-def _as_converted(array: Any) -> Any:
-    """NumPy arrays with the types that JAX converts them to: some of its versions pass a program 64 bits for 32."""
-    if isinstance(array, np.ndarray | np.generic):
-        return array.astype(jax.dtypes.canonicalize_dtype(array.dtype), copy=False)
-    return array
-
-
-def _describe(takes: Sequence[Any]) -> Iterator[Any]:
-    """The properties of the arrays that a program depends on, and JAX's settings, for a key in a store."""
-    yield [(one.shape, one.dtype, one.weak_type) for one in takes]
-    yield {name: value for name, value in settings().items() if name not in ("jax_default_device", QUICKLY)}
-
-
-def _kept_by_jax() -> bool:
-    """Whether JAX keeps XLA's programs itself: programs loaded from there cannot be written again."""
-    config: Any = jax.config
-    return bool(config.jax_enable_compilation_cache and config.jax_compilation_cache_dir)

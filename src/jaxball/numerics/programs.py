@@ -44,9 +44,12 @@ def jit(function: Callable[P, T], *, in_lanes: bool = True, together: int = TOGE
     return Program(function, jax.jit(function), None, in_lanes=in_lanes, together=together)
 
 
-def filter_jit(function: Callable[P, T]) -> Callable[P, T]:
-    """Like ``equinox.filter_jit``: the arrays of all arguments are traced, and all else distinguishes programs."""
-    return Program(function, eqx.filter_jit(function), eqx.is_array)
+def filter_jit(function: Callable[P, T], *, large: bool = False) -> Callable[P, T]:
+    """Like ``equinox.filter_jit``: the arrays of all arguments are traced, and all else distinguishes programs.
+
+    - ``large``: whether what has loops over large arrays is compiled natively, too.
+    """
+    return Program(function, eqx.filter_jit(function), eqx.is_array, large=large)
 
 
 @contextlib.contextmanager
@@ -105,7 +108,7 @@ class Program:
         program = self._program_for(rest, arrays)
         if program is not None:
             with contextlib.suppress(native.CallbackReachedError):
-                return program(arrays)
+                return _run(program, rest, arrays)
         return self._compiled(*args, **kwargs)
 
     def forget(self) -> None:
@@ -123,7 +126,7 @@ class Program:
             return None
         rest, arrays = parted(leaves, structure, self._is_dynamic)
         program = self._program_for(rest, arrays, only_natively=True)
-        return None if program is None else functools.partial(program, arrays)
+        return None if program is None else functools.partial(_run, program, rest, arrays)
 
     def _traced(self, rest: Rest, arrays: list[Any]) -> tuple[Any] | None:
         """The result as that of one operation of what is traced; None where it has to be written out."""
@@ -152,12 +155,17 @@ class Program:
             key = key, QUICKLY
             found = self._programs.get(key, _MISSING)
         if found is _MISSING:
-            found = None
-            if native.are_numbers(arrays):
-                computation = self._computation(rest, [native.type_of(native.numbers(array)) for array in arrays])
-                found = computation and computation.runs(self._store, only_natively)
-            found = self._programs.setdefault(key, found)
+            found = self._programs.setdefault(key, self._made_for(rest, arrays, only_natively))
         return found
+
+    def _made_for(self, rest: Rest, arrays: list[Any], only_natively: bool) -> Compiled | None:
+        if not native.are_numbers(arrays):
+            return None
+        computation = self._computation(rest, [native.type_of(native.numbers(array)) for array in arrays])
+        if computation is None:
+            return None
+        program = computation.natively(self._store) if only_natively else computation.runs(self._store)
+        return program if isinstance(program, Compiled) else None
 
     def _follow_store(self) -> None:
         """Drops what is not of the current store."""
@@ -177,6 +185,10 @@ class Program:
             made = Computation(
                 function, list(map(native.type_of, numbers)), name=getattr(self, "__name__", "program"), **self._how
             )
-            made.takes_keys = bool(rest.keys)
             found = self._computations.setdefault(key, made)
         return found
+
+
+def _run(program: Compiled, rest: Rest, arrays: list[Any]) -> Any:
+    """The result of arguments that may be random keys."""
+    return program.result.joined(program.numbers(list(map(native.numbers, arrays)) if rest.keys else arrays))

@@ -23,7 +23,7 @@ from .code import IMPURE, Import, Use, Used, codes_in, imports, is_own, names_in
 _PURE = frozenset(("concurrent", "difflib", "inspect", "json", "re", "threading", "warnings", "weakref", "zlib"))
 _PURE |= {"ml_dtypes", "scipy", "typing_extensions"}
 # What these read decides how a program is compiled, kept and interrupted, and what is said meanwhile; not its results.
-_PROGRAMS = tuple(f"numerics.{name}" for name in ("computation", "operation", "programs"))
+_PROGRAMS = tuple(f"numerics.{name}" for name in ("computation", "kept_programs", "operation", "programs"))
 _MACHINERY = tuple(f"{OWN}.{name}" for name in ("cache", "cpu", "native", *_PROGRAMS))
 SEEDED = ("default_rng", "Philox")  # generators of random numbers, which jaxball gives seeds
 _FUNCTIONS_THAT_READ = frozenset(("__import__", "breakpoint", "eval", "exec", "help", "input", "open", "print"))

@@ -132,7 +132,7 @@ def _feedback(numbers: LoopNumbers, sample: Array, t0: Array, samples: int) -> A
     return numbers.feedback(sample, t0, samples)
 
 
-@programs.filter_jit
+@functools.partial(programs.filter_jit, large=True)
 def _one_by_one(sought: Sought, common: Common, shared: Any, rows: Any) -> Any:
     return jax.lax.map(functools.partial(_row, sought, common, shared), rows)
 
