@@ -63,6 +63,8 @@ class _Reached:
             return
         if isinstance(value, types.FunctionType | type) and _module_of(value).startswith(_MACHINERY):
             return
+        if type(value).__module__.startswith(_MACHINERY[0]):  # a store, in which a program keeps what was compiled
+            return
         self._values[id(value)] = value
         self._next.append(value)
 
