@@ -178,7 +178,7 @@ def test_figures_and_film(folder, monkeypatch, capsys):
 
 @pytest.mark.thorough
 def test_law_that_carries_a_mass_out(folder, monkeypatch, capsys):
-    """θ = 0.7 + 0.2 t is 1 + √ε, up to which a mass is inside, at t = 1.5 + 5 √ε; the first saved time after it is 2."""
+    """A mass is inside up to θ = 0.7 + 0.2 t = 1 + √ε, at t = 1.5 + 5 √ε; the first saved time after it is 2."""
     monkeypatch.chdir(folder)
     (folder / "out.toml").write_text(ESCAPING + '[actuation]\nform = "integrated"\n')
     assert main(["simulate", "out.toml", "--out", "run.csv"]) == 3
