@@ -101,7 +101,7 @@ def test_every_crossing_is_found_in_order(tolerance):
 def test_what_changes_too_quickly_is_said(tolerance):
     """Beside it, where all pieces are as small as can be, thousands of crossings of another function are found.
 
-    Alone, that one has 119 zeros in each of the longest pieces, and eight samples there can look like those of a constant.
+    Alone, that one has 119 zeros in each of the longest pieces, and eight samples can look like those of a constant.
     """
     events = run([*RIPPLES, noise], tolerance, 4000).events
     assert_every_crossing_is_found(RIPPLES, events)
