@@ -30,5 +30,5 @@ def test_shapes_are_checked():
     if "beartype" not in sys.modules:
         pytest.skip("Shapes are checked where the default tests run, not where others alone do.")
     with pytest.raises(jaxtyping.TypeCheckError, match="'3'"):
-        for _ in range(checked.LATER):  # in a process that has called it often, one of these is checked
-            versor.exponential(jnp.zeros(4))
+        # In a process that has called it often, one of these calls is checked.
+        [versor.exponential(jnp.zeros(4)) for _ in range(checked.LATER)]

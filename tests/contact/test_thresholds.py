@@ -123,7 +123,7 @@ def test_derivatives_at_the_threshold_are_those_of_rolling(name, mode):
         settings = {"contact": Contact(numbers[1]), "max_steps": 400, "adjoint": adjoint}
         return jnp.ravel(jaxball.simulate(on_slope(name, numbers[0]), TIMES, **settings).state.z[-1])[0]
 
-    by_angle, by_mu = jax.jit(differentiate(end))(jnp.array([angle, mu]))
+    by_angle, by_mu = jaxball.jit(differentiate(end))(jnp.array([angle, mu]))
     assert float(by_angle) == pytest.approx(0.5 * TIMES[-1] ** 2 * G * np.cos(angle) / (1 + SHARES[name]), rel=1e-12)
     assert float(by_mu) == 0.0
 
@@ -215,7 +215,7 @@ def test_derivatives_by_the_start_of_a_push_that_slips(name, mode):
         return jnp.ravel(run.state.z[-1])[0], run.contact.V[-1, 0], run.contact.switches.times[:2]
 
     values = end(0.7)
-    place, speed, times = jax.jit(differentiate(end))(0.7)
+    place, speed, times = jaxball.jit(differentiate(end))(0.7)
     assert float(place) == pytest.approx(-float(values[1]), rel=1e-8)
     assert float(speed) == pytest.approx(0.0, abs=1e-8)
     np.testing.assert_allclose(times, 1.0, rtol=1e-8)
