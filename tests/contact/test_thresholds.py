@@ -20,6 +20,16 @@ DIFFERENTIATE = {
     "forward": (jax.jacfwd, diffrax.ForwardMode()),
     "reverse": (jax.jacrev, diffrax.RecursiveCheckpointAdjoint()),
 }
+# Half a minute to compile each: of the thorough ones, each body and each mode is in one.
+BODIES_AND_MODES = pytest.mark.parametrize(
+    ("name", "mode"),
+    [
+        ("solid ball", "reverse"),
+        ("disk", "forward"),
+        pytest.param("solid ball", "forward", marks=pytest.mark.slow),
+        pytest.param("disk", "reverse", marks=pytest.mark.slow),
+    ],
+)
 SHARES = {"solid ball": 2 / 5, "hollow ball": 2 / 3, "disk": 1 / 2, "hoop": 1.0}
 
 
@@ -112,8 +122,7 @@ def test_beside_the_threshold_a_body_slides_or_rolls(name):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("mode", DIFFERENTIATE)
-@pytest.mark.parametrize("name", ["solid ball", "disk"])
+@BODIES_AND_MODES
 def test_derivatives_at_the_threshold_are_those_of_rolling(name, mode):
     """By α, ½ t² g cos α/(1 + k), and 0 by μ."""
     mu, (differentiate, adjoint) = 0.4, DIFFERENTIATE[mode]
@@ -204,8 +213,7 @@ def test_friction_gives_way_at_the_start_of_a_push(name):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("mode", DIFFERENTIATE)
-@pytest.mark.parametrize("name", ["solid ball", "disk"])
+@BODIES_AND_MODES
 def test_derivatives_by_the_start_of_a_push_that_slips(name, mode):
     """The motion after it is that after an earlier start, later: dz/d(start) = −V."""
     differentiate = DIFFERENTIATE[mode][0]
