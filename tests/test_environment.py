@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from jaxball.numerics import versor
+from tests.support import checked
 from tests.support.precision import X64
 
 
@@ -29,4 +30,5 @@ def test_shapes_are_checked():
     if "beartype" not in sys.modules:
         pytest.skip("Shapes are checked where the default tests run, not where others alone do.")
     with pytest.raises(jaxtyping.TypeCheckError, match="'3'"):
-        versor.exponential(jnp.zeros(4))
+        # In a process that has called it often, one of these calls is checked.
+        [versor.exponential(jnp.zeros(4)) for _ in range(checked.LATER)]

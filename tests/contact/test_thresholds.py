@@ -20,6 +20,16 @@ DIFFERENTIATE = {
     "forward": (jax.jacfwd, diffrax.ForwardMode()),
     "reverse": (jax.jacrev, diffrax.RecursiveCheckpointAdjoint()),
 }
+# Half a minute to compile each: of the thorough ones, each body and each mode is in one.
+BODIES_AND_MODES = pytest.mark.parametrize(
+    ("name", "mode"),
+    [
+        ("solid ball", "reverse"),
+        ("disk", "forward"),
+        pytest.param("solid ball", "forward", marks=pytest.mark.slow),
+        pytest.param("disk", "reverse", marks=pytest.mark.slow),
+    ],
+)
 SHARES = {"solid ball": 2 / 5, "hollow ball": 2 / 3, "disk": 1 / 2, "hoop": 1.0}
 
 
@@ -112,8 +122,7 @@ def test_beside_the_threshold_a_body_slides_or_rolls(name):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("mode", DIFFERENTIATE)
-@pytest.mark.parametrize("name", ["solid ball", "disk"])
+@BODIES_AND_MODES
 def test_derivatives_at_the_threshold_are_those_of_rolling(name, mode):
     """By α, ½ t² g cos α/(1 + k), and 0 by μ."""
     mu, (differentiate, adjoint) = 0.4, DIFFERENTIATE[mode]
@@ -123,7 +132,7 @@ def test_derivatives_at_the_threshold_are_those_of_rolling(name, mode):
         settings = {"contact": Contact(numbers[1]), "max_steps": 400, "adjoint": adjoint}
         return jnp.ravel(jaxball.simulate(on_slope(name, numbers[0]), TIMES, **settings).state.z[-1])[0]
 
-    by_angle, by_mu = jax.jit(differentiate(end))(jnp.array([angle, mu]))
+    by_angle, by_mu = jaxball.jit(differentiate(end))(jnp.array([angle, mu]))
     assert float(by_angle) == pytest.approx(0.5 * TIMES[-1] ** 2 * G * np.cos(angle) / (1 + SHARES[name]), rel=1e-12)
     assert float(by_mu) == 0.0
 
@@ -204,8 +213,7 @@ def test_friction_gives_way_at_the_start_of_a_push(name):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("mode", DIFFERENTIATE)
-@pytest.mark.parametrize("name", ["solid ball", "disk"])
+@BODIES_AND_MODES
 def test_derivatives_by_the_start_of_a_push_that_slips(name, mode):
     """The motion after it is that after an earlier start, later: dz/d(start) = −V."""
     differentiate = DIFFERENTIATE[mode][0]
@@ -215,7 +223,7 @@ def test_derivatives_by_the_start_of_a_push_that_slips(name, mode):
         return jnp.ravel(run.state.z[-1])[0], run.contact.V[-1, 0], run.contact.switches.times[:2]
 
     values = end(0.7)
-    place, speed, times = jax.jit(differentiate(end))(0.7)
+    place, speed, times = jaxball.jit(differentiate(end))(0.7)
     assert float(place) == pytest.approx(-float(values[1]), rel=1e-8)
     assert float(speed) == pytest.approx(0.0, abs=1e-8)
     np.testing.assert_allclose(times, 1.0, rtol=1e-8)

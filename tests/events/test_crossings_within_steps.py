@@ -66,7 +66,6 @@ def noise(disk, t, state):
 PLACES = {
     twins: [1.0, 1.001],
     waves: np.pi / 40 * np.arange(1, 26),
-    ripples: np.pi / 6000 * np.arange(1, 3820),
     touch: [],
     cube: [1.0],
     both_ends: [END],
@@ -75,20 +74,16 @@ PLACES = {
     corner: [0.9, 1.5],
     logarithm: [1.0 + np.exp(-2.0)],
 }
-ROOM = 4000
+RIPPLES = {ripples: np.pi / 6000 * np.arange(1, 3820)}
 
 
-@pytest.fixture(scope="module")
-def run():
-    """A run with all events, by its tolerance."""
-    events = {of.__name__: Event(of, room=ROOM) for of in (*PLACES, noise)}
-    return lambda tolerance: simulate(DISK, [0.0, END], START, events=events, rtol=tolerance, atol=tolerance)
+def run(functions, tolerance, room):
+    events = {of.__name__: Event(of, room=room) for of in functions}
+    return simulate(DISK, [0.0, END], START, events=events, rtol=tolerance, atol=tolerance)
 
 
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-10])
-def test_every_crossing_is_found_in_order(run, tolerance):
-    events = run(tolerance).events
-    for of, places in PLACES.items():
+def assert_every_crossing_is_found(places_of, events):
+    for of, places in places_of.items():
         found = events[of.__name__]
         assert (int(found.count), int(found.unresolved)) == (len(places), 0), of.__name__
         # A zero of order three is only known to the third root of rounding; the disk's steps are exact to rounding.
@@ -97,11 +92,27 @@ def test_every_crossing_is_found_in_order(run, tolerance):
         assert np.all(np.isnan(found.times[len(places) :]))
 
 
-def test_what_changes_too_quickly_is_said(run):
-    found = run(1e-6).events["noise"]
-    assert found.unresolved > 1000
-    assert "never" not in found.message
-    assert "more may have been missed: its function, which was between" in found.message
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-10])
+def test_every_crossing_is_found_in_order(tolerance):
+    assert_every_crossing_is_found(PLACES, run(PLACES, tolerance, 40).events)
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-10])
+def test_what_changes_too_quickly_is_said(tolerance):
+    """Beside it, where all pieces are as small as can be, thousands of crossings of another function are found.
+
+    Alone, that one has 119 zeros in each of the longest pieces, and eight samples can look like those of a constant.
+    """
+    events = run([*RIPPLES, noise], tolerance, 4000).events
+    assert_every_crossing_is_found(RIPPLES, events)
+    assert events["noise"].unresolved > 1000
+    assert "never" not in events["noise"].message
+    assert "more may have been missed: its function, which was between" in events["noise"].message
+
+
+@pytest.mark.thorough
+def test_few_crossings_are_found_beside_many():
+    assert_every_crossing_is_found(PLACES | RIPPLES, run(PLACES | RIPPLES, 1e-6, 4000).events)
 
 
 def half(disk, t, state):

@@ -86,6 +86,7 @@ def test_momentum_about_the_contact_point_and_jellett(kind):
     np.testing.assert_allclose(jellett, jellett_rate, rtol=ROUNDING, atol=ROUNDING * np.max(np.abs(jellett_rate)))
 
 
+@pytest.mark.thorough
 def test_momenta_are_the_sums_over_masses_that_they_stand_for():
     """Π = 𝕀Ω + Σ m s × (Ω × s + χ̇) and P = Σ m (Ω × s + χ̇), mass by mass in NumPy."""
     *_, found = balances("scheduled")

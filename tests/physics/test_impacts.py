@@ -260,6 +260,7 @@ def struck_disks(disk, state, mu, restitution):
     ]
 
 
+@pytest.mark.thorough
 def test_a_disk_strikes_the_plane_as_the_ball_that_it_is_in():
     count, rng = 20, np.random.default_rng(12)
     V = jnp.asarray(rng.normal(size=(count, 3)) * np.array([1, 0, 0]) - E3)

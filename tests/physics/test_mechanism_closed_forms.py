@@ -380,6 +380,7 @@ class TestRotors:
         momentum = self.C * (np.asarray(done.state.Omega) @ unit.T + np.asarray(done.state.thetadot))
         np.testing.assert_allclose(momentum - momentum[0], self.impulse(done.times), atol=1e-11)
 
+    @pytest.mark.thorough
     def test_three_masses_on_a_ring_move_as_four(self):
         _, expected = self.anywhere()
         _, found = self.anywhere(count=4)
@@ -410,6 +411,7 @@ class TestGyroscopicPendulum:
         momentum = self.axial * (np.sum(n * turning, axis=1) + rates[:, 2])
         np.testing.assert_allclose(momentum - momentum[0], self.torque * done.times, atol=1e-11)
 
+    @pytest.mark.thorough
     def test_the_ring_is_a_rigid_body(self):
         hinges = self.made().joints
         moments = self.axial * np.array([0.5, 0.5, 1.0])

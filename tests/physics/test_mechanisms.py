@@ -53,6 +53,7 @@ def of_branches(theta, _):
     )
 
 
+@pytest.mark.thorough
 def test_branches_are_what_a_function_of_their_places_makes_of_them():
     """One of the branches has a law; derivatives of the function are automatic, those of the joints written out."""
     drives = [jaxball.Spring(1.0), None, jaxball.Damper(0.1), jaxball.Accelerated()]

@@ -16,9 +16,9 @@ import jaxtyping
 UNCHECKED = "native"
 
 # The checks of a call take longer than many a function; of all calls, they would take a quarter of the tests' time.
-FIRST_CALLS = 30
+FIRST_CALLS = 10
 FIRST_TIMES = 3  # that a function within another is defined; to check it, code is made each time
-LATER = 30  # of the later calls, and definitions, every so many are checked
+LATER = 100  # of the later calls, and definitions, every so many are checked
 
 
 def modules() -> list[str]:

@@ -23,7 +23,9 @@ KNOWN_JAXLIB = "0.10."
 MOST_ON_DISK = 2 << 30  # bytes
 # Linux lets a process have 65,530 mappings of memory, and a compiled program takes several; then XLA aborts.
 MOST_MAPPINGS = 42_000
-MOST_MEMORY = 1_700 << 20  # bytes; one test may need 0.8 GB more
+# Of the machine's memory, which two processes of tests share with those that they start; one test may need 0.8 GB more.
+MEMORY_PART = 1 / 6
+LEAST_MEMORY = 1_700 << 20  # bytes that a process may take on any machine
 
 
 def compile_quickly() -> None:
@@ -64,8 +66,9 @@ def forget_if_many(*, module_ends: bool) -> None:
     statistics, mappings = Path("/proc/self/statm"), Path("/proc/self/maps")
     if not statistics.exists():
         return
-    memory = int(statistics.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-    if memory > MOST_MEMORY or (module_ends and mappings.read_text().count("\n") > MOST_MAPPINGS):
+    page = os.sysconf("SC_PAGE_SIZE")
+    memory, most = int(statistics.read_text().split()[1]) * page, MEMORY_PART * os.sysconf("SC_PHYS_PAGES") * page
+    if memory > max(LEAST_MEMORY, most) or (module_ends and mappings.read_text().count("\n") > MOST_MAPPINGS):
         equinox.clear_caches()
         jax.clear_caches()
         jaxball.numerics.programs.forget()
