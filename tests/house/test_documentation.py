@@ -13,6 +13,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 from sybil.example import SybilFailure
@@ -43,6 +44,7 @@ LONG_PAGES = (
     "extending.md",
     "files.md",
     "holding-a-motion.md",
+    "jax.md",
     "mechanisms.md",
     "sensors.md",
     "shaping-a-rail.md",
@@ -54,6 +56,7 @@ LONG_PAGES = (
     "train.md",
     "training-a-policy.md",
 )
+OF_OTHERS = ("jax.md",)
 # What 05, 09 and 12 show, tests/equilibrium, tests/simulate/test_own_system.py and tests/classical compute as well.
 LONG_EXAMPLES = (
     "03_gradient.py",
@@ -77,9 +80,17 @@ def test_blocks_run_and_print_what_the_page_shows(document, tmp_path, monkeypatc
     for name in ("XLA_FLAGS", "EQX_ON_ERROR"):
         monkeypatch.setenv(name, os.environ.get(name, ""))
     followed = is_followed(document)
-    for example in examples_of(document, followed=followed):
-        example.evaluate()
+    with as_others_promote() if document.name in OF_OTHERS else contextlib.nullcontext():
+        for example in examples_of(document, followed=followed):
+            example.evaluate()
     compare_pictures(document, tmp_path, followed=followed)
+
+
+@contextlib.contextmanager
+def as_others_promote():
+    """Types and ranks are promoted as JAX does by default, where the code is also that of other libraries."""
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        yield
 
 
 def is_followed(document: Path) -> bool:
