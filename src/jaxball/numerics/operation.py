@@ -25,7 +25,6 @@ import jax.numpy as jnp
 
 from .. import native
 from ..compat import Rules, is_for_export, new_primitive, no_tangent, zero_tangent
-from ..cpu import cores
 from .batches import map_batches
 from .computation import Computation
 from .reverse_rules import chosen
@@ -82,6 +81,8 @@ def _compute(*arrays: Any, computation: Computation, rows: Which) -> list[Any]:
     if not rows:
         return computation(arrays)
     if native.chosen() == "native" and native.allowed():
+        from ..cpu import cores  # which a single run does without
+
         program = computation.program_of_rows(rows, _count(rows, arrays))
         if program is not None:
             return program.of_rows(arrays, rows, _limit.threads or cores())
