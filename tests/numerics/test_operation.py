@@ -187,6 +187,12 @@ def test_without_arrays_and_with_empty_ones():
     assert (float(total), same_array.shape) == (0.0, (0, 3))
 
 
+def test_weak_types_stay_weak():
+    counted = programs.jit(lambda x: (x, 3, 2.0))
+    for mapped in (jax.vmap(counted), jax.jit(jax.vmap(counted))):
+        assert [one.weak_type for one in mapped(YS)] == [False, True, True]
+
+
 def test_static_parts_are_part_of_the_result():
     described = programs.filter_jit(lambda x, name: (name, 2 * x, None))
     inner = []

@@ -84,8 +84,12 @@ class Program:
             raise CallbackReachedError
         return self._as_jax(results)
 
-    def of_rows(self, arrays: Sequence[Any], in_rows: Sequence[bool], threads: int) -> list[jax.Array]:
+    def of_rows(
+        self, arrays: Sequence[Any], in_rows: Sequence[bool], weak: Sequence[bool], threads: int
+    ) -> list[jax.Array]:
         """The results of all rows; ``in_rows`` says which arrays have them as leading axis.
+
+        ``weak`` says which results have a weak type.
 
         Only a program with a :attr:`target` has this. Ctrl-C ends it.
         """
@@ -99,7 +103,8 @@ class Program:
             in_rows,
             threads,
         )
-        return Results([array_type(array.shape, array.dtype, False) for array in results])(results)
+        avals = [array_type(array.shape, array.dtype, is_weak) for array, is_weak in zip(results, weak, strict=True)]
+        return Results(avals)(results)
 
     @functools.cached_property
     def target(self) -> str | None:

@@ -264,7 +264,7 @@ class Computation:
             in_lanes=self.in_lanes,
             together=self.together,
             opaque=self.opaque,
-            gives=[_strong(one) for one in gives],
+            gives=list(gives),
         )
         made.is_derivative = self.is_derivative
         return made
@@ -304,8 +304,8 @@ class Computation:
 
         def make() -> Computation:
             function, smooth = (functools.partial(_in_directions, f, mapped) for f in (_Traced(self), self.smooth))
-            takes = [_in_rows(one, count) if many else one for one, many in zip(self.takes, mapped, strict=True)]
-            made = self._made_of(function, takes, [_in_rows(one, count) for one in self.gives])
+            takes = [in_rows(one, count) if many else one for one, many in zip(self.takes, mapped, strict=True)]
+            made = self._made_of(function, takes, [in_rows(one, count) for one in self.gives])
             made.smooth, made.linear = smooth, self.linear
             return made
 
@@ -315,9 +315,9 @@ class Computation:
         """The same of a block of rows; ``taken`` says which arrays have them as leading axis."""
 
         def make() -> Computation:
-            takes = [_in_rows(one, BLOCK) if many else one for one, many in zip(self.takes, taken, strict=True)]
+            takes = [in_rows(one, BLOCK) if many else one for one, many in zip(self.takes, taken, strict=True)]
             function = functools.partial(_of_each_row, _Traced(self), taken)
-            made = self._made_of(function, takes, [_in_rows(one, BLOCK) for one in self.gives])
+            made = self._made_of(function, takes, [in_rows(one, BLOCK) for one in self.gives])
             made.rows, made.large = native.Rows(BLOCK, taken), True
             return made
 
@@ -393,9 +393,6 @@ def _has_tangents(array: Any) -> bool:
     return jnp.issubdtype(array.dtype, jnp.inexact)
 
 
-def _strong(one: Any) -> jax.ShapeDtypeStruct:
-    return jax.ShapeDtypeStruct(one.shape, one.dtype)
-
-
-def _in_rows(one: Any, rows: int) -> jax.ShapeDtypeStruct:
-    return jax.ShapeDtypeStruct((rows, *one.shape), one.dtype)
+def in_rows(one: Any, rows: int) -> jax.ShapeDtypeStruct:
+    """The type of this many rows of arrays of a type."""
+    return jax.ShapeDtypeStruct((rows, *one.shape), one.dtype, weak_type=one.weak_type)

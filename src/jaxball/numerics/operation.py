@@ -26,7 +26,7 @@ import jax.numpy as jnp
 from .. import native
 from ..compat import Rules, is_for_export, new_primitive, no_tangent, zero_tangent
 from .batches import map_batches
-from .computation import Computation
+from .computation import Computation, in_rows
 from .reverse_rules import chosen
 
 MOST_DIRECTIONS = 32  # that are one program; more are rows
@@ -52,7 +52,7 @@ def _types(computation: Computation, rows: Which, arrays: Sequence[Any]) -> list
     if not rows:
         return computation.gives
     count = _count(rows, arrays)
-    return [jax.ShapeDtypeStruct((count, *one.shape), one.dtype) for one in computation.gives]
+    return [in_rows(one, count) for one in computation.gives]
 
 
 def _count(rows: Which, arrays: Sequence[Any]) -> int:
@@ -85,7 +85,8 @@ def _compute(*arrays: Any, computation: Computation, rows: Which) -> list[Any]:
 
         program = computation.program_of_rows(rows, _count(rows, arrays))
         if program is not None:
-            return program.of_rows(arrays, rows, _limit.threads or cores())
+            weak = [bool(one.weak_type) for one in computation.gives]
+            return program.of_rows(arrays, rows, weak, _limit.threads or cores())
     return _compiled(computation, rows)(*arrays)
 
 
