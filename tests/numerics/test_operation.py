@@ -100,6 +100,8 @@ MAPPED = {
     "some": lambda f: jax.jit(jax.vmap(f, in_axes=(None, 0, None)))(X, YS, COUNT),
     "another axis": lambda f: jax.jit(jax.vmap(f, in_axes=(1, None, None)))(XS.T, Y, COUNT),
     "one row": lambda f: jax.jit(jax.vmap(f, in_axes=(0, None, None)))(XS[:1], Y, COUNT),
+    "no rows": lambda f: jax.jit(jax.vmap(f, in_axes=(0, None, None)))(XS[:0], Y, COUNT),
+    "no rows, as typed": lambda f: jax.vmap(f, in_axes=(0, None, None))(XS[:0], Y, COUNT),
     "few rows": lambda f: jax.jit(jax.vmap(f, in_axes=(0, None, None)))(XS[: BLOCK // 2], Y, COUNT),
     "blocks": lambda f: jax.jit(jax.vmap(f, in_axes=(0, None, None)))(XS[: 2 * BLOCK], Y, COUNT),
     "of maps": lambda f: jax.jit(jax.vmap(jax.vmap(f, in_axes=(None, 0, None)), in_axes=(0, None, None)))(

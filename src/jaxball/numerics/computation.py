@@ -237,6 +237,8 @@ class Computation:
 
         - ``rows``: which arrays have rows as leading axis.
         """
+        if any(rows) and count == 0:
+            return None
         several = self.in_lanes and any(rows) and count > 1
         for computation in (*((self.block(rows),) if several else ()), self):
             natively = computation.natively(current.store)

@@ -99,6 +99,8 @@ def _written_here(*arrays: Any, computation: Computation, rows: Which) -> list[A
     """Writes the function into what is being traced."""
     if not rows:
         return computation.here(arrays)
+    if _count(rows, arrays) == 0:
+        return [jnp.zeros(one.shape, one.dtype) for one in _types(computation, rows, arrays)]
     whole = list(arrays)
 
     def of_row(row: list[Any]) -> list[Any]:
@@ -142,9 +144,8 @@ def _batch(arrays: Sequence[Any], axes: Sequence[Any], *, computation: Computati
         # In each row, directions come second.
         inner = rows or (False,) * len(mapped)
         arrays = [
-            jnp.moveaxis(array, 0, 1) if both else array
-            for array, *both in zip(first, mapped, inner, strict=True)
-            for both in [all(both)]
+            jnp.moveaxis(array, 0, 1) if outer and many else array
+            for array, outer, many in zip(first, mapped, inner, strict=True)
         ]
         results = run.bind(*arrays, computation=computation.directions(mapped, count), rows=rows)
         return results, [1 if rows else 0] * len(results)
@@ -171,7 +172,7 @@ def _merged(array: Any, outer: bool, inner: bool, count: int, of_each: int) -> A
     return array.reshape(count * of_each, *array.shape[2:])
 
 
-def _as_run(arrays: Sequence[Any], computation: Computation, which: Which, rows: Which) -> dict[str, Any]:
+def _as_run(computation: Computation, which: Which, rows: Which) -> dict[str, Any]:
     """What ``tangents`` is as a ``run``."""
     return {"computation": computation.tangents(which), "rows": rows and (*rows, *chosen(rows, which))}
 
@@ -191,7 +192,7 @@ def _differentiate_tangents(
         varied.append(tangents_of_run.bind(*primals[:count], *moving, **how))
     of_primals = tuple(not no_tangent(tangent) for tangent in tangents[:count])
     if any(of_primals):
-        second = _as_run(primals, **how)
+        second = _as_run(**how)
         moving = chosen(tangents[:count], of_primals)
         others = (False,) * (len(primals) - count)
         varied.append(tangents_of_run.bind(*primals, *moving, which=(*of_primals, *others), **second))
@@ -220,7 +221,7 @@ def _of_tangents(rule: Any) -> Any:
     """A rule of ``run``, for ``tangents``."""
 
     def applied(*given: Any, computation: Computation, which: Which, rows: Which) -> Any:
-        return rule(*given, **_as_run((), computation, which, rows))
+        return rule(*given, **_as_run(computation, which, rows))
 
     return applied
 
