@@ -53,6 +53,21 @@ def test_nothing_else_imports_what_is_not_documented():
     assert len(list(undocumented(SOURCE / "compat.py"))) >= 7  # the negative control
 
 
+def test_what_a_function_captures_is_told():
+    assert not compat.is_within_trace()
+    seen = []
+
+    def around(x, n):
+        assert compat.is_within_trace()
+        traced = jax.jit(lambda y: y * x + n).trace(jnp.ones(3))
+        seen.extend([compat.captures(traced), compat.captures(jax.jit(lambda y: y + 1.0).trace(jnp.ones(3)))])
+        assert [id(array) for array in seen[0]] == [id(x), id(n)]
+        return compat.evaluate(traced.jaxpr, traced.jaxpr.consts, [x, n, jnp.ones(3)])[0]
+
+    np.testing.assert_array_equal(jax.vmap(around)(jnp.array([2.0]), jnp.array([3.0])), [[5.0] * 3])
+    assert seen[1] == []
+
+
 def the_equation(function, *given):
     (equation,) = jax.make_jaxpr(function)(*given).jaxpr.eqns
     return equation

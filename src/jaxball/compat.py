@@ -31,6 +31,14 @@ except ImportError:  # in a version that has it elsewhere
 
 
 try:
+    from jax._src.core import trace_state_clean as _is_outside_traces
+except ImportError:  # in a version that has it elsewhere
+
+    def _is_outside_traces() -> bool:
+        return False
+
+
+try:
     from jax._src.config import traceback_in_locations_limit as _most_locations
 except ImportError:  # in a version that has it elsewhere
     _most_locations = None
@@ -52,6 +60,7 @@ __all__ = [
     "batch_by",
     "branches",
     "called",
+    "captures",
     "declare_linear",
     "differentiate_by",
     "evaluate",
@@ -59,6 +68,7 @@ __all__ = [
     "is_for_export",
     "is_traced",
     "is_tracer_type",
+    "is_within_trace",
     "jitted",
     "loop",
     "new_primitive",
@@ -353,6 +363,17 @@ def program_within(equation: Any) -> Program | None:
         if isinstance(inner, Jaxpr):
             return ClosedJaxpr(inner, ())
     return None
+
+
+def is_within_trace() -> bool:
+    """Whether JAX is tracing anything, so that a function may have captured something traced."""
+    return not _is_outside_traces()
+
+
+def captures(traced: Any) -> list[Any]:
+    """What is traced around a function that ``jax.jit`` has traced: the first arrays that its program takes."""
+    kept = getattr(traced, "_consts", None)
+    return list(getattr(traced, "_args_flat", ())[: traced._num_consts] if kept is None else kept)
 
 
 def evaluate(program: Program, constants: Sequence[Any], operands: Sequence[Any]) -> list[Any]:

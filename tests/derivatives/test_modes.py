@@ -69,6 +69,25 @@ def test_without_an_adjoint_second_derivatives_are_there(outer, inner):
     np.testing.assert_allclose(jax.jit(outer(inner(omega)))(W), of_closed_form(2), rtol=1e-9)
 
 
+@pytest.mark.parametrize("around", [lambda f: f, jax.jit], ids=["as typed", "jax.jit"])
+def test_a_number_in_a_closure_has_derivatives_and_rows(around):
+    """Ω2 = ℓ at the time t(ℓ): dt/dℓ = 1/Ω̇2 = d2/((d3 − d1) Ω3 Ω1)."""
+    body, start = FreeRigidBody(inertia=INERTIA), RigidBodyState(Omega=jnp.array([0.4, 0.0, 1.5]))
+
+    def reaches(level):
+        events = {"there": Event(lambda body, t, state: state.Omega[1] - level, terminal=True)}
+        run = simulate(body, [0.0, END], start, events=events, rtol=1e-12, atol=1e-12)
+        return run.events["there"].times[0], run.state.Omega[-1]
+
+    levels = jnp.asarray([0.05, 0.1])
+    (_, Omega), rates = around(jax.vmap(lambda level: (reaches(level), jax.grad(lambda x: reaches(x)[0])(level))))(
+        levels
+    )
+    np.testing.assert_allclose(Omega[:, 1], levels, rtol=1e-12)
+    d1, d2, d3 = INERTIA
+    np.testing.assert_allclose(rates, d2 / ((d3 - d1) * Omega[:, 2] * Omega[:, 0]), rtol=1e-9)
+
+
 def test_maps_of_derivatives_and_derivatives_of_maps():
     rows = W + 0.01 * jnp.arange(5.0)
     of_each = jnp.stack([jax.grad(omega)(w) for w in rows])

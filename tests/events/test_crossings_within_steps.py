@@ -99,15 +99,32 @@ def test_every_crossing_is_found_in_order(tolerance):
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-10])
 def test_what_changes_too_quickly_is_said(tolerance):
-    """Beside it, where all pieces are as small as can be, thousands of crossings of another function are found.
-
-    Alone, that one has 119 zeros in each of the longest pieces, and eight samples can look like those of a constant.
-    """
+    """Beside it, where all pieces are as small as can be, thousands of crossings of another function are found."""
     events = run([*RIPPLES, noise], tolerance, 4000).events
     assert_every_crossing_is_found(RIPPLES, events)
     assert events["noise"].unresolved > 1000
     assert "never" not in events["noise"].message
     assert "more may have been missed: its function, which was between" in events["noise"].message
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-10])
+def test_swings_that_fill_a_run_do_not_look_like_a_constant(tolerance):
+    """sin(w z) has ⌊2 w/π⌋ zeros, up to 119 in each of the longest pieces; a sample of 8 tells nothing of them."""
+
+    def counts(w):
+        waves = Event(lambda disk, t, state: jnp.sin(w * state.z), room=1)
+        found = simulate(DISK, [0.0, END], START, events={"waves": waves}, rtol=tolerance, atol=tolerance)
+        return found.events["waves"].count, found.events["waves"].unresolved
+
+    rates = np.linspace(50.0, 6000.0, 501) + 0.123
+    found, unresolved = jax.vmap(counts)(jnp.asarray(rates))
+    np.testing.assert_array_equal(found, np.floor(rates * END / np.pi))
+    assert not np.any(unresolved)
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-10])
+def test_thousands_of_crossings_are_all_there(tolerance):
+    assert_every_crossing_is_found(RIPPLES, run(RIPPLES, tolerance, 4000).events)
 
 
 @pytest.mark.thorough

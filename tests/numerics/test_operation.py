@@ -238,6 +238,38 @@ def test_what_is_traced_around_it_is_seen():
     np.testing.assert_allclose(jax.jit(jax.jacfwd(captured))(Y), 3 * jnp.sum(X) * Y**2, rtol=1e-12)
 
 
+CAPTURED = {
+    "map": lambda f: jax.vmap(f, in_axes=(0, None))(YS, COUNT),
+    "compiled map": lambda f: jax.jit(jax.vmap(f))(YS, jnp.arange(37)),
+    "map of integers": lambda f: jax.vmap(f, in_axes=(None, 0))(Y, jnp.arange(37)),
+    "gradient": lambda f: jax.grad(f)(Y, COUNT),
+    "compiled second derivative": lambda f: jax.jit(jax.hessian(f))(Y, COUNT),
+    "reverse over reverse": lambda f: jax.grad(jax.grad(f))(Y, COUNT),
+    "map of derivatives": lambda f: jax.jit(jax.vmap(jax.jacfwd(f), in_axes=(0, None)))(YS, COUNT),
+    "derivatives of a map": lambda f: jax.jit(jax.jacrev(jax.vmap(f, in_axes=(0, None))))(YS[:3], COUNT),
+}
+
+
+@pytest.mark.parametrize("name", CAPTURED)
+def test_what_is_traced_around_a_function_is_an_argument_of_it(name):
+    def around(inner):
+        return lambda y, n: inner(
+            lambda x: jnp.sum(plain(x, y, n)["grown"]) + (jnp.sum(x) + jnp.asarray(n, x.dtype)) * y**2
+        )(X)
+
+    np.testing.assert_allclose(CAPTURED[name](around(programs.jit)), CAPTURED[name](around(lambda f: f)), rtol=1e-12)
+
+
+def test_what_has_captured_something_is_compiled_natively():
+    text = jax.jit(lambda y: programs.jit(lambda x: jnp.sum(x) * y**2)(X)).lower(Y).as_text()
+    assert text.count("jaxball_") == 1
+
+
+def test_captures_are_computed_natively():
+    text = jax.jit(lambda y: programs.jit(lambda x: jnp.sum(x) * y**2)(X)).lower(Y).as_text()
+    assert text.count("jaxball_") == 1
+
+
 def test_for_debugging_it_is_written_out():
     with jax.disable_jit():
         same(jax.grad(lambda y: numbers(operated)(X, y)[1])(Y), jax.grad(lambda y: numbers(plain)(X, y)[1])(Y))

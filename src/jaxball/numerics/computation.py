@@ -16,7 +16,7 @@ import numpy as np
 from .. import native
 from ..cache import current
 from ..cache.current import Store
-from ..compat import setting_of_traces, settings
+from ..compat import Program, captures, evaluate, setting_of_traces, settings
 from ..interface.compilation import compiling
 from .differentiation import differentiated_forward
 from .kept_programs import QUICKLY, Compiled, Place, Rest, kept_by_jax, place_in
@@ -140,9 +140,29 @@ class Computation:
             return False
         if self._in_store:
             return self._in_store.target is not None
-        program = self.traced.traced.jaxpr
-        captures = len(program.in_avals) > len(self.takes)  # numbers that are traced around it
-        return not program.effects and not captures
+        return not self.traced.traced.jaxpr.effects and not self.captures
+
+    @property
+    def captures(self) -> list[Any]:
+        """Arrays that are traced around the function, which uses them besides its arguments."""
+        if self._in_store:
+            return []
+        traced = self.traced.traced
+        return captures(traced) if len(traced.jaxpr.in_avals) > len(self.takes) else []
+
+    def of_captures(self, arrays: list[Any]) -> tuple["Computation", list[Any]]:
+        """The same function of its captures and its own arrays, with all these.
+
+        It is traced here in both forms, because captures cannot be used when the trace around it has ended.
+        """
+        with differentiated_forward(), self.traced.as_traced():
+            forms = [self.traced.traced, self.traced.function.trace(self.takes)]
+        captured = {id(array): array for traced in forms for array in captures(traced)}
+        functions = [_OfCaptures(traced, list(captured)) for traced in forms]
+        passed = [*captured.values(), *arrays]
+        made = self._made_of(functions[0], list(map(native.type_of, passed)), self.gives)
+        made.smooth = functions[1]
+        return made, passed
 
     @functools.cached_property
     def _in_store(self) -> Compiled | None:
@@ -336,6 +356,22 @@ class _Traced:
 
     def __call__(self, arrays: list[Any]) -> list[Any]:
         return self._computation.here(arrays)
+
+
+class _OfCaptures:
+    """A traced function as one of arrays that it captured and of its arguments.
+
+    - ``identities``: of all arrays that are passed as captures, some of which it uses.
+    """
+
+    def __init__(self, traced: Any, identities: list[int]):
+        self._program: Program = traced.jaxpr
+        self._places = [identities.index(id(array)) for array in captures(traced)]
+        self._passed = len(identities)
+
+    def __call__(self, arrays: list[Any]) -> list[Any]:
+        captured = [arrays[place] for place in self._places]
+        return evaluate(self._program, self._program.consts, [*captured, *arrays[self._passed :]])
 
 
 # The functions that computations follow from. They have names, by which a store finds their programs.

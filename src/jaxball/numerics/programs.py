@@ -19,13 +19,14 @@ import jax.numpy as jnp
 from .. import native
 from ..cache import current
 from ..cache.current import Store
-from ..compat import settings
+from ..compat import is_within_trace, settings
 from .computation import QUICKLY, TOGETHER, Compiled, Computation, Rest, call_with, parted, within_a_computation
 from .operation import may_be_an_operation, operation
 
 P = ParamSpec("P")
 T = TypeVar("T")
 _MISSING: Any = object()
+_PART_OF_TRACE: Any = object()
 _made: "weakref.WeakSet[Program]" = weakref.WeakSet()
 
 
@@ -102,10 +103,10 @@ class Program:
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         leaves, structure = jax.tree.flatten((args, kwargs))
         rest, arrays = parted(leaves, structure, self._is_dynamic)
-        if native.some_traced(leaves):
+        program = _PART_OF_TRACE if native.some_traced(leaves) else self._program_for(rest, arrays)
+        if program is _PART_OF_TRACE:
             result = self._traced(rest, arrays)
             return self._compiled(*args, **kwargs) if result is None else result[0]
-        program = self._program_for(rest, arrays)
         if program is not None:
             with contextlib.suppress(native.CallbackReachedError):
                 return _run(program, rest, arrays)
@@ -126,7 +127,7 @@ class Program:
             return None
         rest, arrays = parted(leaves, structure, self._is_dynamic)
         program = self._program_for(rest, arrays, only_natively=True)
-        return None if program is None else functools.partial(_run, program, rest, arrays)
+        return functools.partial(_run, program, rest, arrays) if isinstance(program, Compiled) else None
 
     def _traced(self, rest: Rest, arrays: list[Any]) -> tuple[Any] | None:
         """The result as that of one operation of what is traced; None where it has to be written out."""
@@ -135,12 +136,23 @@ class Program:
         self._follow_store()
         numbers = [native.numbers(array) if isinstance(array, jax.Array) else jnp.asarray(array) for array in arrays]
         computation = self._computation(rest, numbers)
-        if computation is None or not computation.is_pure():
+        if computation is None:
             return None
-        return (computation.result.joined(operation(computation, numbers)),)
+        result, captures = computation.result, computation.captures
+        if captures:
+            self._computations = {key: other for key, other in self._computations.items() if other is not computation}
+            if not native.are_numbers(captures):
+                return None
+            computation, numbers = computation.of_captures(numbers)
+        if not computation.is_pure():
+            return None
+        return (result.joined(operation(computation, numbers)),)
 
-    def _program_for(self, rest: Rest, arrays: list[Any], only_natively: bool = False) -> Compiled | None:
-        """The program for such arguments; None if JAX compiles it as usual, or if it is not native but must be."""
+    def _program_for(self, rest: Rest, arrays: list[Any], only_natively: bool = False) -> Any:
+        """The program for such arguments; None if JAX compiles it as usual, or if it is not native but must be.
+
+        ``_PART_OF_TRACE`` if the function has captured something traced.
+        """
         self._follow_store()
         kinds = tuple(map(native.kind, arrays))
         key = (native.asked_for(), only_natively, rest, tuple(map(type, rest.static)), kinds, native.settings())
@@ -155,15 +167,19 @@ class Program:
             key = key, QUICKLY
             found = self._programs.get(key, _MISSING)
         if found is _MISSING:
-            found = self._programs.setdefault(key, self._made_for(rest, arrays, only_natively))
+            found = self._made_for(rest, arrays, only_natively)
+            if found is not _PART_OF_TRACE:  # which is not kept: it will not be called again
+                found = self._programs.setdefault(key, found)
         return found
 
-    def _made_for(self, rest: Rest, arrays: list[Any], only_natively: bool) -> Compiled | None:
+    def _made_for(self, rest: Rest, arrays: list[Any], only_natively: bool) -> Any:
         if not native.are_numbers(arrays):
             return None
         computation = self._computation(rest, [native.type_of(native.numbers(array)) for array in arrays])
         if computation is None:
             return None
+        if is_within_trace() and computation.captures:
+            return _PART_OF_TRACE
         program = computation.natively(self._store) if only_natively else computation.runs(self._store)
         return program if isinstance(program, Compiled) else None
 

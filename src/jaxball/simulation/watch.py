@@ -54,7 +54,7 @@ class Watch:
 
     def glance(self, watched: Watched, step: "Within", parameters: Any) -> Glance:
         """Looks by a sketch of a step whether it may hold an event."""
-        return glance(*self._without_derivatives(step, parameters), watched.log.signs)
+        return glance(*self._without_derivatives(step, parameters), watched.log)
 
     def record(
         self, watched: Watched, seen: Glance, step: "Within", parameters: Any, kept: Bool[Array, ""], *, reverse: bool

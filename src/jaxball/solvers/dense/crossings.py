@@ -10,8 +10,13 @@ A step is cut into pieces, and pieces are halved, until of each function one thi
 So two zeros that are near each other are told apart by pieces that are smaller than their distance. The series is that
 of the polynomial through a few Chebyshev points; it is trusted as far as its last terms have decayed. A function that
 changes within a 4096th of a step as it did within the whole is not resolved: there, only changes of sign from one end
-of the smallest pieces to the other are found. What samples cannot tell is missed without a word: of the pieces in which
-a function swings many times, one in 300 has samples like those of a function without a zero.
+of the smallest pieces to the other are found.
+
+The samples of a piece in which a function swings many times are as good as random. Random samples look like those of a
+function without a zero in one of 30,000 pieces, because the later a term of the series, the smaller it must be. A piece
+is at most twice as long as the one before it, in the same step or the one before: where swings are resolved, the next
+ones are looked at in pieces that resolve them, so that this chance is taken once in a run and not in each piece. A
+function that begins to swing within a step takes it again, and what it hides is missed without a word.
 """
 
 from collections.abc import Callable
@@ -34,7 +39,8 @@ SAMPLES = 8
 LONGEST_PIECE = 1 / 32
 MOST_PIECES = 32
 SMALLEST_LEVEL = 12  # halvings of a step down to which a function is resolved
-TAIL = 4.0  # the weight of the last terms, in place of all those that follow them
+# The weights of the last terms of a series: of random samples they are as large as the first.
+TAIL = (16.0, 16.0, 64.0, 64.0)
 SLOPE_TAIL = 64.0  # the same for the slope: the term of order n weighs n² as much
 DECAYED = 0.1  # the last terms, relative to all but the constant one, of a series that is trusted
 CLEARANCE = 1.1  # by which the constant term outweighs the others, where the states are less accurate
@@ -93,6 +99,7 @@ class Log(NamedTuple):
     - ``filled``: how many crossings are kept, in the order in which they were found; ``times``: when each was;
       ``places``: the place of each among all that can be kept, first those of the first function.
     - ``ended``: whether a terminal one is among them.
+    - ``halvings``: of the longest pieces, down to the one in which the last step ended.
     """
 
     signs: Signs
@@ -104,6 +111,7 @@ class Log(NamedTuple):
     times: Float[Array, " room"]
     places: Int[Array, " room"]
     ended: Bool[Array, ""]
+    halvings: Int[Array, ""]
 
     @classmethod
     def empty(cls, kinds: Kinds, start: Float[Array, ""]) -> "Log":
@@ -113,8 +121,13 @@ class Log(NamedTuple):
         signs = Signs(jnp.asarray(before, start.dtype), jnp.full(none.shape, start))
         extremes = jnp.full(none.shape, jnp.inf, start.dtype)
         times = jnp.full(kinds.room, jnp.inf, start.dtype)
-        filled, places = jnp.asarray(0), jnp.zeros(kinds.room, int)
-        return cls(signs, none, none, extremes, -extremes, filled, times, places, jnp.asarray(False))
+        nothing, places = jnp.asarray(0), jnp.zeros(kinds.room, int)
+        return cls(signs, none, none, extremes, -extremes, nothing, times, places, jnp.asarray(False), nothing)
+
+    @property
+    def first_halvings(self) -> Int[Array, ""]:
+        """The halvings of the longest pieces with which the next step is begun."""
+        return jnp.maximum(self.halvings - 1, 0)
 
 
 class Span(NamedTuple):
@@ -194,7 +207,8 @@ def _sizes(matrix: np.ndarray, samples: Float[Array, "samples k"]) -> Float[Arra
 
 def _is_clear(terms: Float[Array, "terms k"], clearance: float = 1.0) -> Bool[Array, " k"]:
     """Tells whether a function has no zero, by the sizes of the terms of its series."""
-    return terms[0] > clearance * jnp.sum(terms[1:], axis=0) + TAIL * (terms[-1] + terms[-2])
+    tail = jnp.asarray(TAIL, terms.dtype)
+    return terms[0] > clearance * jnp.sum(terms[1:], axis=0) + jnp.sum(tail[:, None] * terms[-tail.size :], axis=0)
 
 
 class _Pieces(NamedTuple):
@@ -228,9 +242,9 @@ class Glance(NamedTuple):
     largest: Float[Array, " k"]
 
 
-def glance(functions: Functions, span: Span, signs: Signs) -> Glance:
+def glance(functions: Functions, span: Span, log: Log) -> Glance:
     """Looks at a step by ``functions`` that may be less accurate than it is, in its longest pieces alone."""
-    pieces = _Pieces.of(span.start.dtype)
+    pieces, signs = _Pieces.of(span.start.dtype), log.signs
     width, nothing = pieces.longest(span), jnp.zeros_like(signs.since)
 
     def look(carry: tuple[Array, Glance]) -> tuple[Array, Glance]:
@@ -246,7 +260,7 @@ def glance(functions: Functions, span: Span, signs: Signs) -> Glance:
             jnp.maximum(seen.largest, jnp.max(jnp.where(finite, samples, -jnp.inf), axis=0)),
         )
 
-    begin = Glance(jnp.asarray(True), nothing, nothing + jnp.inf, nothing - jnp.inf)
+    begin = Glance(log.first_halvings == 0, nothing, nothing + jnp.inf, nothing - jnp.inf)
     return jax.lax.while_loop(lambda carry: carry[0] < pieces.unit, look, (jnp.asarray(0), begin))[1]
 
 
@@ -330,11 +344,10 @@ class _Search(NamedTuple):
 class _Scan(NamedTuple):
     """The piece of a step that comes next, and the log up to there. ``enters`` before the first one.
 
-    ``search``: for the zeros in the last piece, which come first.
+    The log's ``halvings`` are those of the piece. ``search``: for the zeros in the last piece, which come first.
     """
 
     place: Int[Array, ""]
-    width: Int[Array, ""]
     enters: Bool[Array, ""]
     log: Log
     search: _Search
@@ -355,7 +368,7 @@ def scan(functions: Functions, span: Span, seen: Glance, kinds: Kinds, log: Log,
     def look(scan: _Scan) -> _Scan:
         seeks, (first, last) = scan.search.goes_on, scan.search.window
         window = first + jnp.asarray(_matrices().nodes, first.dtype) * (last - first)
-        times = jnp.where(seeks, window, pieces.times(span, scan.place, scan.width))
+        times = jnp.where(seeks, window, pieces.times(span, scan.place, longest >> scan.log.halvings))
         samples = functions(times)
 
         def seek(scan: _Scan) -> _Scan:
@@ -372,20 +385,22 @@ def scan(functions: Functions, span: Span, seen: Glance, kinds: Kinds, log: Log,
         known |= ~jnp.any(jnp.isfinite(samples), axis=0)
         # A series that is trusted has two zeros close to each other, or touches zero: smaller pieces tell.
         smallest = jnp.where(piece.decayed, 1, pieces.unit >> min(SMALLEST_LEVEL, pieces.unit.bit_length() - 1))
-        passes = scan.enters | jnp.all(known | (scan.width <= smallest))
+        halvings, width = scan.log.halvings, longest >> scan.log.halvings
+        passes = scan.enters | jnp.all(known | (width <= smallest))
         # A jump at the start of the step comes before all pieces: the first time, only the start is passed.
-        place = scan.place + jnp.where(scan.enters, 0, scan.width)
+        place = scan.place + jnp.where(scan.enters, 0, width)
         end = jnp.where(scan.enters, 0, -1)
         log, search = _pass_piece(span, piece, (times[end], samples[end]), known | scan.enters, noise, kinds, scan.log)
-        # The next piece is the largest that begins here in the tree of halves.
-        aligned = jnp.where(place == 0, longest, place & -place)
-        passed = _Scan(place, jnp.minimum(aligned, longest), jnp.asarray(False), log, search)
-        return selected(passes, passed, scan._replace(width=scan.width // 2))
+        # The next piece is twice as long, if one of that length begins here in the tree of halves.
+        doubles = ~scan.enters & (halvings > 0) & (place & (2 * width - 1) == 0)
+        passed = _Scan(place, jnp.asarray(False), log._replace(halvings=halvings - jnp.where(doubles, 1, 0)), search)
+        return selected(passes, passed, scan._replace(log=scan.log._replace(halvings=halvings + 1)))
 
     signs = log.signs._replace(since=jnp.maximum(log.signs.since, span.start))
     none = jnp.zeros(signs.sign.shape, bool)
     search = _Search.of(none, signs.sign, signs.since, span.start)
-    begin = _Scan(jnp.where(asked, 0, pieces.unit), longest, asked, log._replace(signs=signs), search)
+    log = log._replace(signs=signs, halvings=jnp.where(asked, log.first_halvings, log.halvings))
+    begin = _Scan(jnp.where(asked, 0, pieces.unit), asked, log, search)
     return jax.lax.while_loop(goes_on, look, begin).log
 
 
