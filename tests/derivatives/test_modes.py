@@ -77,7 +77,7 @@ def test_a_number_in_a_closure_has_derivatives_and_rows(around):
     def reaches(level):
         events = {"there": Event(lambda body, t, state: state.Omega[1] - level, terminal=True)}
         run = simulate(body, [0.0, END], start, events=events, rtol=1e-12, atol=1e-12)
-        return run.events["there"].times[0], run.state.Omega[-1]
+        return run.events["there"].times[0], run.events["there"].state.Omega[0]
 
     levels = jnp.asarray([0.05, 0.1])
     (_, Omega), rates = around(jax.vmap(lambda level: (reaches(level), jax.grad(lambda x: reaches(x)[0])(level))))(

@@ -9,6 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .closures import put_captures, take_captures
+
 ROUNDS, NEAR = 4, 8  # to a 4096th of the spacing
 Curve = Callable[[Float[Array, ""]], Float[Array, "..."]]
 
@@ -27,16 +29,28 @@ def two_derivatives(
     return value, slope, curvature
 
 
-@eqx.filter_custom_jvp
 def with_derivatives(value: Any, function: Callable[..., Any], *arguments: Any) -> Any:
     """``value``, with the derivatives of ``function(*arguments)``, which has the same value up to rounding.
 
     Where nothing is differentiated, the function is not evaluated.
     """
+    (function, arguments), captures = take_captures((function, arguments))
+
+    def of_captures(captures: list[Any], *arguments: Any) -> Any:
+        whole, others = put_captures((function, arguments), captures)
+        return whole(*others)
+
+    return _with_derivatives(
+        value, of_captures if captures else function, *([captures] if captures else []), *arguments
+    )
+
+
+@eqx.filter_custom_jvp
+def _with_derivatives(value: Any, function: Callable[..., Any], *arguments: Any) -> Any:
     return value
 
 
-@with_derivatives.def_jvp
+@_with_derivatives.def_jvp
 def _derivatives(primals: Any, tangents: Any) -> tuple[Any, Any]:
     value, function, *arguments = primals
     _, function_tangent, *argument_tangents = tangents

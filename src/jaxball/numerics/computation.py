@@ -18,7 +18,7 @@ from ..cache import current
 from ..cache.current import Store
 from ..compat import Program, captures, evaluate, setting_of_traces, settings
 from ..interface.compilation import compiling
-from .differentiation import differentiated_forward
+from .differentiation import differentiated_forward, without_captured_derivatives
 from .kept_programs import QUICKLY, Compiled, Place, Rest, kept_by_jax, place_in
 from .reverse_rules import chosen, pulled_by_forward_mode, replaced
 
@@ -158,7 +158,7 @@ class Computation:
         with differentiated_forward(), self.traced.as_traced():
             forms = [self.traced.traced, self.traced.function.trace(self.takes)]
         captured = {id(array): array for traced in forms for array in captures(traced)}
-        functions = [_OfCaptures(traced, list(captured)) for traced in forms]
+        functions = [_OfCaptures(traced, list(captured), self.opaque) for traced in forms]
         passed = [*captured.values(), *arrays]
         made = self._made_of(functions[0], list(map(native.type_of, passed)), self.gives)
         made.smooth = functions[1]
@@ -362,15 +362,19 @@ class _OfCaptures:
     """A traced function as one of arrays that it captured and of its arguments.
 
     - ``identities``: of all arrays that are passed as captures, some of which it uses.
+    - ``constant``: whether there must be no derivatives of them, because rules within took them as constants.
     """
 
-    def __init__(self, traced: Any, identities: list[int]):
+    def __init__(self, traced: Any, identities: list[int], constant: bool):
+        self._constant = constant
         self._program: Program = traced.jaxpr
         self._places = [identities.index(id(array)) for array in captures(traced)]
         self._passed = len(identities)
 
     def __call__(self, arrays: list[Any]) -> list[Any]:
         captured = [arrays[place] for place in self._places]
+        if self._constant:
+            captured = without_captured_derivatives(captured)
         return evaluate(self._program, self._program.consts, [*captured, *arrays[self._passed :]])
 
 

@@ -21,7 +21,7 @@ Tree = TypeVar("Tree", bound=PyTree)
 
 WAY_OUT = (
     "leave it out, and simulate has both modes, in any order. Where JAX cannot take the solve as one operation "
-    "(jax.disable_jit, jax.debug_nans, several devices, a function that captures traced numbers), this is the default: "
+    "(jax.disable_jit, jax.debug_nans, several devices), this is the default: "
     "pass adjoint=diffrax.ForwardMode() there."
 )
 NO_FORWARD = (
@@ -40,6 +40,11 @@ NO_REVERSE = (
 NO_SECOND_OF = (
     "Second derivatives are only those of states at fixed times, but they were requested for {what}, which have only "
     "first derivatives; take differences of these."
+)
+NO_CAPTURED = (
+    "A run has no derivatives with respect to a traced number that is hidden in a function, such as in an attribute of "
+    "an object that is called. Pass the number as `parameters` of what the function is given to, or as `level` of an "
+    "event, or write the function with `def` or `lambda`, whose captured numbers are found."
 )
 
 
@@ -74,6 +79,11 @@ def once(what: str, tree: PyTree) -> PyTree:
     return eqx.combine(jax.tree.map(lambda leaf: _found.bind(leaf, what=what), numbers), others)
 
 
+def without_captured_derivatives(arrays: list[Any]) -> list[Any]:
+    """The arrays, with a clear ``TypeError`` instead of derivatives with respect to them."""
+    return [_captured.bind(x) if jnp.issubdtype(x.dtype, jnp.inexact) else x for x in arrays]
+
+
 def _same(x: Any, **_) -> Any:
     return x
 
@@ -84,6 +94,10 @@ def _no_forward(*_, **__) -> NoReturn:
 
 def _no_reverse(*_, **__) -> NoReturn:
     raise TypeError(NO_REVERSE)
+
+
+def _no_captured(*_, **__) -> NoReturn:
+    raise TypeError(NO_CAPTURED)
 
 
 def _no_second_of(*_, what: str) -> NoReturn:
@@ -99,6 +113,7 @@ _tangent = primitive("tangent_of_solve", _no_forward)
 _cotangent = primitive("cotangent_of_solve", _same)
 _result = primitive("result_of_solve", _same)
 _found = primitive("found_in_solve", _same)
+_captured = primitive("captured_in_solve", _same)
 _tangent_of_found = primitive("tangent_of_found_in_solve", _same)
 
 differentiate_by(_number, lambda primals, tangents: (_number.bind(*primals), _tangent.bind(*tangents)))
@@ -113,6 +128,7 @@ differentiate_by(
 )
 declare_linear(_tangent_of_found, lambda cotangent, _, what: [cotangent])
 differentiate_by(_tangent_of_found, _no_second_of)
+differentiate_by(_captured, _no_captured)
 
 
 def differentiated_where(used: Bool[Array, ""], tree: Tree) -> Tree:

@@ -20,6 +20,7 @@ from .. import native
 from ..cache import current
 from ..cache.current import Store
 from ..compat import is_within_trace, settings
+from .closures import put_captures, take_captures
 from .computation import QUICKLY, TOGETHER, Compiled, Computation, Rest, call_with, parted, within_a_computation
 from .operation import may_be_an_operation, operation
 
@@ -78,7 +79,7 @@ class Program:
     - ``opaque``: whether all within is one program, as in jaxball's own functions.
     """
 
-    follows = "_programs", "_computations", "_store"  # what does not determine what it computes
+    follows = "_programs", "_computations", "_open", "_store"  # what does not determine what it computes
 
     def __init__(
         self,
@@ -95,12 +96,17 @@ class Program:
         self._how = {"large": large, "in_lanes": in_lanes, "together": together, "opaque": opaque}
         self._programs: dict[Any, Compiled | None] = {}
         self._computations: dict[Any, Computation] = {}
+        self._open: dict[Any, Program] = {}
         self._store: Store | None = None
         wrapped = function.func if isinstance(function, functools.partial) else function
         functools.update_wrapper(self, wrapped, updated=())  # whose attributes may be those of another of this class
         _made.add(self)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        if is_within_trace() and self._how["opaque"] and not within_a_computation():
+            (function, args, kwargs), captures = take_captures((self._function, args, kwargs))
+            if captures:
+                return self._of_captures(function)(captures, args, kwargs)
         leaves, structure = jax.tree.flatten((args, kwargs))
         rest, arrays = parted(leaves, structure, self._is_dynamic)
         program = _PART_OF_TRACE if native.some_traced(leaves) else self._program_for(rest, arrays)
@@ -111,6 +117,23 @@ class Program:
             with contextlib.suppress(native.CallbackReachedError):
                 return _run(program, rest, arrays)
         return self._compiled(*args, **kwargs)
+
+    def _of_captures(self, function: Any) -> "Program":
+        """The same of what it and functions among its arguments have captured, and of its arguments without that.
+
+        - ``function``: its own, without what that has captured.
+        """
+        try:
+            program = self._open.get(function)
+        except TypeError:  # it has no hash
+            program = None
+        if program is None:
+            whole = functools.partial(_with_captures, function)
+            compiled = jax.jit(whole) if self._is_dynamic is None else eqx.filter_jit(whole)
+            program = Program(whole, compiled, self._is_dynamic, **self._how)
+            with contextlib.suppress(TypeError):
+                self._open[function] = program
+        return program
 
     def forget(self) -> None:
         """Drops all programs of this function."""
@@ -203,6 +226,11 @@ class Program:
             )
             found = self._computations.setdefault(key, made)
         return found
+
+
+def _with_captures(function: Any, captures: list[Any], args: Any, kwargs: Any) -> Any:
+    function, args, kwargs = put_captures((function, args, kwargs), captures)
+    return function(*args, **kwargs)
 
 
 def _run(program: Compiled, rest: Rest, arrays: list[Any]) -> Any:

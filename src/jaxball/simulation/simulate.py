@@ -15,6 +15,7 @@ from ..interface.arguments import require_flags
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.arrays import Numbers, is_traced
+from ..numerics.closures import change_with_captures, put_captures, take_captures
 from ..numerics.differentiation import (
     differentiated_where,
     forward_only,
@@ -236,19 +237,24 @@ def solve(
     """Solves: the saved states, where and how it ended, its steps, the interpolant, events, switches, observations."""
     adjoint = adjoint_in_mode(method.adjoint)
     if isinstance(adjoint, diffrax.RecursiveCheckpointAdjoint):
-        system, times, state, rtol, atol, events = reverse_only((system, times, state, rtol, atol, events))
+        system, times, state, rtol, atol, events = change_with_captures(
+            reverse_only, (system, times, state, rtol, atol, events)
+        )
     state = system.start(times[0], state)
     startable, given = _startable(system, times, state, method.inside), (system, times, state)
-    system, times, state, events = differentiated_where(startable, (system, times, state, events))
+    where_startable = functools.partial(differentiated_where, startable)
+    system, times, state, events = change_with_captures(where_startable, (system, times, state, events))
     packing, initial = _packed(system, times[0], state)
     if method.inside and packing.system.clearance(times[0], state) is not None:
         events = events | {LEAVING: Leaving()}
     # One array for all parameters: XLA copies each operand of a nested loop once an iteration.
-    parameters, unravel = ravel_pytree((packing, events))
-    leaves, structure = jax.tree.flatten((packing, events))
+    with_captures = take_captures((packing, events))
+    parameters, unravel = ravel_pytree(with_captures)
+    leaves, structure = jax.tree.flatten(with_captures)
 
     def unpack_parameters(parameters: Array | list[Array]) -> tuple[Packing[Any, Any], dict[str, AbstractEvent]]:
-        return structure.unflatten(parameters) if isinstance(parameters, list) else unravel(parameters)
+        is_list = isinstance(parameters, list)
+        return put_captures(*(structure.unflatten(parameters) if is_list else unravel(parameters)))
 
     # Compiled on their own, they are traced once; diffrax traces a step several times.
     @jax.jit

@@ -93,7 +93,8 @@ class Watch:
         step, parameters = without_derivatives((step, parameters))
 
         def functions(times: Float[Array, " n"]) -> Float[Array, "n k"]:
-            return self._functions(times, step.vectors(times), parameters)
+            # What a function has in its closure has derivatives still.
+            return without_derivatives(self._functions(times, step.vectors(times), parameters))
 
         return functions, Span(step.start, last_within(step.start, step.end), step.run)
 

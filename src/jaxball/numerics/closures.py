@@ -1,0 +1,176 @@
+"""Functions that have captured something traced, as functions of that.
+
+A law or the function of an event may use arrays that are traced where it is written, such as a gain that is mapped or
+differentiated. JAX's rules for derivatives take a function as a constant, and would give the derivative zero. So before
+a computation, such arrays are taken out of the functions among its arguments, and put back where it is traced.
+"""
+
+import functools
+import types
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple, TypeVar
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from ..compat import is_traced
+
+T = TypeVar("T")
+
+
+class _Place(NamedTuple):
+    """Stands in a function for an array that it had captured."""
+
+    number: int
+
+
+class OpenFunction:
+    """A function in which places stand for what it had captured.
+
+    Two are equal if their code and what else they hold are, so that a ``lambda`` that is written anew is known again.
+    """
+
+    def __init__(self, function: types.FunctionType):
+        self.function = function
+        self.__name__ = function.__name__
+        held: list[Any] = [cell.cell_contents for cell in function.__closure__ or () if _is_filled(cell)]
+        held += [*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).items()]
+        # Equal numbers of two types, such as 1 and 1.0, may give other results.
+        self._key = function.__code__, id(function.__globals__), tuple(held), tuple(map(type, held))
+
+    def __hash__(self) -> int:
+        try:
+            return hash(self._key)
+        except TypeError:  # an array, for example
+            return id(self)
+
+    def __eq__(self, other: object) -> bool:
+        if self is other or not isinstance(other, OpenFunction):
+            return self is other
+        try:
+            return hash(self._key) == hash(other._key) and self._key == other._key
+        except TypeError:
+            return False
+
+
+def take_captures(tree: T) -> tuple[T, list[Any]]:
+    """Takes out of the functions in a PyTree the arrays that may have derivatives, and returns both."""
+    captures: list[Any] = []
+
+    def take(array: Any) -> _Place:
+        captures.append(array)
+        return _Place(len(captures) - 1)
+
+    def open_function(function: types.FunctionType) -> Any:
+        template = change.contents(function)
+        return function if template is function else OpenFunction(template)
+
+    change = _Change(types.FunctionType, open_function, _may_have_derivatives, take)
+    return change(tree), captures
+
+
+def put_captures(tree: T, captures: list[Any]) -> T:
+    """Puts arrays into the functions from which :func:`take_captures` took those before."""
+
+    def close_function(opened: OpenFunction) -> types.FunctionType:
+        return change.contents(opened.function)
+
+    def is_place(value: Any) -> bool:
+        return isinstance(value, _Place)
+
+    change = _Change(OpenFunction, close_function, is_place, lambda place: captures[place.number])
+    return change(tree)
+
+
+def change_with_captures(change: Callable[[Any], Any], tree: T) -> T:
+    """Makes a change to the leaves of a PyTree and to what its functions have captured."""
+    return put_captures(*change(take_captures(tree)))
+
+
+def _may_have_derivatives(value: Any) -> bool:
+    return is_traced(value) and jnp.issubdtype(value.dtype, jnp.inexact)
+
+
+class _Change:
+    """Makes a change to the functions of one kind in a PyTree, and to what they hold.
+
+    - ``function``: the change of a function of the ``kind``.
+    - ``array``: that of what is held and ``is_array``.
+    """
+
+    def __init__(self, kind: type, function: Callable, is_array: Callable[[Any], bool], array: Callable):
+        self.kind, self.function, self.is_array, self.array = kind, function, is_array, array
+        self._entered: set[int] = set()
+
+    def __call__(self, value: Any, held: bool = False) -> Any:
+        """Returns the value itself where nothing in it changes."""
+        if isinstance(value, self.kind):
+            return self._once(value)
+        if held and self.is_array(value):
+            return self.array(value)
+        change = functools.partial(self, held=held)
+        if isinstance(value, functools.partial):
+            parts = [value.func, *value.args], value.keywords
+            new, words = change(parts[0]), change(parts[1])
+            is_same = new is parts[0] and words is parts[1]
+            return value if is_same else type(value)(*new, **words)
+        if isinstance(value, types.MethodType):
+            owner = change(value.__self__)
+            return value if owner is value.__self__ else types.MethodType(value.__func__, owner)
+        if isinstance(value, dict):
+            items = _changed(value.values(), change)
+            return value if items is None else type(value)(zip(value, items, strict=True))
+        if isinstance(value, tuple | list):
+            items = _changed(value, change)
+            if items is None:
+                return value
+            return type(value)(*items) if hasattr(value, "_fields") else type(value)(items)
+        if isinstance(value, eqx.Module):
+            return self._module(value, change)
+        return value
+
+    def _module(self, value: eqx.Module, change: Callable) -> eqx.Module:
+        fields = _changed(vars(value).values(), change)
+        if fields is None:
+            return value
+        new = object.__new__(type(value))
+        for name, field in zip(vars(value), fields, strict=True):
+            object.__setattr__(new, name, field)
+        return new
+
+    def _once(self, function: Any) -> Any:
+        if id(function) in self._entered:  # a function that calls itself
+            return function
+        self._entered.add(id(function))
+        try:
+            return self.function(function)
+        finally:
+            self._entered.discard(id(function))
+
+    def contents(self, function: types.FunctionType) -> types.FunctionType:
+        """Makes the change to what a function has captured, and to its defaults."""
+        cells = function.__closure__ or ()
+        captured = [cell.cell_contents for cell in cells if _is_filled(cell)]
+        held = [captured, function.__defaults__, function.__kwdefaults__]
+        contents, defaults, words = new = [self(value, held=True) for value in held]
+        if all(one is other for one, other in zip(new, held, strict=True)):
+            return function
+        remaining = iter(contents)
+        closure = tuple(types.CellType(next(remaining)) if _is_filled(cell) else cell for cell in cells)
+        made = types.FunctionType(function.__code__, function.__globals__, function.__name__, defaults, closure)
+        made.__kwdefaults__, made.__dict__ = words, {**vars(function)}
+        return made
+
+
+def _changed(values: Iterable[Any], change: Callable) -> list[Any] | None:
+    """The values after a change; None if it changes nothing."""
+    old = list(values)
+    new = list(map(change, old))
+    return None if all(one is other for one, other in zip(new, old, strict=True)) else new
+
+
+def _is_filled(cell: types.CellType) -> bool:
+    try:
+        return cell.cell_contents is not cell
+    except ValueError:  # what is assigned later
+        return False

@@ -1,0 +1,165 @@
+"""What functions have captured that is traced: it is taken out and put back, and has rows and derivatives."""
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxball import Contact, Disk, DiskState, Event, FunctionForce, simulate
+from jaxball.numerics.closures import put_captures, take_captures
+
+X = jnp.asarray(2.0)
+
+
+class Holder(eqx.Module):
+    function: object = eqx.field(static=True)
+    number: jax.Array
+
+    def method(self, t):
+        return self.number * t
+
+
+def closure(x):
+    return lambda t: x * t
+
+
+def nested(x):
+    inner = closure(x)
+    return lambda t: inner(t) + 1.0
+
+
+def default(x):
+    return lambda t, x=x: x * t
+
+
+def default_by_name(x):
+    def function(t, *, x=x):
+        return x * t
+
+    return function
+
+
+def in_parts(x):
+    parts = {"a": [x, (2.0, x)]}
+    return lambda t: (parts["a"][0] + parts["a"][1][1]) * t
+
+
+def method(x):
+    return Holder(None, x).method
+
+
+def partial(x):
+    return functools.partial(lambda x, t: x * t, x)
+
+
+def of_module(x):
+    module = Holder(closure(x), x)
+    return lambda t: module.number * t + module.function(t)
+
+
+def recursive(x):
+    def function(t, n=2):
+        return x * t if n == 0 else function(t, n - 1)
+
+    return function
+
+
+KINDS = [closure, nested, default, default_by_name, in_parts, of_module]
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+def test_they_are_taken_out_and_put_back(kind):
+    def through(x):
+        taken, captures = take_captures(Holder(kind(x), X))
+        assert [array is x for array in captures] == [True] * len(captures)
+        assert captures
+        assert take_captures(taken)[1] == []
+        again, _ = take_captures(Holder(kind(x), X))
+        assert (taken.function == again.function) == (kind is not in_parts)  # whose dictionary might be changed
+        return put_captures(taken, [3.0 * x for x in captures]).function(5.0)
+
+    np.testing.assert_allclose(jax.grad(through)(X), 3.0 * jax.grad(lambda x: kind(x)(5.0))(X))
+
+
+def test_what_holds_nothing_traced_stays_the_same():
+    held = Holder(closure(X), X), [closure(np.ones(3)), print, jnp.sin], {"a": (1, method(X))}
+    tree, captures = take_captures(held)
+    assert (tree is held, captures) == (True, [])
+
+
+def test_a_function_that_calls_itself_is_left_with_what_it_holds():
+    def through(x):
+        function, captures = take_captures(Holder(recursive(x), X))
+        return put_captures(function, captures).function(5.0)
+
+    assert jax.grad(through)(X) == 5.0
+
+
+def test_functions_that_differ_are_told_apart():
+    def through(x):
+        one, other = (take_captures(Holder(f, X))[0].function for f in (lambda t: x * t, lambda t: x + t))
+        numbers = [take_captures(Holder(lambda t, n=n: x * n, X))[0].function for n in (1, 1.0, True, 1)]
+        assert one != other
+        assert [numbers[0] == number for number in numbers] == [True, False, False, True]
+        return x
+
+    jax.grad(through)(X)
+
+
+DISK, START = Disk(mass=1.0, inertia=0.5), DiskState(phidot=-1.0)
+MAPS = {
+    "as typed": lambda f: f,
+    "jit": jax.jit,
+}
+
+
+@pytest.mark.parametrize("around", MAPS.values(), ids=MAPS)
+@pytest.mark.parametrize("derivative", [jax.grad, jax.jacfwd], ids=["reverse", "forward"])
+def test_the_level_of_an_event_in_its_function(around, derivative):
+    """z = t, so that t(ℓ) = √ℓ where z² = ℓ."""
+
+    def time(level):
+        events = {"there": Event(lambda disk, t, state: state.z**2 - level)}
+        return simulate(DISK, [0.0, 2.0], START, events=events).events["there"].times[0]
+
+    levels = jnp.array([0.25, 1.0])
+    np.testing.assert_allclose(around(jax.vmap(time))(levels), jnp.sqrt(levels), rtol=1e-12)
+    np.testing.assert_allclose(around(jax.vmap(derivative(time)))(levels), 0.5 / jnp.sqrt(levels), rtol=1e-12)
+
+
+@pytest.mark.parametrize("around", MAPS.values(), ids=MAPS)
+def test_the_force_on_a_disk_that_slips(around):
+    """m ẍ = F − μ m g up to rolling: a slip from rest under F = 6 μ m g never ends, z = (F/m − μ g) t²/2."""
+
+    def place(force):
+        pushed = FunctionForce(lambda t, parameters: force * jnp.array([1.0, 0.0, 0.0]))
+        disk = Disk(mass=1.0, inertia=0.5, gravity=1.0, force=pushed)
+        return simulate(disk, [0.0, 2.0], DiskState(), contact=Contact(sliding=0.1)).state.z[-1]
+
+    forces = jnp.array([0.6, 0.8])
+    np.testing.assert_allclose(around(jax.vmap(place))(forces), 2.0 * (forces - 0.1), rtol=1e-8)
+    np.testing.assert_allclose(around(jax.vmap(jax.grad(place)))(forces), 2.0, rtol=1e-8)
+
+
+class Hidden:
+    """An object that is called, which no one can look into."""
+
+    def __init__(self, level):
+        self.level = level
+
+    def __call__(self, disk, t, state):
+        return state.z - self.level
+
+
+def test_what_cannot_be_taken_out_has_rows_but_no_derivatives():
+    def time(level):
+        return simulate(DISK, [0.0, 2.0], START, events={"there": Event(Hidden(level))}).events["there"].times[0]
+
+    levels = jnp.array([0.25, 1.0])
+    np.testing.assert_allclose(jax.vmap(time)(levels), levels, rtol=1e-12)
+    for derivative in (jax.grad, jax.jacfwd):
+        with pytest.raises(TypeError, match="traced number that is hidden in a function"):
+            jax.jit(derivative(time))(X)
