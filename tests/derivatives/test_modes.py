@@ -69,6 +69,7 @@ def test_without_an_adjoint_second_derivatives_are_there(outer, inner):
     np.testing.assert_allclose(jax.jit(outer(inner(omega)))(W), of_closed_form(2), rtol=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("around", [lambda f: f, jax.jit], ids=["as typed", "jax.jit"])
 def test_a_number_in_a_closure_has_derivatives_and_rows(around):
     """Ω2 = ℓ at the time t(ℓ): dt/dℓ = 1/Ω̇2 = d2/((d3 − d1) Ω3 Ω1)."""

@@ -122,6 +122,7 @@ def test_swings_that_fill_a_run_do_not_look_like_a_constant(tolerance):
     assert not np.any(unresolved)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-10])
 def test_thousands_of_crossings_are_all_there(tolerance):
     assert_every_crossing_is_found(RIPPLES, run(RIPPLES, tolerance, 4000).events)

@@ -1,8 +1,7 @@
 """Which disturbed starts come back to a motion under feedback: closed loops in vector lanes, on all cores."""
 
-import functools
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -10,14 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .. import native
-from ..cpu import cores
 from ..grid import Grid, grid_of
 from ..interface.arguments import require
 from ..interface.printing import Printed
 from ..numerics import programs
 from ..numerics.arrays import Numbers, to_numpy
-from ..numerics.batches import even_size, in_threads, unpadded
+from ..numerics.operation import in_threads
 from ..physics.body import System
 from ..physics.force import AbstractWrench
 from .feedback import AbstractFeedback
@@ -28,7 +25,6 @@ from .weights import Weights, weight_matrix
 if TYPE_CHECKING:
     import xarray
 
-BLOCK = 512  # starts at a time, as of ensembles
 WITHIN = 0.05
 
 
@@ -138,12 +134,10 @@ def basin(
     grid, xi = _starts(starts, names)
     weights = weight_matrix("Q", Q, names)
     count = feedback.nominal.samples if samples is None else whole_number("samples", samples, 1)
-    run = _compiled(feedback, plant, count, whole_number("delay", delay, 0))
-    threads = threads or cores()
-    # A block fills vectors, or else the compiler would use none.
-    fewest = native.FEWEST * native.LANES
-    block = max(fewest, min(BLOCK, even_size(len(xi), BLOCK, threads)))
-    ends = unpadded(in_threads(lambda batch: run(xi[batch]), len(xi), block, threads), len(xi))
+    late = whole_number("delay", delay, 0)
+    with in_threads(threads):
+        ends = jax.vmap(lambda start: _outcome(feedback, plant, count, late, start))(jnp.asarray(xi))
+    ends = jax.tree.map(np.asarray, ends)
     with np.errstate(invalid="ignore"):
         remaining = np.sqrt(np.einsum("ki,ij,kj->k", ends.xi, weights, ends.xi) / np.trace(weights))
         returned = (remaining < within) & (ends.least_normal_force > 0)
@@ -172,19 +166,7 @@ def _starts(
     return grid, xi
 
 
-def _compiled(
-    feedback: AbstractFeedback, plant: SampledSystem, samples: int, delay: int
-) -> Callable[[Float[np.ndarray, "block n"]], Outcome]:
-    """The outcomes of a block: natively one by one, which become lanes there, and side by side by XLA."""
-
-    def run(xi: Float[np.ndarray, "block n"]) -> Outcome:
-        given = feedback, plant, jnp.asarray(xi), samples, delay
-        natively = cast(programs.Program, _one_by_one).natively(*given)
-        return _side_by_side(*given) if natively is None else natively()
-
-    return run
-
-
+@programs.filter_jit
 def _outcome(feedback: AbstractFeedback, plant: SampledSystem, samples: int, delay: int, xi: Array) -> Outcome:
     start = feedback.nominal.state(0).retract(xi)
     times, states, u, _, deviations, _ = looped(feedback, plant, start, samples, delay)
@@ -196,13 +178,3 @@ def _outcome(feedback: AbstractFeedback, plant: SampledSystem, samples: int, del
     before = jax.tree.map(lambda leaf: leaf[:-1], states)
     normal, ratio = jax.lax.map(lambda at: needed(*at), (times[:-1], before, u))
     return Outcome(deviations[-1], jnp.min(normal), jnp.max(ratio))
-
-
-@functools.partial(programs.filter_jit, large=True)
-def _one_by_one(feedback: AbstractFeedback, plant: SampledSystem, xi: Array, samples: int, delay: int) -> Outcome:
-    return jax.lax.map(lambda one: _outcome(feedback, plant, samples, delay, one), xi)
-
-
-@programs.filter_jit
-def _side_by_side(feedback: AbstractFeedback, plant: SampledSystem, xi: Array, samples: int, delay: int) -> Outcome:
-    return jax.vmap(lambda one: _outcome(feedback, plant, samples, delay, one))(xi)

@@ -140,18 +140,6 @@ class Program:
         self._programs.clear()
         self._computations.clear()
 
-    def natively(self, *args: Any) -> Callable[[], Any] | None:
-        """The call with these arguments, by a natively compiled program; None if that is not possible.
-
-        It may raise ``native.CallbackReachedError``.
-        """
-        leaves, structure = jax.tree.flatten((args, {}))
-        if native.chosen() != "native" or native.some_traced(leaves):
-            return None
-        rest, arrays = parted(leaves, structure, self._is_dynamic)
-        program = self._program_for(rest, arrays, only_natively=True)
-        return functools.partial(_run, program, rest, arrays) if isinstance(program, Compiled) else None
-
     def _traced(self, rest: Rest, arrays: list[Any]) -> tuple[Any] | None:
         """The result as that of one operation of what is traced; None where it has to be written out."""
         if within_a_computation() or not may_be_an_operation():
@@ -171,14 +159,14 @@ class Program:
             return None
         return (result.joined(operation(computation, numbers)),)
 
-    def _program_for(self, rest: Rest, arrays: list[Any], only_natively: bool = False) -> Any:
-        """The program for such arguments; None if JAX compiles it as usual, or if it is not native but must be.
+    def _program_for(self, rest: Rest, arrays: list[Any]) -> Any:
+        """The program for such arguments; None if JAX compiles it as usual.
 
         ``_PART_OF_TRACE`` if the function has captured something traced.
         """
         self._follow_store()
         kinds = tuple(map(native.kind, arrays))
-        key = (native.asked_for(), only_natively, rest, tuple(map(type, rest.static)), kinds, native.settings())
+        key = (native.asked_for(), rest, tuple(map(type, rest.static)), kinds, native.settings())
         try:
             found = self._programs.get(key, _MISSING)
         except TypeError:  # something has no hash
@@ -190,12 +178,12 @@ class Program:
             key = key, QUICKLY
             found = self._programs.get(key, _MISSING)
         if found is _MISSING:
-            found = self._made_for(rest, arrays, only_natively)
+            found = self._made_for(rest, arrays)
             if found is not _PART_OF_TRACE:  # which is not kept: it will not be called again
                 found = self._programs.setdefault(key, found)
         return found
 
-    def _made_for(self, rest: Rest, arrays: list[Any], only_natively: bool) -> Any:
+    def _made_for(self, rest: Rest, arrays: list[Any]) -> Any:
         if not native.are_numbers(arrays):
             return None
         computation = self._computation(rest, [native.type_of(native.numbers(array)) for array in arrays])
@@ -203,8 +191,7 @@ class Program:
             return None
         if is_within_trace() and computation.captures:
             return _PART_OF_TRACE
-        program = computation.natively(self._store) if only_natively else computation.runs(self._store)
-        return program if isinstance(program, Compiled) else None
+        return computation.runs(self._store)
 
     def _follow_store(self) -> None:
         """Drops what is not of the current store."""

@@ -6,7 +6,7 @@ otherwise all share that of the first.
 
 import functools
 from collections.abc import Mapping
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,7 +14,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .. import native
 from ..control.feedback import AbstractFeedback
 from ..control.loop import ClosedLoop, looped
 from ..control.weights import weight_matrix
@@ -22,13 +21,12 @@ from ..ensemble import AbstractReduction
 from ..ensemble.reductions import Observed, values
 from ..interface.status import Status
 from ..numerics import programs
-from ..numerics.batches import in_threads, unpadded
+from ..numerics.operation import in_threads
 from ..scenario import RegulatorSettings, Scenario
 from ..scenario.closed_loop import LoopNumbers, sampled_of
 from ..scenario.feedback import sample_of
 from ..simulation.variables import Variable
 
-BLOCK = 512  # rows at a time, as of ensembles
 LOOP = {
     "largest_deviation": Variable((), "", "largest weighted deviation from the motion, at the samples"),
     "final_deviation": Variable((), "", "weighted deviation from the motion at the end"),
@@ -87,32 +85,19 @@ def solve_loops(
     within: float,
     reductions: Mapping[str, AbstractReduction],
     readings: bool,
-    most: int,
     threads: int,
 ) -> dict[str, np.ndarray]:
     """The results of rows, by the names of variables; ``numbers`` and ``sensors`` have the rows as leading axis.
 
     - ``changes``: which of the ``numbers`` differ from row to row.
-    - ``most``: the largest number of rows in any call of this study.
     """
     own, shared = eqx.partition(numbers, changes)
     shared = jax.tree.map(lambda leaf: leaf[0], shared)
-    count, longest = len(numbers.start), int(np.max(numbers.delay))
-    sought = Sought(template.times.size - 1, longest, tuple(reductions.items()), readings)
+    sought = Sought(template.times.size - 1, int(np.max(numbers.delay)), tuple(reductions.items()), readings)
     common = _common(template, numbers, changes, within, sought.samples)
-    block = max(native.FEWEST, -(-min(most, BLOCK) // native.LANES)) * native.LANES
-
-    def call(rows: np.ndarray) -> Any:
-        given = sought, common, shared, jax.tree.map(lambda leaf: leaf[rows], (own, sensors if readings else None))
-        natively = cast(programs.Program, _one_by_one).natively(*given)
-        return _side_by_side(*given) if natively is None else natively()
-
-    return unpadded(in_threads(call, count, min(block, _padded(count)), threads), count)
-
-
-def _padded(rows: int) -> int:
-    """A number of rows that fills vectors."""
-    return max(native.FEWEST, -(-rows // native.LANES)) * native.LANES
+    with in_threads(threads):
+        found = jax.vmap(functools.partial(_row, sought, common, shared))((own, sensors if readings else None))
+    return jax.tree.map(np.asarray, found)
 
 
 def _common(template: Scenario, numbers: LoopNumbers, changes: Any, within: float, samples: int) -> Common:
@@ -132,16 +117,7 @@ def _feedback(numbers: LoopNumbers, sample: Array, t0: Array, samples: int) -> A
     return numbers.feedback(sample, t0, samples)
 
 
-@functools.partial(programs.filter_jit, large=True)
-def _one_by_one(sought: Sought, common: Common, shared: Any, rows: Any) -> Any:
-    return jax.lax.map(functools.partial(_row, sought, common, shared), rows)
-
-
 @programs.filter_jit
-def _side_by_side(sought: Sought, common: Common, shared: Any, rows: Any) -> Any:
-    return jax.vmap(functools.partial(_row, sought, common, shared))(rows)
-
-
 def _row(sought: Sought, common: Common, shared: Any, row: Any) -> dict[str, Array]:
     """The closed loop of one row."""
     own, sensors = row

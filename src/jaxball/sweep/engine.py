@@ -99,7 +99,7 @@ def _closed_loops(batch: Batch, request: Request, reductions: Mapping[str, Abstr
     """The rows of a scenario with feedback."""
     from .closed_loops import solve_loops  # which other studies do without
 
-    found = solve_loops(
+    return solve_loops(
         batch.template,
         batch.loop,
         batch.loop_changes,
@@ -107,10 +107,8 @@ def _closed_loops(batch: Batch, request: Request, reductions: Mapping[str, Abstr
         request.within,
         reductions,
         request.readings,
-        request.most,
         request.threads,
     )
-    return jax.tree.map(np.asarray, found)
 
 
 def _contact(batch: Batch, request: Request) -> Mapping[str, AbstractReduction]:
