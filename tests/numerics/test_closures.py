@@ -85,9 +85,31 @@ def test_they_are_taken_out_and_put_back(kind):
 
 
 def test_what_holds_nothing_traced_stays_the_same():
-    held = Holder(closure(X), X), [closure(np.ones(3)), print, jnp.sin], {"a": (1, method(X))}
+    held = Holder(root_mean_square, X), [print, jnp.sin], {"a": (1, Holder(None, X).method)}
     tree, captures = take_captures(held)
     assert (tree is held, captures) == (True, [])
+
+
+def root_mean_square(x):
+    return jnp.sqrt(jnp.mean(x**2))
+
+
+def test_a_function_that_is_written_again_is_not_compiled_again():
+    """Its numbers tell, and an array by being the same one."""
+    traced = []
+
+    def place(slope, table):
+        def height(disk, t, state):
+            traced.append(slope)
+            return state.z - slope * table[0]
+
+        return simulate(DISK, [0.0, 2.0], START, events={"there": Event(height)}).events["there"].times[0]
+
+    one, other = jnp.array([0.25]), jnp.array([0.5])
+    np.testing.assert_allclose([place(1.0, one) for _ in range(3)], 0.25, rtol=1e-12)
+    first = len(traced)
+    np.testing.assert_allclose([place(2.0, one), place(1.0, other), place(1.0, one)], [0.5, 0.5, 0.25], rtol=1e-12)
+    assert len(traced) == 3 * first
 
 
 def test_a_function_that_calls_itself_is_left_with_what_it_holds():

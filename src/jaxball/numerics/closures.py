@@ -1,8 +1,9 @@
-"""Functions that have captured something traced, as functions of that.
+"""Functions that users write within functions, by what they consist of and what they have captured.
 
 A law or the function of an event may use arrays that are traced where it is written, such as a gain that is mapped or
 differentiated. JAX's rules for derivatives take a function as a constant, and would give the derivative zero. So before
-a computation, such arrays are taken out of the functions among its arguments, and put back where it is traced.
+a computation, such arrays are taken out of the functions among its arguments, and put back where it is traced. And a
+function that is written within another is a new one at each call of that, but the same by its code and what it holds.
 """
 
 import functools
@@ -25,10 +26,12 @@ class _Place(NamedTuple):
 
 
 class OpenFunction:
-    """A function in which places stand for what it had captured.
+    """A function, in which places stand for captured arrays that may have derivatives.
 
-    Two are equal if their code and what else they hold are, so that a ``lambda`` that is written anew is known again.
+    Two are equal if their code and what they hold are, so that a ``lambda`` that is written anew is known again.
     """
+
+    follows = ("_key",)  # what does not determine what it computes
 
     def __init__(self, function: types.FunctionType):
         self.function = function
@@ -36,25 +39,35 @@ class OpenFunction:
         held: list[Any] = [cell.cell_contents for cell in function.__closure__ or () if _is_filled(cell)]
         held += [*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).items()]
         # Equal numbers of two types, such as 1 and 1.0, may give other results.
-        self._key = function.__code__, id(function.__globals__), tuple(held), tuple(map(type, held))
+        self._key = function.__code__, id(function.__globals__), tuple((type(x), _hashable(x)) for x in held)
 
     def __hash__(self) -> int:
-        try:
-            return hash(self._key)
-        except TypeError:  # an array, for example
-            return id(self)
+        return hash(self._key)
 
     def __eq__(self, other: object) -> bool:
-        if self is other or not isinstance(other, OpenFunction):
-            return self is other
-        try:
-            return hash(self._key) == hash(other._key) and self._key == other._key
-        except TypeError:
-            return False
+        return isinstance(other, OpenFunction) and self._key == other._key
+
+
+class _Itself(NamedTuple):
+    """Stands for an object that is only equal to itself, such as an array; the function holds it, so that it stays."""
+
+    identity: int
+
+
+def _hashable(value: Any) -> Any:
+    try:
+        hash(value)
+    except TypeError:
+        return _Itself(id(value))
+    return value
 
 
 def take_captures(tree: T) -> tuple[T, list[Any]]:
-    """Takes out of the functions in a PyTree the arrays that may have derivatives, and returns both."""
+    """Takes out of the functions in a PyTree the arrays that may have derivatives, and returns both.
+
+    These functions, and those that are written within others, become open ones. Where there are none, the PyTree is
+    returned itself.
+    """
     captures: list[Any] = []
 
     def take(array: Any) -> _Place:
@@ -63,7 +76,8 @@ def take_captures(tree: T) -> tuple[T, list[Any]]:
 
     def open_function(function: types.FunctionType) -> Any:
         template = change.contents(function)
-        return function if template is function else OpenFunction(template)
+        is_local = "<locals>" in function.__qualname__
+        return OpenFunction(template) if is_local or template is not function else function
 
     change = _Change(types.FunctionType, open_function, _may_have_derivatives, take)
     return change(tree), captures

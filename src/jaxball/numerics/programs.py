@@ -79,7 +79,7 @@ class Program:
     - ``opaque``: whether all within is one program, as in jaxball's own functions.
     """
 
-    follows = "_programs", "_computations", "_open", "_store"  # what does not determine what it computes
+    follows = "_programs", "_computations", "_open", "_closed", "_store"  # what does not determine what it computes
 
     def __init__(
         self,
@@ -97,18 +97,22 @@ class Program:
         self._programs: dict[Any, Compiled | None] = {}
         self._computations: dict[Any, Computation] = {}
         self._open: dict[Any, Program] = {}
+        self._closed: set[Rest] = set()
         self._store: Store | None = None
         wrapped = function.func if isinstance(function, functools.partial) else function
         functools.update_wrapper(self, wrapped, updated=())  # whose attributes may be those of another of this class
         _made.add(self)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        if is_within_trace() and self._how["opaque"] and not within_a_computation():
-            (function, args, kwargs), captures = take_captures((self._function, args, kwargs))
-            if captures:
-                return self._of_captures(function)(captures, args, kwargs)
         leaves, structure = jax.tree.flatten((args, kwargs))
         rest, arrays = parted(leaves, structure, self._is_dynamic)
+        if self._how["opaque"] and not within_a_computation() and not self._is_closed(rest):
+            given = self._function, args, kwargs
+            opened, captures = take_captures(given)
+            if opened is not given:
+                function, args, kwargs = opened
+                return self._of_captures(function)(captures, args, kwargs)
+            self._closed.add(rest)
         program = _PART_OF_TRACE if native.some_traced(leaves) else self._program_for(rest, arrays)
         if program is _PART_OF_TRACE:
             result = self._traced(rest, arrays)
@@ -117,6 +121,13 @@ class Program:
             with contextlib.suppress(native.CallbackReachedError):
                 return _run(program, rest, arrays)
         return self._compiled(*args, **kwargs)
+
+    def _is_closed(self, rest: Rest) -> bool:
+        """Whether the function and such arguments are known to hold no function that is written within another."""
+        try:
+            return rest in self._closed
+        except TypeError:  # something has no hash, so that its programs are not found again
+            return not is_within_trace()
 
     def _of_captures(self, function: Any) -> "Program":
         """The same of what it and functions among its arguments have captured, and of its arguments without that.
@@ -129,6 +140,7 @@ class Program:
             program = None
         if program is None:
             whole = functools.partial(_with_captures, function)
+            functools.update_wrapper(whole, self, updated=())
             compiled = jax.jit(whole) if self._is_dynamic is None else eqx.filter_jit(whole)
             program = Program(whole, compiled, self._is_dynamic, **self._how)
             with contextlib.suppress(TypeError):
