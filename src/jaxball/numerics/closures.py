@@ -62,11 +62,12 @@ def _hashable(value: Any) -> Any:
     return value
 
 
-def take_captures(tree: T) -> tuple[T, list[Any]]:
+def take_captures(tree: T, local: bool = False) -> tuple[T, list[Any]]:
     """Takes out of the functions in a PyTree the arrays that may have derivatives, and returns both.
 
-    These functions, and those that are written within others, become open ones. Where there are none, the PyTree is
-    returned itself.
+    These functions become open ones. Where there are none, the PyTree is returned itself.
+
+    - ``local``: whether all functions that are written within others become open ones.
     """
     captures: list[Any] = []
 
@@ -76,8 +77,8 @@ def take_captures(tree: T) -> tuple[T, list[Any]]:
 
     def open_function(function: types.FunctionType) -> Any:
         template = change.contents(function)
-        is_local = "<locals>" in function.__qualname__
-        return OpenFunction(template) if is_local or template is not function else function
+        opens = template is not function or (local and "<locals>" in function.__qualname__)
+        return OpenFunction(template) if opens else function
 
     change = _Change(types.FunctionType, open_function, _may_have_derivatives, take)
     return change(tree), captures

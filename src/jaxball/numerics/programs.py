@@ -108,7 +108,7 @@ class Program:
         rest, arrays = parted(leaves, structure, self._is_dynamic)
         if self._how["opaque"] and not within_a_computation() and not self._is_closed(rest):
             given = self._function, args, kwargs
-            opened, captures = take_captures(given)
+            opened, captures = take_captures(given, local=True)
             if opened is not given:
                 function, args, kwargs = opened
                 return self._of_captures(function)(captures, args, kwargs)
@@ -149,8 +149,8 @@ class Program:
 
     def forget(self) -> None:
         """Drops all programs of this function."""
-        self._programs.clear()
-        self._computations.clear()
+        for kept in (self._programs, self._computations, self._open, self._closed):
+            kept.clear()
 
     def _traced(self, rest: Rest, arrays: list[Any]) -> tuple[Any] | None:
         """The result as that of one operation of what is traced; None where it has to be written out."""

@@ -208,8 +208,8 @@ class Oscillating(AbstractPrescribedMotion):
 class Free(OfKinkedFunction, AbstractPrescribedMotion):
     """Any free motion χ(t) = function(t, parameters), on a surface or in the volume.
 
-    ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again. Give the times
-    at which its second derivative jumps in ``kink_times``.
+    ``function`` is compiled into programs: one that is written anew compiles again where it holds other numbers.
+    Give the times at which its second derivative jumps in ``kink_times``.
 
     **Arguments:**
 

@@ -51,8 +51,8 @@ class AbstractSchedule(Printed):
 class FunctionSchedule(OfFunction, AbstractSchedule):
     """θ(t) = theta + function(t, parameters), for any function that JAX can differentiate twice.
 
-    ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again. Give the times
-    at which its second derivative jumps in ``kink_times``.
+    ``function`` is compiled into programs: one that is written anew compiles again where it holds other numbers.
+    Give the times at which its second derivative jumps in ``kink_times``.
 
     **Arguments:**
 

@@ -109,9 +109,10 @@ class Event(AbstractEvent):
     **Arguments:**
 
     - ``of``: a scalar function, written with ``jax.numpy``. If it has a fourth parameter that is called
-      ``observables``, it is given those of that time, as ``run.observables`` has them. A named function, rather than a
-      new ``lambda`` at each call, avoids compiling again. Or the name of a number of the run: an observable, such as
-      ``"normal_force"``, a component of the state, such as ``"z[0]"``, or of another system one of its laws.
+      ``observables``, it is given those of that time, as ``run.observables`` has them. One that is written
+      anew at each call compiles again where it holds other numbers. Or the name of a number of the run: an
+      observable, such as ``"normal_force"``, a component of the state, such as ``"z[0]"``, or of another system one of
+      its laws.
     - ``direction``: 1 for upward crossings only, −1 for downward ones, 0 for both.
     - ``terminal``: whether the first crossing ends the run.
     - ``room``: how many crossings are kept; all are counted.

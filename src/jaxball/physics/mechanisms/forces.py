@@ -398,8 +398,9 @@ class EndStops(AbstractJointForce):
 class FunctionJointForce(OfKinkedFunctionOfState, AbstractJointForce):
     """Q = function(t, theta, thetadot, state, parameters), for any function that JAX can trace.
 
-    ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again. It may depend
-    on the body's Ω, Γ and position through ``state``, but not on accelerations or on the reaction of the plane.
+    ``function`` is compiled into programs: one that is written anew compiles again where it holds other numbers.
+    It may depend on the body's Ω, Γ and position through ``state``, but not on accelerations or on the reaction of the
+    plane.
 
     **Arguments:**
 
