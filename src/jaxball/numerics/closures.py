@@ -173,7 +173,8 @@ class _Change:
         remaining = iter(contents)
         closure = tuple(types.CellType(next(remaining)) if _is_filled(cell) else cell for cell in cells)
         made = types.FunctionType(function.__code__, function.__globals__, function.__name__, defaults, closure)
-        made.__kwdefaults__, made.__dict__ = words, {**vars(function)}
+        made.__kwdefaults__, made.__qualname__ = words, function.__qualname__
+        made.__dict__.update(vars(function))
         return made
 
 
