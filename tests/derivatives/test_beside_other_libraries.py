@@ -1,0 +1,67 @@
+"""Runs in one program with solves of diffrax and modules of equinox, against closed forms."""
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxball import Disk, DiskState, simulate
+
+pytestmark = pytest.mark.thorough
+DISK = Disk(mass=1.0, inertia=0.5)
+
+
+def rolled(speed):
+    """z = 2 v."""
+    return simulate(DISK, [0.0, 2.0], DiskState(phidot=-speed)).state.z[-1]
+
+
+def decayed(rate):
+    """e^(−2 k), by diffrax."""
+    term = diffrax.ODETerm(lambda t, y, k: -k * y)
+    solution = diffrax.diffeqsolve(
+        term,
+        diffrax.Dopri5(),
+        0.0,
+        2.0,
+        0.1,
+        jnp.ones_like(rate),
+        args=rate,
+        stepsize_controller=diffrax.PIDController(rtol=1e-10, atol=1e-10),
+    )
+    return solution.ys[0]
+
+
+def test_a_solve_of_diffrax_in_the_same_program():
+    """The disk rolls with what has decayed: z = 2 e^(−2 k)."""
+    rates = jnp.array([0.3, 0.7])
+    places, slopes = jax.jit(jax.vmap(jax.value_and_grad(lambda k: rolled(decayed(k)))))(rates)
+    np.testing.assert_allclose(places, 2.0 * jnp.exp(-2.0 * rates), rtol=1e-8)
+    np.testing.assert_allclose(slopes, -4.0 * jnp.exp(-2.0 * rates), rtol=1e-7)
+
+
+class Launcher(eqx.Module):
+    weight: jax.Array
+    bias: jax.Array
+    power: int = eqx.field(static=True)
+
+    def __call__(self, x):
+        return self.weight * x**self.power + self.bias
+
+
+def test_a_run_in_the_loss_of_an_equinox_module():
+    """Of z = 2 (w x² + b) for places x, the mean of (z − 1)² has the slopes 4 ⟨(z − 1) (x², 1)⟩."""
+    launcher, x = Launcher(jnp.asarray(0.4), jnp.asarray(0.1), power=2), jnp.array([0.5, 1.0, 1.5])
+
+    @eqx.filter_jit
+    @eqx.filter_value_and_grad
+    def loss(launcher):
+        return jnp.mean((jax.vmap(lambda x: rolled(launcher(x)))(x) - 1.0) ** 2)
+
+    value, slopes = loss(launcher)
+    missed = 2.0 * launcher(x) - 1.0
+    np.testing.assert_allclose(value, jnp.mean(missed**2), rtol=1e-12)
+    np.testing.assert_allclose(slopes.weight, 4.0 * jnp.mean(missed * x**2), rtol=1e-12)
+    np.testing.assert_allclose(slopes.bias, 4.0 * jnp.mean(missed), rtol=1e-12)
