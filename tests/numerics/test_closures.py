@@ -43,7 +43,7 @@ def default_by_name(x):
 
 
 def in_parts(x):
-    parts = {"a": [x, (2.0, x)]}
+    parts = {"a": (x, (2.0, x))}
     return lambda t: (parts["a"][0] + parts["a"][1][1]) * t
 
 
@@ -118,6 +118,16 @@ def test_a_function_that_calls_itself_is_left_with_what_it_holds():
         return put_captures(function, captures).function(5.0)
 
     assert jax.grad(through)(X) == 5.0
+
+
+def test_a_list_in_which_a_function_notes_its_arguments_is_left_alone():
+    def through(x):
+        seen = [x]
+        taken, captures = take_captures(Holder(lambda t: seen.append(t) or x * t, X))
+        assert (len(captures), put_captures(taken, captures).function(5.0)) == (1, 5.0 * x)
+        return x
+
+    jax.grad(through)(X)
 
 
 def test_functions_that_differ_are_told_apart():

@@ -135,6 +135,8 @@ class _Change:
         if isinstance(value, dict):
             items = _changed(value.values(), change)
             return value if items is None else type(value)(zip(value, items, strict=True))
+        if held and isinstance(value, list):  # in which a function may note what it was called with
+            return value
         if isinstance(value, tuple | list):
             items = _changed(value, change)
             if items is None:
@@ -165,7 +167,7 @@ class _Change:
     def contents(self, function: types.FunctionType) -> types.FunctionType:
         """Makes the change to what a function has captured, and to its defaults."""
         cells = function.__closure__ or ()
-        captured = [cell.cell_contents for cell in cells if _is_filled(cell)]
+        captured = tuple(cell.cell_contents for cell in cells if _is_filled(cell))
         held = [captured, function.__defaults__, function.__kwdefaults__]
         contents, defaults, words = new = [self(value, held=True) for value in held]
         if all(one is other for one, other in zip(new, held, strict=True)):
