@@ -72,6 +72,7 @@ def test_a_run_has_one_tolerance(name, size):
         run(**{name: [1e-8] * size})
 
 
+@pytest.mark.thorough
 def test_one_wrong_tolerance_of_many_runs():
     with pytest.raises(ValueError, match=r"^Argument `atol\[1\]` must be 0 or a positive number, but it is -1e-08\.$"):
         ensemble(atol=[1e-8, -1e-8, 1e-8])

@@ -161,6 +161,7 @@ def test_the_two_kinds_of_figure_are_written(quick):
         assert (out / f"{problem}.pdf").read_bytes().startswith(b"%PDF")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

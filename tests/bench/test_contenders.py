@@ -74,6 +74,7 @@ def test_problems_without_parameters(name):
     assert CIRCLE.error(ended.state) <= 300 * TOLERANCE
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["CasADi IDAS", "RadauIIA 3"])
 def test_the_algebraic_component_may_change(name):
     """And the constraint holds at the end far better than the solution, because the last component follows from it."""

@@ -88,6 +88,7 @@ class TestEndStates:
         published, agreement = PUBLISHED[name]
         assert ALL[name].error(published) < agreement
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize("name", COLLOCATED)
     def test_collocation_in_32_digits(self, name):
         problem = ALL[name]
@@ -138,6 +139,7 @@ class TestEndStates:
 
 
 class TestPaper:
+    @pytest.mark.thorough
     @pytest.mark.parametrize("t", [0.04, 0.15, 7.0])
     def test_disk_is_jaxballs_moment_form(self, t, random):
         system, problem = paper.disk(), ALL["disk"]

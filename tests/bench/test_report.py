@@ -158,6 +158,7 @@ def test_unknown_names_come_with_the_nearest_ones(name, nearest):
         select_contenders([name])
 
 
+@pytest.mark.thorough
 def test_every_problem_states_what_a_figure_needs():
     for problem in PROBLEMS.values():
         (ax,) = diagram(problem, [dataclasses.replace(ROWS[0], problem=problem.name)]).axes

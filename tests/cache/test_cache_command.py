@@ -56,6 +56,7 @@ def test_a_command_that_finds_its_programs_says_and_writes_the_same(tmp_path, pl
                 assert one[name].tobytes() == other[name].tobytes(), name
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "off",
     [{"JAXBALL_NO_CACHE": "1"}, {"option": "--no-cache"}, {"mode": 0o777}],

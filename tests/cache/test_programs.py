@@ -101,6 +101,7 @@ def test_programs_are_compiled_quickly_within_a_block_alone(in_process, contents
         jax.config.update(name, before)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("compiler", ["native"], indirect=True)
 def test_code_made_quickly_gives_the_same_bits_and_is_used_until_there_is_optimised_code(in_process, contents):
     disk = Disk(mass=1.0, inertia=0.5, masses=[PointMass(0.5, Fixed((0.5, 0.0, 0.0)))])
@@ -311,6 +312,7 @@ def test_ctrl_c_ends_a_run_of_a_program_that_was_kept(in_process, contents):
     assert (len(store.found), store.missed) == (1, [])
 
 
+@pytest.mark.thorough
 def test_programs_within_a_trace_are_kept_as_well(in_process, contents):
     def grow(a):
         return jnp.sum(cross(a, B) ** 2)

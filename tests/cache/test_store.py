@@ -98,6 +98,7 @@ with current.kept_in(FolderStore(Folder(folder / "programs"))):
 """
 
 
+@pytest.mark.thorough
 def test_one_of_two_processes_compiles_and_the_other_loads(tmp_path):
     """Of those that need a program at the same time."""
     script = tmp_path / "compiles.py"

@@ -37,6 +37,7 @@ def charted():
     return dataset, seen
 
 
+@pytest.mark.thorough
 def test_cells_at_rest_have_the_growth_rate_of_falling(charted):
     """√( M g ℓ / (d1 + M (r + ℓ)²) ), and N = M g while nothing moves."""
     dataset, _ = charted

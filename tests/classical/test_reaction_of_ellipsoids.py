@@ -74,6 +74,7 @@ def test_newtons_and_eulers_laws_along_the_motion():
         np.testing.assert_allclose(moment, of_force, rtol=0, atol=1e-11 * np.linalg.norm(force))
 
 
+@pytest.mark.thorough
 def test_the_reaction_along_a_run_is_that_of_its_centre_of_mass(run):
     """By central differences, of fourth order, of its velocity, which follows from q̇ and ż.
 
@@ -89,6 +90,7 @@ def test_the_reaction_along_a_run_is_that_of_its_centre_of_mass(run):
     assert N.min() < 0 < N[0]
 
 
+@pytest.mark.thorough
 def test_extremes_lie_at_or_beyond_those_of_a_fine_sampling(run):
     """N has its least value within one step of the sampling, where it differs by less than its curvature allows."""
     N = np.asarray(run.plane_reaction.normal)
@@ -102,6 +104,7 @@ def test_extremes_lie_at_or_beyond_those_of_a_fine_sampling(run):
     assert "the body would leave the plane, so no friction is enough" in str(extremes)
 
 
+@pytest.mark.thorough
 def test_it_detaches_and_slips_where_the_run_without_events_would(run):
     N, ratio = np.asarray(run.plane_reaction.normal), np.asarray(run.plane_reaction.ratio)
     lifted = jaxball.simulate(STONE, FINE, thrown(), events={"lift": Detachment()}, **PRECISE)
@@ -161,6 +164,7 @@ def test_a_saved_run_has_the_forces(run, tmp_path):
     np.testing.assert_array_equal(again.plane_reaction.normal, run.plane_reaction.normal)
 
 
+@pytest.mark.thorough
 def test_the_command_line_tells_of_the_plane_under_a_rattleback(capsys, tmp_path):
     summary = tmp_path / "run.json"
     stone = ["simulate", "rattleback", "--set", TILTED, "--set", FAST, "--end", "1"]
@@ -175,6 +179,7 @@ def test_the_command_line_tells_of_the_plane_under_a_rattleback(capsys, tmp_path
     assert "rolling needed all the friction available" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_verify_has_a_row_of_the_contact():
     scenario = dataclasses.replace(load_scenario("rattleback"), state=thrown(), times=FINE[[0, -1]])
     row = verify(scenario, laws=["contact"])["contact"]

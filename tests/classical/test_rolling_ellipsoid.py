@@ -76,6 +76,7 @@ def test_against_newtons_laws_with_an_unknown_reaction():
     np.testing.assert_allclose(body.reaction(NOW, state), found[6:], atol=1e-7)
 
 
+@pytest.mark.thorough
 def test_a_body_on_its_end_rocks_like_a_cradle():
     """About E2, ω² = m g (ρ − h) / (d2 + m h²) with the radius of curvature ρ = a1²/a3 at the height h = a3."""
     body = RollingEllipsoid(mass=1.3, semiaxes=(0.9, 0.7, 0.5), inertia=(0.2, 0.3, 0.35), gravity=9.8)

@@ -66,6 +66,7 @@ def test_each_event_has_a_line_and_an_entry_in_json(folder, capsys):
     assert all((folder / name).exists() for name in ("figures", "view.html", "run.nc", "rolling.gif"))
 
 
+@pytest.mark.thorough
 def test_a_level_is_changed_and_an_event_besides_is_found(capsys):
     command = ["simulate", "rolling.toml", "--set", "events.far.level=9", "--set", "events.never=", "--friction", "0.2"]
     assert main([*command, "--json", "-"]) == 0

@@ -100,6 +100,7 @@ def multipliers_of_hill(amplitude, frequency):
     return values[np.argsort(-np.abs(values))]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("period", [["--frequency", "0.9"], ["--frequency", FREQUENCY]])
 def test_a_shaken_disk_grows_as_hills_equation_says(capsys, period):
     assert main(["periodic", "shaken.toml", *period, "--json", "-", "--quiet"]) == 0
@@ -155,6 +156,7 @@ def test_a_robot_that_has_settled_comes_back_once_in_a_turn(capsys):
     assert "least normal force 18" in captured.err
 
 
+@pytest.mark.thorough
 def test_what_is_not_found_fails_and_says_so(folder, capsys):
     arguments = ["--period", "5.5", "--turns", "2", "--iterations", "2", "--out", "motion.csv", "--json", "motion.json"]
     assert main(["periodic", "disk.toml", *arguments]) == 3

@@ -38,6 +38,7 @@ def folder(monkeypatch, tmp_path):
     return tmp_path
 
 
+@pytest.mark.thorough
 def test_a_chart_of_a_body_that_spins_about_its_middle_axis(folder, capsys):
     """λ1 = Ω √( (d2 − d1)(d3 − d2) / (d1 d3) ); no body has one moment that is larger than the sum of the others."""
     ranges = ["body.inertia[2]=2.5:3.5:2", "initial.Omega[1]=1:1.5:3"]

@@ -190,6 +190,7 @@ def test_a_part_of_a_run_is_filmed(folder, scenario):
         assert film.info["duration"] == 250
 
 
+@pytest.mark.thorough
 def test_the_solver_of_an_option_is_known_when_changes_are_checked(capsys):
     """In the differential-algebraic form, which only --solver makes possible, with the end of the usual form."""
     both = ["--set", "solve.dae=true", "--solver", "radau9"]

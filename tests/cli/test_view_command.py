@@ -22,6 +22,7 @@ def folder(monkeypatch, tmp_path):
     return tmp_path
 
 
+@pytest.mark.thorough
 def test_a_saved_run_has_the_view_of_the_run_itself(folder, capsys):
     arguments = ["disk.toml", "--set", 'title="<b>a test"', "--end", "1"]
     assert main(["simulate", *arguments, "--out", "run.nc", "--view", "run.html"]) == 0
@@ -38,6 +39,7 @@ def test_a_saved_run_has_the_view_of_the_run_itself(folder, capsys):
     assert document_in((folder / "again.html").read_text()) == first
 
 
+@pytest.mark.thorough
 def test_a_run_that_failed_is_shown_and_marked(folder, capsys):
     failing = ["simulate", "disk.toml", "--set", "solve.max_steps=3", "--view", "run.html"]
     assert main(failing) == 3

@@ -96,6 +96,7 @@ def test_sentence(name):
     assert str(caught.value) == sentence
 
 
+@pytest.mark.thorough
 def test_what_cannot_start_is_a_status():
     below = simulate(DISK, TIMES, ReleasedState(DiskState(), height=-0.1), contact=LAW)
     assert below.status == Status.IMPOSSIBLE

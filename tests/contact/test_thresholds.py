@@ -77,6 +77,7 @@ def require_rolling(name, run, mu, angle):
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["solid ball", "disk"])
 def test_an_ensemble_at_the_threshold_rolls(name):
     """tan α = 7/2 μ for a solid ball, 3 μ for a disk."""
@@ -196,6 +197,7 @@ def pushed(name, force, start, T, mode="reverse"):
     return jaxball.simulate(pushed_body, jnp.array([0.0, T]), **settings)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["solid ball", "disk"])
 def test_friction_gives_way_at_the_start_of_a_push(name):
     """Then the slip grows, and after the push it ends; all of it moves with the start."""
@@ -229,6 +231,7 @@ def test_derivatives_by_the_start_of_a_push_that_slips(name, mode):
     np.testing.assert_allclose(times, 1.0, rtol=1e-8)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["solid ball", "disk"])
 def test_a_push_lifts_the_body_at_its_start(name):
     start, push, T = 0.7, 30.0, 1.25

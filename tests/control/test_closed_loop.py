@@ -25,6 +25,7 @@ def track():
 START = {"phi": 0.3, "thetadot": -0.2}
 
 
+@pytest.mark.thorough
 def test_a_closed_loop_is_the_run_with_its_inputs(track):
     """Both solve with tolerances of 1e-10, over 80 samples or at once; the push ends within samples."""
     push = Push((0.2, 0.0, 0.0), start=1.02, duration=0.31)
@@ -94,6 +95,7 @@ def test_gradients_of_the_cost_are_those_of_differences(track, mode):
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-8)
 
 
+@pytest.mark.thorough
 def test_a_basin_is_that_of_single_closed_loops(track):
     """Lanes round differently, which the closed loop damps: ends agree to its tolerance."""
     grid = {"phi": np.linspace(-3.0, 3.0, 5), "phidot": np.linspace(-1.5, 1.5, 4)}

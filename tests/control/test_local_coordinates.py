@@ -46,6 +46,7 @@ def states():
     yield jaxball.DiskState(0.4, -1.2, 2.0, [0.3], [-1.0])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("state", list(states()), ids=lambda state: type(state).__name__)
 @pytest.mark.parametrize("size", [1e-9, 1e-3, 0.5])
 def test_retraction_and_difference_are_inverses_with_unit_slope(state, size):

@@ -20,6 +20,7 @@ def hanging():
     return jaxball.simulate(robots.with_pendulum(), [0.0, 30.0])
 
 
+@pytest.mark.thorough
 def test_small_oscillations_have_the_flow_of_the_matrix_exponential(hanging):
     """At rest the linear flow is that of small oscillations, up to the tolerance of the solve."""
     track = tvlqr(hanging, Q=1.0, R=1.0, sample=H)
@@ -95,6 +96,7 @@ def test_the_flow_has_the_derivatives_of_differences(moving):
     np.testing.assert_allclose(found, np.stack(columns, axis=1) / (2 * step), rtol=0, atol=1e-5)
 
 
+@pytest.mark.thorough
 def test_the_gains_are_those_of_the_recursion_for_p(moving):
     """P = Q + Aᵀ P A − …, in NumPy, with cross terms and what the motion misses; the weights are of size 1."""
     n, m = 12, 2
@@ -123,6 +125,7 @@ def test_the_nominal_inputs_give_the_motion(moving):
     assert misses[0] / misses[1] == pytest.approx(8, rel=0.4)
 
 
+@pytest.mark.thorough
 def test_the_cost_of_a_small_deviation_is_the_cost_to_go(hanging):
     """In the limit of small deviations the closed loop costs what the regulator says; the rest is of higher order."""
     track = tvlqr(hanging, Q={"phi": 1.0, "theta": 1.0}, R=1.0, sample=H)
@@ -132,6 +135,7 @@ def test_the_cost_of_a_small_deviation_is_the_cost_to_go(hanging):
     assert float(track.cost(loop.xi, loop.du)) == pytest.approx(float(start @ track.regulator.P[0] @ start), rel=1e-6)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [

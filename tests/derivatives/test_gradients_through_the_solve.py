@@ -127,6 +127,7 @@ def test_reverse_mode(separate):
     assert max(errors.values()) < BOUND, errors
 
 
+@pytest.mark.thorough
 def test_the_times_of_the_kinks_matter(separate):
     """A derivative of zero would pass unseen if the truth were zero."""
     sizes = worst(separate[1], 0.0)

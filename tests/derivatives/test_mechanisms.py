@@ -121,11 +121,13 @@ def worst(found, expected):
 class TestAgainstDifferences:
     """Of a robot that viscous friction slows, and of one that dry friction slows as well."""
 
+    @pytest.mark.thorough
     def test_every_number_matters(self, dry):
         """A derivative of zero would pass unseen if the truth were zero."""
         sizes = unpack(jnp.asarray(np.max(np.abs(differences(dry)), axis=0)))
         assert min(float(jnp.min(size)) for size in sizes.values()) > 0.001, sizes
 
+    @pytest.mark.thorough
     def test_forward_mode(self, dry):
         columns = [tangent(numbers(dry), direction, dry) for direction in jnp.eye(NUMBERS.size)]
         errors = worst(np.stack(columns, axis=1), differences(dry))

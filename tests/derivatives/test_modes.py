@@ -36,6 +36,7 @@ def closed_form(w):
 W = jnp.asarray(0.4)
 
 
+@pytest.mark.thorough
 def test_first_and_second_derivatives_in_forward_mode():
     def forward(w):
         return omega(w, diffrax.ForwardMode())
@@ -51,6 +52,7 @@ def of_closed_form(n):
         return float(mpmath.diff(closed_form, mpmath.mpf("0.4"), n))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("around", [lambda f: f, jax.jit, jaxball.jit], ids=["as typed", "jax.jit", "jaxball.jit"])
 def test_without_an_adjoint_both_modes_are_there(around):
     for first in (
@@ -89,6 +91,7 @@ def test_a_number_in_a_closure_has_derivatives_and_rows(around):
     np.testing.assert_allclose(rates, d2 / ((d3 - d1) * Omega[:, 2] * Omega[:, 0]), rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_maps_of_derivatives_and_derivatives_of_maps():
     rows = W + 0.01 * jnp.arange(5.0)
     of_each = jnp.stack([jax.grad(omega)(w) for w in rows])
@@ -116,6 +119,7 @@ def crossing(system, t, state):
     return state.Omega[1] + 0.1
 
 
+@pytest.mark.thorough
 def test_events_have_first_derivatives_alone():
     def time(w):
         start = RigidBodyState(Omega=jnp.stack([w, jnp.zeros_like(w), jnp.full_like(w, 1.5)]))

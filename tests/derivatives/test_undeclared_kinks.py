@@ -70,6 +70,7 @@ def _no_warnings():
         yield
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("function", [until, between, after_a_shift, within_another, by_cond, by_a_helper])
 def test_a_force_that_ends(function):
     expected = F * (T - P) / 1.5
@@ -79,6 +80,7 @@ def test_a_force_that_ends(function):
     assert abs(reverse - expected) < BOUND
 
 
+@pytest.mark.thorough
 def test_a_ball():
     def reached(p):
         ball = jaxball.Ball(mass=1.0, inertia=(0.5, 0.5, 0.5), force=jaxball.FunctionForce(until, p))
@@ -89,12 +91,14 @@ def test_a_ball():
     assert abs(slope - F * (T - P) / 1.5) < BOUND
 
 
+@pytest.mark.thorough
 def test_in_a_batch_and_compiled_by_xla():
     many = jnp.array([0.4, P, 2.9, 3.5])  # the last after the end of the run
     reverse = jax.jit(jax.vmap(jax.grad(lambda p: place(until, p))))(many)
     np.testing.assert_allclose(reverse, F * np.maximum(T - many, 0.0) / 1.5, atol=BOUND)
 
 
+@pytest.mark.thorough
 def test_a_captured_number_and_a_traced_one():
     def captured(p):
         return pushed(jaxball.FunctionForce(lambda t, _: until(t, p)), FORWARD).state.z[-1]
@@ -106,6 +110,7 @@ def test_a_captured_number_and_a_traced_one():
     np.testing.assert_array_equal(undeclared.state.z, declared.state.z)
 
 
+@pytest.mark.thorough
 def test_a_declared_time_is_one_kink():
     """The same run to the last bit, and one derivative, whichever of the two the numbers come from."""
 
@@ -152,6 +157,7 @@ def test_forces_of_other_classes(name):
     assert abs(slope - F * (T - P) / 1.5) < BOUND
 
 
+@pytest.mark.thorough
 def test_a_ramp_ends_steps_where_it_begins():
     """z = ∫∫ (t − p)₊ / 1.5 = (T − p)³ / 9."""
     ramp = jaxball.FunctionForce(lambda t, p: jnp.maximum(t - p, 0.0) * ALONG, P)

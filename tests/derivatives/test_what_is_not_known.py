@@ -13,6 +13,7 @@ from jaxball.numerics.differentiation import with_unknown_derivatives
 TIMES = np.linspace(0.0, 2.0, 5)
 
 
+@pytest.mark.thorough
 def test_the_mark_on_arrays():
     x = jnp.array([1.0, 2.0])
 

@@ -118,12 +118,14 @@ def test_margins_are_smooth_violations(name):
     np.testing.assert_allclose(margin, expected, rtol=0, atol=1e-13 * np.max(np.abs(violation)))
 
 
+@pytest.mark.thorough
 def test_margins_of_the_shell_are_those_of_the_masses():
     margin = eqx.filter_jit(design.RailsInside(0.05).margins)(held())
     reach = R - 0.05
     np.testing.assert_allclose(margin, (reach**2 - np.sum(places() ** 2, axis=-1)) / (2 * reach * R), atol=1e-14)
 
 
+@pytest.mark.thorough
 def test_contact_of_the_papers_ball():
     """The extremes of its contact force are N = 3.517427 and |f|/N = 0.190594, at t = 6.438."""
     times = np.linspace(0.0, 20.0, 2001)

@@ -219,6 +219,7 @@ def test_a_problem_may_come_through_a_pipe(tmp_path, capsys):
     assert "reach-plaice" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_a_violation_is_seen_by_the_other_solver():
     """By the other solver, e1 = 1.52 at the end is 0.02 too far."""
     found = problem().problem

@@ -97,12 +97,14 @@ def test_a_spring_and_friction_are_found_from_the_motion_of_a_joint():
     assert result.alike == []
 
 
+@pytest.mark.thorough
 def test_a_path_of_another_shape_than_the_quantity_is_told():
     space = DesignSpace(tomllib.loads(BLOCK), [Variable((ON_BLOCK[0],))])
     with pytest.raises(DesignError, match=r"have the shape \(101, 1\) of the quantity .* its shape is \(101,\)"):
         identify(space, np.zeros(101), joint_position)
 
 
+@pytest.mark.thorough
 def test_a_path_of_another_length_is_told():
     document, *_ = recorded()
     with pytest.raises(DesignError, match="201 save times"):

@@ -101,6 +101,7 @@ def test_optimum_of_the_mean(optimiser):
     np.testing.assert_allclose(T * found.best, [PLACE / (1 + 3 * lightness())], rtol=1e-7)
 
 
+@pytest.mark.thorough
 def test_constraints_are_counted_for_each_ball(optimiser):
     looked, found = optimiser.evaluate(np.array([[0.3]]), optimiser.penalised(1)), problem().problem
     parts = found.layout.by_constraint(looked.at.violations[0])

@@ -83,6 +83,7 @@ def test_newton_comes_to_the_same_optimum_from_rest_and_from_the_wanted_path(eas
     np.testing.assert_allclose(other.path.states(times), easy.path.states(times), atol=1e-5)
 
 
+@pytest.mark.thorough
 def test_a_scenario_file_holds_the_schedules(easy):
     again = jaxball.read_scenario(jaxball.write_scenario(control.scenario_of(easy, "tracking")))
     assert again.title == "tracking"

@@ -65,6 +65,7 @@ def test_the_least_normal_force_in_closed_form():
     assert abs(at_rest()[1].margin - (1 - AMPLITUDE * FREQUENCY**2 / 2)) < 1e-9
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("words"),
     [

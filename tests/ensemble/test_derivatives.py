@@ -44,6 +44,7 @@ XLA = pytest.param(jax.jit, marks=pytest.mark.thorough)
 COMPILERS = pytest.mark.parametrize("compiled", [jaxball.jit, XLA], ids=["natively", "by XLA"])
 
 
+@pytest.mark.thorough
 @COMPILERS
 def test_forward_mode(compiled):
     one = jnp.ones(INERTIAS.size)
@@ -72,6 +73,7 @@ def test_what_is_chosen_is_kept_to():
         jax.grad(lambda d: jnp.sum(rolled(d, adjoint=diffrax.ForwardMode())[0]))(jnp.asarray(INERTIAS))
 
 
+@pytest.mark.thorough
 def test_a_compiled_function_computes_runs_side_by_side_in_whatever_way_it_is_compiled():
     """Eight in vectors natively. XLA calls the same program, as one operation."""
 

@@ -53,6 +53,7 @@ def test_contact_is_that_of_single_runs(found, trajectories, name):
         np.testing.assert_allclose(getattr(again, name), getattr(contact_extremes(trajectory), name), rtol=1e-7)
 
 
+@pytest.mark.thorough
 def test_extremes_lie_between_the_steps(found):
     # A disk that rocks from rest at φ = 1 comes to rest at −1 and at 1 again: energy is constant.
     np.testing.assert_allclose(found["most"], 1, rtol=0, atol=1e-8)

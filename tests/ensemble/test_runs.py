@@ -78,6 +78,7 @@ def test_the_papers_ball(balls):
         assert_same(found, k, simulate(ball, TIMES, jax.tree.map(lambda leaf, k=k: jnp.asarray(leaf[k]), state)), 1e-11)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("compiler", ["native", "xla"])
 def test_each_run_has_a_level_of_its_own(compiler):
     """A disk that rolls freely is at z = t."""
@@ -103,6 +104,7 @@ def test_each_run_has_a_level_of_its_own(compiler):
     assert found.ok.tolist() == [True, True, True]
 
 
+@pytest.mark.thorough
 def test_an_ensemble_is_read_as_a_trajectory_is():
     system, state = disks([1.0, -1.0, 2.0])
     found = simulate_ensemble(system, TIMES, state, **SMALL)
@@ -122,6 +124,7 @@ def pushed_from(t, start):
     return jnp.where(t < start, 0.0, 1.0) * jnp.array([3.0, 0.0, 0.0])
 
 
+@pytest.mark.thorough
 def test_where_a_force_jumps_the_slope_is_computed_anew():
     """A disk pushed from a time of its own: phi'' = -F r / (d + M r^2) since then."""
     starts = np.linspace(1.0, 4.0, 5)
@@ -194,6 +197,7 @@ def test_runs_end_where_their_bodies_detach():
         assert int(found.trajectory.events["lift"].count[k]) == int(one.events["lift"].count)
 
 
+@pytest.mark.thorough
 def test_a_classical_system():
     system = stacked([FreeRigidBody(inertia=(1.0, 2.0, 2.5 + k / 10)) for k in range(3)])
     state = stacked([FreeRigidBody.state_type(Omega=(0.1, 1.0, 0.1))] * 3)
@@ -238,6 +242,7 @@ def test_a_run_that_fails_harms_no_other():
     np.testing.assert_array_equal(found.trajectory.state.phi[others], good.trajectory.state.phi[others])
 
 
+@pytest.mark.thorough
 def test_blocks_and_threads_change_nothing():
     system, state = disks(np.linspace(0.5, 2.0, 37))
     whole = simulate_ensemble(system, TIMES, state, lanes=8, threads=1)
@@ -266,6 +271,7 @@ def test_derivatives_are_those_of_single_runs():
     np.testing.assert_allclose(alone[0, 0], wanted[0], rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_fewer_runs_than_a_block_compile_nothing_anew():
     traces = []
 

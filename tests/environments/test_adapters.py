@@ -43,6 +43,7 @@ def test_one_passes_gymnasiums_checks_and_seeds_determine_episodes(environment):
     assert ends == [(False, False), (False, False), (False, True)]
 
 
+@pytest.mark.thorough
 def test_many_are_reset_in_the_step_in_which_they_end(environment):
     """As Gymnasium's own SyncVectorEnv does in this mode: the last observation is in ``final_obs``."""
     gymnasium.register(

@@ -87,6 +87,7 @@ def late_lanes(episodes):
     return {int(delay): j for j, delay in enumerate(episodes.delay)}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("delay", [0, 1, 2])
 def test_an_episode_is_the_run_of_the_drawn_robot_with_inputs_shifted_by_the_delay(begun, taken, actions, delay):
     """Both solve with tolerances of 1e-10, over five samples or at once."""

@@ -31,6 +31,7 @@ def paper():
     return balance(paper_ball(), free=[1, 2])
 
 
+@pytest.mark.thorough
 def test_the_angles_that_the_paper_rounded(paper):
     """The root to 18 digits, found outside this library."""
     assert paper.found

@@ -55,6 +55,7 @@ def free_disk():
     return disk, sensors, run
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("process", [{}, {"phidot": 0.3}, {"phi": 0.1, "phidot": 0.3, "z": 0.2}])
 def test_of_a_linear_system_it_is_kalmans_filter_and_rauchs_smoother(free_disk, process):
     """To 1e-9, ten times the tolerance of a sample's solve. The two other axes of the gyroscope read noise alone."""
@@ -135,6 +136,7 @@ def test_a_bias_is_found():
         assert abs(float(estimate.bias[name][-1]) - value) < 3 * deviation[-1]
 
 
+@pytest.mark.thorough
 def test_what_no_sensor_tells_is_named():
     """Of a gyroscope alone: on a level plane, position and heading. A camera sees a marker, and so both."""
     sensors = sensors_of_robot()

@@ -94,6 +94,7 @@ def rolling(values):
     return Disk(mass=values["mass"], inertia=0.5)
 
 
+@pytest.mark.thorough
 def test_what_a_log_does_not_tell_is_named_and_the_rest_is_in_closed_form():
     """A disk on a level plane rolls at a constant rate, whatever its mass: σ²/K is the variance of K readings of it.
 

@@ -180,6 +180,7 @@ def test_the_derivative_of_the_friction_needed():
     np.testing.assert_allclose(forward, expected, rtol=0, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_a_run_that_detaches_at_its_start_keeps_its_start():
     disk, _ = wheel(0.0)
     run = simulate(disk, TIMES, DiskState(phi=np.pi, phidot=2.5), events={"lift": Detachment()})
@@ -189,6 +190,7 @@ def test_a_run_that_detaches_at_its_start_keeps_its_start():
     np.testing.assert_array_equal(np.isfinite(run.state.phi), TIMES == 0.0)
 
 
+@pytest.mark.thorough
 def test_reaction_is_the_size_of_the_force_in_space():
     rng = np.random.default_rng(7)
     ball = paper_ball()

@@ -92,11 +92,13 @@ def assert_every_crossing_is_found(places_of, events):
         assert np.all(np.isnan(found.times[len(places) :]))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-10])
 def test_every_crossing_is_found_in_order(tolerance):
     assert_every_crossing_is_found(PLACES, run(PLACES, tolerance, 40).events)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-10])
 def test_what_changes_too_quickly_is_said(tolerance):
     """Beside it, where all pieces are as small as can be, thousands of crossings of another function are found."""
@@ -107,6 +109,7 @@ def test_what_changes_too_quickly_is_said(tolerance):
     assert "more may have been missed: its function, which was between" in events["noise"].message
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-10])
 def test_swings_that_fill_a_run_do_not_look_like_a_constant(tolerance):
     """sin(w z) has ⌊2 w/π⌋ zeros, up to 119 in each of the longest pieces; a sample of 8 tells nothing of them."""
@@ -145,6 +148,7 @@ def early(disk, t, state):
     return state.z - 1.1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("reverse", [False, True])
 @pytest.mark.parametrize("saves", [2, 3, 201])
 def test_the_first_of_all_terminal_events_ends_the_run(reverse, saves):
@@ -159,6 +163,7 @@ def test_the_first_of_all_terminal_events_ends_the_run(reverse, saves):
     np.testing.assert_array_equal(np.isfinite(run.state.z), run.times <= 1.1)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("terminal", [False, True])
 def test_two_events_at_the_same_time_are_both_there(terminal):
     events = {"a": Event(half, terminal=terminal), "b": Event(three_halves, terminal=terminal), "c": Event(half)}
@@ -167,6 +172,7 @@ def test_two_events_at_the_same_time_are_both_there(terminal):
     np.testing.assert_allclose([found.times[0] for found in run.events.values()], 1.5, rtol=0, atol=1e-14)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("start", [0.0, 0.1 + 0.2, 1e3 / 3])
 def test_the_start_is_no_crossing(start):
     """Not even where rounding puts it on the other side, as of 0.1 + 0.2 beside 0.3."""

@@ -82,6 +82,7 @@ def runs():
     }
 
 
+@pytest.mark.thorough
 def test_every_crossing_is_found_and_the_start_is_none(runs):
     found, expected = runs["sections"].events["middle"], zeros()
     assert len(expected) >= 4

@@ -81,6 +81,7 @@ def first_zero(guard):
     return high
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", [positive_at_the_start, rising_from_zero])
 def test_no_step_ends_behind_a_zero(kind):
     """Except for a dip between two places at which the guard is evaluated, and its quartic as well."""

@@ -43,6 +43,7 @@ def turns(count, kinetic=KINETIC, stiffness=STIFFNESS):
     return (-1.0) ** n * (START - 2 * n * kinetic / stiffness), n * np.pi * np.sqrt(MASS / stiffness)
 
 
+@pytest.mark.thorough
 def test_a_block_on_a_spring_loses_the_same_amplitude_in_each_half_swing():
     run = jaxball.simulate(block(), TIMES, moved(START), throw=True)
     places, times = turns(5)

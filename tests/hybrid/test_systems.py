@@ -106,6 +106,7 @@ def test_times_of_events_have_derivatives():
     np.testing.assert_allclose(jax.jacrev(times)(1.0), expected, rtol=0, atol=1e-11)
 
 
+@pytest.mark.thorough
 def test_second_derivatives_are_refused():
     """The state at an event is moved along its field to first order only."""
     twice = jax.jacfwd(jax.jacfwd(lambda x: at_the_end(x, 0.8, diffrax.ForwardMode())))
@@ -113,6 +114,7 @@ def test_second_derivatives_are_refused():
         twice(1.0)
 
 
+@pytest.mark.thorough
 def test_many_at_once():
     e = np.array([0.5, 0.6, 0.8, 0.9])
     many = simulate_ensemble(Bouncing(np.full(4, 2.0), e), (0.0, 2.4), Moving(), in_axes=(0, None)).trajectory
@@ -236,6 +238,7 @@ class Sampled(jaxball.AbstractSystem[Held]):
         return Held(state.x, -self.gain * state.x, t + self.period)
 
 
+@pytest.mark.thorough
 def test_time_events_are_those_of_a_sampled_controller():
     """x is multiplied by 1 − gain·period from tick to tick; at t = 4 the ninth has just not happened."""
     run = jaxball.simulate(Sampled(), TIMES, throw=True)

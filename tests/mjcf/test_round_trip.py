@@ -103,6 +103,7 @@ def test_a_file_read_and_written_again_is_the_same(system):
     assert differences(to_mjcf(again).text, text) == []
 
 
+@pytest.mark.thorough
 def test_prescribed_motions_come_back_as_servos():
     """A mass on three slides of one body comes back as three links, which is then what is written."""
     system = prescribed_ball()

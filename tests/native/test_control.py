@@ -148,6 +148,7 @@ def test_branches_in_a_batch():
     agree(jax.vmap(lambda x: lax.while_loop(condition, lambda c: (c[0] + 1, c[1] * 2), (0, x))), np.abs(numbers(30)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("length", LENGTHS)
 def test_functions_that_stay_functions(length):
     """More operations than are written where they are called; nothing cancels, so that each adds a rounding or two."""

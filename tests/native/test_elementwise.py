@@ -240,6 +240,7 @@ def test_bits_as_numbers_of_another_length(count):
 SPECIAL_FUNCTIONS = {name: getattr(lax, name) for name in ("erf_inv", "lgamma", "digamma", "bessel_i0e", "bessel_i1e")}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("dtype", FLOATS)
 def test_special_functions(dtype):
     """Written out by StableHLO's own rules, as XLA's."""

@@ -94,6 +94,7 @@ def root_mean_square(x):
     return jnp.sqrt(jnp.mean(x**2))
 
 
+@pytest.mark.thorough
 def test_a_function_that_is_written_again_is_not_compiled_again():
     """Its numbers tell, and an array by being the same one."""
     traced = []
@@ -148,6 +149,7 @@ MAPS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("around", MAPS.values(), ids=MAPS)
 @pytest.mark.parametrize("derivative", [jax.grad, jax.jacfwd], ids=["reverse", "forward"])
 def test_the_level_of_an_event_in_its_function(around, derivative):
@@ -186,6 +188,7 @@ class Hidden:
         return state.z - self.level
 
 
+@pytest.mark.thorough
 def test_what_cannot_be_taken_out_has_rows_but_no_derivatives():
     def time(level):
         return simulate(DISK, [0.0, 2.0], START, events={"there": Event(Hidden(level))}).events["there"].times[0]

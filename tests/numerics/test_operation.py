@@ -329,6 +329,7 @@ print(float(f(jnp.asarray(0.5))), len(hits))
 """
 
 
+@pytest.mark.thorough
 def test_what_jax_keeps_calls_the_same_program_in_another_process(tmp_path):
     """And never that of a function that has changed since."""
     first, second, changed = (in_new_process(KEPT, str(tmp_path), factor).split() for factor in ("2", "2", "3"))

@@ -73,6 +73,7 @@ def test_the_energy_of_a_ball_changes_by_the_power_put_in(kind):
     np.testing.assert_allclose(rate, power, rtol=ROUNDING, atol=ROUNDING * np.max(np.abs(energy)))
 
 
+@pytest.mark.thorough
 def test_the_energy_of_a_disk_changes_by_the_power_put_in():
     energy, rate, power = energy_balance(*random_disks(seed=22))
     np.testing.assert_allclose(rate, power, rtol=ROUNDING, atol=ROUNDING * np.max(np.abs(energy)))

@@ -50,6 +50,7 @@ def test_the_reaction_is_what_newtons_law_asks_of_the_plane(kind):
     check(*map(np.asarray, reaction(*random_cases(kind, seed=31))))
 
 
+@pytest.mark.thorough
 def test_the_reaction_on_a_disk():
     check(*map(np.asarray, reaction(*random_disks(seed=32))))
 

@@ -83,6 +83,7 @@ def test_the_direct_sum_over_masses_gives_the_same_angular_acceleration(balls):
     assert np.max(relative(rates.Omega, direct_sums(system, state, masses, Fe))) < ROUNDING
 
 
+@pytest.mark.thorough
 def test_rates_of_orientation_and_path_are_those_of_the_rolling_constraint(balls):
     system, state, _, _, rates = balls
     for k in range(COUNT):
@@ -139,6 +140,7 @@ def test_a_ball_without_masses_is_its_shell():
     assert relative(rates.Omega, expected) < ROUNDING
 
 
+@pytest.mark.thorough
 def test_versor_matrix_and_reduced_forms_agree():
     system, t, state = random_cases("driven")
     matrices = jax.vmap(jaxball.numerics.versor.rotation_matrix)(state.q)
@@ -183,6 +185,7 @@ def test_the_disk_is_the_scalar_equation_of_the_paper():
     np.testing.assert_allclose(rates.z, -system.radius * state.phidot, rtol=scaled(1e-15))
 
 
+@pytest.mark.thorough
 def test_the_disk_embedded_in_a_ball_rolls_alike():
     system, t, state = random_disks()
     flat = rates_of(system, t, state)
@@ -219,6 +222,7 @@ def test_newtons_laws_give_the_disk_with_one_mass():
         np.testing.assert_allclose(found, expected, rtol=scaled(1e-13))
 
 
+@pytest.mark.thorough
 def test_masses_of_every_kind_keep_their_order():
     """Grouping by structure must not shuffle what is asked for mass by mass."""
     rng = np.random.default_rng(5)

@@ -54,6 +54,7 @@ def several(make, count, seed):
     return D, slip * (np.array([1.0, 0.0, 1.0]) if make is flat else 1.0), mu, restitution
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("make", [contact, steep, flat])
 def test_the_process_is_that_of_another_integration(make):
     """Errors relative to the velocity before: of SciPy's integration 1e-12, and of where it ends a slip 1e-10."""
@@ -71,6 +72,7 @@ def test_the_process_is_that_of_another_integration(make):
     assert kinds["slides again"] > 3 or make is not flat  # a slip that is not in a plane turns round and does not end
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("make", [contact, steep, flat])
 def test_no_impact_pulls_or_creates_energy(make):
     """I₃ ≥ 0, |I_h| ≤ μ I₃, the normal velocity is Newton's or less, and ½ I·(v⁺ + v⁻) ≤ 0."""

@@ -48,6 +48,7 @@ def test_a_run_is_that_of_the_same_function():
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_joints_have_rows_after_the_masses():
     state = BallState(theta=(0.2, -0.1), thetadot=(0.0, 0.1))
     rates = jaxball.vector_field(with_an_arm(LinearLaw(signals=[0.25, -0.5])), jnp.array(0.0), state)

@@ -70,6 +70,7 @@ class TestHomogeneousBall:
     def plain(self, *, resistance=(0.0, 0.0, 0.0, 0.0), **changes):
         return body(ground=ground(**changes), resistance=jaxball.Resistance(*resistance))
 
+    @pytest.mark.thorough
     def test_rolls_down_an_incline(self):
         a, b = 0.4, 0.7
         done = run(self.plain(angle=a, heading=b), jaxball.BallState(), 3.0)
@@ -132,6 +133,7 @@ class TestHomogeneousBall:
 class TestDryFriction:
     """v̇ = g/(1 + k) − μ g₃/(1 + k) v/√(v² + r²ε²)."""
 
+    @pytest.mark.thorough
     def test_slows_the_ball_down_on_level_ground(self):
         """With y = |ω_h|, √(y² + ε²) − ε arsinh(ε/y) falls at μ g/(r (1 + k)), and the ball rolls straight."""
         mu, epsilon, Omega = 0.2, 0.05, (0.6, -0.8, 0.3)
@@ -183,6 +185,7 @@ class TestSphericalPendulum:
         thetadot=(1.1, 0.6),
     )
 
+    @pytest.mark.thorough
     def test_integrals_of_a_passive_one(self):
         """Vertical spin of the ball, horizontal momentum and e3·ρ × ρ̇."""
         done = run(self.ball(), self.start, 6.0)
@@ -347,6 +350,7 @@ class TestRotors:
     whole = D + 2 * C  # about each axis
     mass = M + 3 * m
 
+    @pytest.mark.thorough
     def test_three_roll_a_balanced_ball_from_rest(self):
         """Ω = −[K + M r²/(D − C) Γ (Γ·K)]/(D − C + M r²)."""
         q = Rotation.from_rotvec([0.4, -0.3, 0.6]).as_quat()

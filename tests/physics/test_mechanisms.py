@@ -130,6 +130,7 @@ def test_what_a_solve_advances_has_the_rates_of_these_equations(cases, evaluated
             assert scaled(x, y) < 1e-12
 
 
+@pytest.mark.thorough
 def test_energy_changes_by_the_power_of_all_that_acts(cases, evaluated):
     for case, (_, seen, rate, *_) in zip(cases, evaluated, strict=True):
         assert float(seen.energy) == pytest.approx(lagrange.energy(*case[:3]), rel=1e-12, abs=1e-12)

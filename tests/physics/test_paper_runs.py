@@ -49,6 +49,7 @@ def test_the_ball_is_the_papers_ball(ball_trajectory):
     assert np.max(np.abs(found - expected[:, 6:])) <= 1e-8
 
 
+@pytest.mark.thorough
 def test_the_disk_is_the_papers_disk(disk_trajectory):
     expected, _ = reference("paper_disk")
     found = packed(disk_trajectory.state)

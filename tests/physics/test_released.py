@@ -132,6 +132,7 @@ def test_any_reaction_and_none_are_those_of_newton_and_euler(cases, evaluated):
         assert_answer(found["flight"], newton_euler.solve(robot, setting, moment, Pushed(ORIGIN, touching=False)))
 
 
+@pytest.mark.thorough
 def test_the_contact_matrix_is_what_unit_forces_of_the_plane_do(cases, evaluated):
     for (robot, setting, moment, _, _), found in zip(cases, evaluated, strict=True):
         smooth = dataclasses.replace(setting, mu_r=0.0)

@@ -55,6 +55,7 @@ def test_mass_in_tube_moves_by_lengths():
     assert_close(placed(robot, 0.3), [PIVOT + 0.3 * DOWN])
 
 
+@pytest.mark.thorough
 def test_turning_rail_carries_its_mass():
     rail = jaxball.Circle(0.5, centre=(0.1, 0.0, 0.2))
     robot = jaxball.turning_rail(0.6, rail, axis=AXIS, pivot=PIVOT)
@@ -62,6 +63,7 @@ def test_turning_rail_carries_its_mass():
     assert_close(placed(robot, 0.7, -0.4), [PIVOT + turn(AXIS, 0.7).apply(on_rail - PIVOT)])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("axis", [E3, -E3, E1, DIRECTION])
 @pytest.mark.parametrize("count", [3, 4, 7])
 def test_ring_rotor_has_the_moments_of_a_ring(axis, count):

@@ -83,6 +83,7 @@ def test_unit_vectors():
     agrees(ReducedState(Omega=np.zeros((3, 5, 3)), Gamma=Gamma).projected().Gamma, unit)
 
 
+@pytest.mark.thorough
 def test_the_states_of_a_trajectory_and_of_its_batch():
     times, body = np.linspace(0.0, 1.0, 4), FreeRigidBody(inertia=(1.0, 2.0, 3.0))
     run = simulate(body, times, RigidBodyState(Omega=(0.3, 0.1, 1.0)))
@@ -96,6 +97,7 @@ def test_the_states_of_a_trajectory_and_of_its_batch():
             np.testing.assert_allclose(found[k], getattr(one.laws, name), rtol=0, atol=1e-8)
 
 
+@pytest.mark.thorough
 def test_the_observables_of_an_ensemble_are_those_of_its_runs():
     times = np.linspace(0.0, 1.0, 3)
 

@@ -53,6 +53,7 @@ def gusts(t, motion, strength):
     return Wrench(force, strength * (jnp.sum(motion.thetadot) * turned - motion.Lambda @ motion.Omega))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("v0", [1.5, -0.4])
 def test_quadratic_drag_slows_a_rolling_ball_as_one_over_the_time(v0):
     """(m + d/r²) v̇ = −c v |v|: v = v0 / (1 + k |v0| t), k = c / (m + d/r²), so that ∂v/∂c is known, too."""
@@ -251,6 +252,7 @@ def test_the_laws_of_mechanics_hold_under_wind_and_magnets():
     assert "a force acts" in report["chaplygin"].reason
 
 
+@pytest.mark.thorough
 def test_runs_of_an_ensemble_are_single_runs():
     c = jnp.linspace(0.0, 0.8, 5)
     start = BallState(Omega=(0.1, 1.0, 0.0))
@@ -269,6 +271,7 @@ def in_plane(t, motion, p):
     return Wrench(jnp.array([0.1, 0.0, 0.2]), jnp.array([0.0, 0.3, 0.0]))
 
 
+@pytest.mark.thorough
 def test_what_is_beside_the_plane_of_a_disk_is_taken_by_what_holds_it_upright():
     runs = [
         jaxball.simulate(

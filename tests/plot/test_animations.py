@@ -52,6 +52,7 @@ def disk_film(disk_trajectory, tmp_path_factory):
     return plot.animate(disk_trajectory, tmp_path_factory.mktemp("film") / "disk.gif", fps=4, speed=4.0, dpi=60)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("k", [0, 20])
 def test_a_gif_shows_the_first_and_the_last_pose(disk_film, disk_trajectory, k):
     pictures, _ = frames_of(disk_film)
@@ -84,6 +85,7 @@ def test_a_gif_lasts_as_long_as_it_should(disk_trajectory, tmp_path, fps):
     assert max(durations) - min(durations) <= 10
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("body", ["ball", "disk"])
 def test_a_gif_is_small(body, request, tmp_path):
     trajectory = request.getfixturevalue(f"{body}_trajectory")

@@ -25,6 +25,7 @@ def loops(track):
     return {name: closed_loop(one, {"phi": 0.3}) for name, one in (("without", without), ("with", track))}
 
 
+@pytest.mark.thorough
 def test_gains_are_drawn_but_those_that_are_zero(track):
     """z has weight 0, and no gain."""
     lines = {line.get_label(): line.get_ydata() for line in plot.gains(track).lines}
@@ -34,6 +35,7 @@ def test_gains_are_drawn_but_those_that_are_zero(track):
         plot.gains(track, "mechanisms[1].joints[0]")
 
 
+@pytest.mark.thorough
 def test_paths_are_those_of_the_loops_and_of_the_motion(track, loops):
     lines = {line.get_label(): line.get_ydata() for line in plot.held_paths(loops).lines}
     np.testing.assert_allclose(lines["with"], loops["with"].states.z, rtol=0, atol=1e-12)
@@ -51,6 +53,7 @@ def test_inputs_are_steps_within_lines_at_their_limits(loops):
     assert {line.get_ydata()[0] for line in ax.lines} == {-0.2, 0.2}
 
 
+@pytest.mark.thorough
 def test_a_map_shows_which_starts_come_back(track):
     found = basin(track, {"phi": [-1.0, 0.0, 1.0], "phidot": [0.0, 3.0]}, Q={"phi": 1.0}, within=0.3)
     ax = plot.basin_map(found)

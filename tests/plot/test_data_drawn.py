@@ -237,6 +237,7 @@ def test_downhill_is_where_a_ball_at_rest_begins_to_roll(heading):
     assert "downhill" in [text.get_text() for text in ax.texts]
 
 
+@pytest.mark.thorough
 def test_the_velocity_of_the_centre_is_the_rate_of_its_place():
     """By central differences, of a ball on a turntable, which carries it along."""
     table = load_scenario("turntable")

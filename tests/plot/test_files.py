@@ -31,6 +31,7 @@ def ink(path):
     return np.mean(np.any(matplotlib.image.imread(path)[..., :3] < 0.98, axis=-1))
 
 
+@pytest.mark.thorough
 def test_all_figures_of_the_disk(disk_trajectory, tmp_path):
     paths = plot.figures(disk_trajectory, tmp_path / "new" / "folder")
     assert [path.name for path in paths] == [

@@ -83,6 +83,7 @@ def test_numbers_at_the_corner_of_a_cube_are_apart(radius):
     ]
 
 
+@pytest.mark.thorough
 def test_the_page_of_an_empty_body_has_no_panel_without_a_motion():
     """A homogeneous shell has its centre of mass in the middle at all times."""
     run = simulate(Ball(mass=1.0, inertia=(0.4,) * 3), np.linspace(0.0, 1.0, 11), BallState(Omega=(0.5, 0.0, 0.0)))
@@ -100,6 +101,7 @@ def test_masses_in_one_place_all_show():
     assert np.all(np.diff(sizes) < 0)
 
 
+@pytest.mark.thorough
 def test_joints_that_move_alike_all_show():
     """Where four curves are one, each has dashes in the gaps of the others."""
     scenario = load_scenario("spokes")

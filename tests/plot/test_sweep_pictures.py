@@ -220,6 +220,7 @@ def test_a_store_says_what_its_study_finds(tmp_path):
     assert "finds" not in layout_of(study(tmp_path, MASSES, ""))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "draw",
     [
@@ -325,6 +326,7 @@ def command(monkeypatch, tmp_path):
     return lambda *arguments: main(["sweep", "plot", *arguments])
 
 
+@pytest.mark.thorough
 def test_the_command_draws_what_fits_the_study(command, tmp_path, capsys):
     store(tmp_path, settings=TIMES)
     assert command("s.zarr", "--out", "new/figures", "--result", "phi") == 0

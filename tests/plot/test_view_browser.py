@@ -64,6 +64,7 @@ def time(page):
     return page.execute_script("return jaxball.time()")
 
 
+@pytest.mark.thorough
 def test_nothing_fails_and_nothing_is_asked_for(page):
     go_to(page, 7.0)
     assert page.get_log("browser") == []
@@ -99,6 +100,7 @@ def test_the_scene_shows_the_pose_of_the_run(page, ball_trajectory):
         np.testing.assert_allclose(abs(q @ np.asarray(ball_trajectory.state.q[k])), 1.0, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_the_scene_is_drawn_and_moves(page):
     first = picture(page)
     assert len(np.unique(first.reshape(-1, 4), axis=0)) > 200
@@ -109,6 +111,7 @@ def test_the_scene_is_drawn_and_moves(page):
     np.testing.assert_array_equal(picture(page), first)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("frame", "layer"), [("Follow", "Contact point"), ("Body frame", "Axes of the body")])
 def test_a_frame_keeps_in_place_what_is_at_rest_in_it(page, frame, layer):
     """On a level plane the contact point is straight below the centre; the body's axes turn with the body."""
@@ -235,6 +238,7 @@ def test_layers_and_theme_change_what_is_seen(page):
     np.testing.assert_array_equal(picture(page), before)
 
 
+@pytest.mark.thorough
 def test_the_slider_is_a_time(browser, tmp_path):
     """Saved times that crowd at the start: half of them are in a hundredth of the time."""
     times = np.concatenate([np.linspace(0.0, 0.1, 11), np.linspace(1.0, 10.0, 10)])
@@ -248,6 +252,7 @@ def test_the_slider_is_a_time(browser, tmp_path):
     assert time(browser) == 8.0
 
 
+@pytest.mark.thorough
 def test_a_frame_that_grows_sees_all_beside_its_settings(browser, disk_trajectory, tmp_path):
     """The settings open when there is room for them, and the disk at its start is left of them."""
     browser.get(disk_trajectory.view(tmp_path / "disk.html").save(tmp_path / "disk.html").as_uri())
@@ -267,6 +272,7 @@ def test_a_frame_that_grows_sees_all_beside_its_settings(browser, disk_trajector
     browser.set_window_size(1000, 900)
 
 
+@pytest.mark.thorough
 def test_less_motion_is_shown_in_steps(browser, ball_trajectory, tmp_path):
     browser.execute_cdp_cmd(
         "Emulation.setEmulatedMedia", {"features": [{"name": "prefers-reduced-motion", "value": "reduce"}]}
@@ -284,6 +290,7 @@ def test_less_motion_is_shown_in_steps(browser, ball_trajectory, tmp_path):
     assert 2 <= len(frames) <= 5  # two a second, where each of the seven times would be shown
 
 
+@pytest.mark.thorough
 def test_a_failed_run_says_so(browser, failed_trajectory, tmp_path):
     browser.get(failed_trajectory.view(tmp_path / "failed.html").save(tmp_path / "failed.html").as_uri())
     status = browser.find_element(By.ID, "status")
@@ -294,6 +301,7 @@ def test_a_failed_run_says_so(browser, failed_trajectory, tmp_path):
     assert browser.get_log("browser") == []
 
 
+@pytest.mark.thorough
 def test_a_body_that_flies_is_over_the_plane_and_its_mode_is_named(browser, thrown_trajectory, tmp_path):
     """At t = ½ it has fallen by ⅛ from ½."""
     browser.get(thrown_trajectory.view().save(tmp_path / "thrown.html").as_uri())
@@ -310,6 +318,7 @@ def test_a_body_that_flies_is_over_the_plane_and_its_mode_is_named(browser, thro
     assert browser.get_log("browser") == []
 
 
+@pytest.mark.thorough
 def test_a_notebook_runs_it_in_a_frame(browser, ball_trajectory, tmp_path):
     notebook = tmp_path / "notebook.html"
     notebook.write_text(f"<!doctype html><meta charset=utf-8>{ball_trajectory.view()._repr_html_()}", encoding="utf-8")
@@ -366,6 +375,7 @@ def test_each_body_has_the_pose_of_its_run_at_its_own_time(several, ball_traject
     assert several.get_log("browser") == []
 
 
+@pytest.mark.thorough
 def test_names_of_runs_and_numbers_are_text(several):
     names = [button.text.replace("\n", " ") for button in several.find_elements(By.CSS_SELECTOR, "#names button")]
     assert [names[0], names[2]] == ["row 3 1", "row 4 4"]
@@ -377,6 +387,7 @@ def test_names_of_runs_and_numbers_are_text(several):
     assert several.execute_script("return performance.getEntriesByType('resource').length") == 0
 
 
+@pytest.mark.thorough
 def test_the_body_of_the_pressed_button_is_followed(several):
     choose(several, "Follow")
     go_to(several, 2.0)
@@ -391,6 +402,7 @@ def test_the_body_of_the_pressed_button_is_followed(several):
         assert np.mean(np.any(seen[k] != seen[k - 1], axis=-1)) > 0.02
 
 
+@pytest.mark.thorough
 def test_the_momentum_the_wanted_path_and_obstacles_are_switched(several):
     go_to(several, 2.0)
     momentum = "Angular momentum Π about the contact point"

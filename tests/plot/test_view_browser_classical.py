@@ -71,6 +71,7 @@ def test_a_top_has_the_pose_of_its_state(browser, top_run, tmp_path):
     check_scene(browser)
 
 
+@pytest.mark.thorough
 def test_in_its_frame_a_top_is_at_rest(browser, top_run, tmp_path):
     """Of what moves, only that the body carries is left: its axes cover the same pixels at all times."""
     browser.get(top_run.view(tmp_path / "top.html").save(tmp_path / "top.html").as_uri())
@@ -87,6 +88,7 @@ def test_in_its_frame_a_top_is_at_rest(browser, top_run, tmp_path):
     assert np.mean(np.any(np.abs(picture(browser) - there) > 64, axis=-1)) < 1e-3
 
 
+@pytest.mark.thorough
 def test_a_particle_is_where_its_state_is(browser, particle_run, tmp_path):
     browser.get(particle_run.view(tmp_path / "particle.html").save(tmp_path / "particle.html").as_uri())
     state = particle_run.state
@@ -96,6 +98,7 @@ def test_a_particle_is_where_its_state_is(browser, particle_run, tmp_path):
     check_scene(browser)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("width", "open_"), [(770, False), (960, True)])
 def test_in_a_narrow_frame_the_settings_start_closed(browser, particle_run, tmp_path, width, open_):
     notebook = tmp_path / "notebook.html"

@@ -130,6 +130,7 @@ def test_graphs_name_columns_that_there_are(ball_trajectory, ball_document):
     assert ball_document["units"] == "dimensionless, m₀ = r = g = 1"
 
 
+@pytest.mark.thorough
 def test_positions_along_tubes_are_no_angles_and_a_disk_turns_at_one_rate(disk_trajectory):
     tubes = load_scenario("six-tubes")
     run = jaxball.simulate(tubes.system, [0.0, 0.1], tubes.state, rtol=1e-6, atol=1e-6)
@@ -210,6 +211,7 @@ def test_numbers_are_in_float64_where_float32_would_show_a_point_elsewhere():
     assert packed(np.zeros((3, 0, 3)), 1.0)["shape"] == [3, 0, 3]
 
 
+@pytest.mark.thorough
 def test_2000_frames_of_the_papers_ball_are_less_than_a_megabyte(ball_trajectory):
     """All of them, also far away, where the path must be in float64."""
     leaves = jax.tree.map(lambda leaf: jnp.asarray(np.resize(leaf, (2000, *leaf.shape[1:]))), ball_trajectory.state)

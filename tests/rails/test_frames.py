@@ -25,6 +25,7 @@ def check_basis(n, atol):
     np.testing.assert_allclose(np.linalg.det(B), 1, atol=atol)
 
 
+@pytest.mark.thorough
 @given(st.tuples(number, number, number).map(np.array))
 def test_the_basis_is_orthonormal_and_right_handed(n):
     """Frisvad's formula loses digits as n nears −e3: to 1e-16 / (1 + n3)."""

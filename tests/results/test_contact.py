@@ -52,6 +52,7 @@ def test_a_run_comes_back_with_its_modes_and_switches(disk, tmp_path, suffix):
     np.testing.assert_array_equal(run.observables.geometric_centre, disk.observables.geometric_centre)
 
 
+@pytest.mark.thorough
 def test_a_data_set_says_what_its_numbers_stand_for(disk, tmp_path):
     history, switches = disk.contact, disk.contact.switches
     count = int(switches.count)

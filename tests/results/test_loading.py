@@ -37,6 +37,7 @@ def ball():
     return scenario, scenario.simulate()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("suffix", [".nc", ".npz"])
 def test_a_ball_with_a_driven_mass(ball, tmp_path, suffix):
     scenario, trajectory = ball
@@ -46,6 +47,7 @@ def test_a_ball_with_a_driven_mass(ball, tmp_path, suffix):
     assert str(run) == str(trajectory)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("suffix", [".nc", ".npz"])
 def test_a_failed_run_comes_back_as_failed(ball, tmp_path, suffix):
     scenario, _ = ball
@@ -86,6 +88,7 @@ def test_a_trajectory_saves_itself_with_its_system(tmp_path):
         trajectory.save(tmp_path / "run.xlsx")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("suffix", [".nc", ".npz"])
 def test_a_run_of_a_scenario_saves_its_title_and_settings(tmp_path, suffix):
     """Those of the call in the place of the scenario's; a run that was read back has them, and saves them again."""

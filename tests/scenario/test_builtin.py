@@ -91,18 +91,21 @@ def test_energy_changes_by_the_work_done(runs):
         assert abs(work - (energy[-1] - energy[0])) < 2e-2 * np.ptp(energy), name
 
 
+@pytest.mark.thorough
 def test_ball_is_the_papers(runs):
     trajectory, _ = runs("ball")
     state = np.concatenate([trajectory.state.q, trajectory.state.Omega, trajectory.state.z], axis=1)[::10]
     np.testing.assert_allclose(state, reference("ball")[:, 6:], rtol=0, atol=1e-7)
 
 
+@pytest.mark.thorough
 def test_disk_is_the_papers(runs):
     trajectory, _ = runs("disk")
     state = np.stack([trajectory.state.phi, trajectory.state.phidot], axis=1)[::10]
     np.testing.assert_allclose(state, reference("disk")[:, -2:], rtol=0, atol=1e-10)
 
 
+@pytest.mark.thorough
 def test_disk_in_ball_rolls_as_the_disk(runs):
     disk, ball = runs("disk")[0].state, runs("disk-in-ball")[0].state
     np.testing.assert_allclose(ball.z[:, 0], disk.z, rtol=0, atol=1e-9)
@@ -122,6 +125,7 @@ def test_routh_sphere_conserves_energy_and_jellett(runs):
     assert np.ptp(G[2]) > 1e-2
 
 
+@pytest.mark.thorough
 def test_chaplygin_sphere_keeps_its_centre_of_mass(runs):
     _, seen = runs("chaplygin-sphere")
     assert np.max(np.abs(seen.centre_of_mass_body)) < 1e-15
@@ -135,6 +139,7 @@ def test_chaplygin_top_conserves_energy_and_rolls_over(runs):
     assert np.ptp(np.sign(seen.vertical_body[:, 2])) == 2
 
 
+@pytest.mark.thorough
 def test_rolling_robot_is_driven_round_at_a_constant_rate(runs):
     """θ = −π/2 + 1.5 t in the plane of E1 and E3."""
     trajectory, seen = runs("rolling-robot")

@@ -203,6 +203,7 @@ CASES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("text", "sentence"), CASES.values(), ids=CASES.keys())
 def test_sentence(text, sentence):
     with pytest.raises(ScenarioError) as caught:

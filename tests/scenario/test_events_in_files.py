@@ -90,6 +90,7 @@ def simulated(text, events):
     return read_scenario(text + events).simulate(rtol=1e-12, atol=1e-12, throw=True)
 
 
+@pytest.mark.thorough
 def test_a_rolling_disk_passes_each_level_when_it_gets_there():
     run = simulated(
         ROLLING, '[events.near]\nof = "z"\nlevel = 0.75\n[events.far]\nof = "z"\nlevel = 2.4\nterminal = true'
@@ -101,12 +102,14 @@ def test_a_rolling_disk_passes_each_level_when_it_gets_there():
     np.testing.assert_array_equal(np.isnan(run.state.z), run.times > 2.4 / SPEED)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("direction", "count"), [("rising", 1), ("falling", 0), ("both", 1)])
 def test_directions_are_those_of_the_number(direction, count):
     run = simulated(ROLLING, f'[events.near]\nof = "z"\nlevel = 0.75\ndirection = "{direction}"')
     assert run.events["near"].count == count
 
 
+@pytest.mark.thorough
 def test_a_thrown_ball_passes_a_height_twice():
     up, down = (
         f'[events.{name}]\nof = "height"\nlevel = 1.0\ndirection = "{name}"\n' for name in ("rising", "falling")
@@ -123,6 +126,7 @@ def test_a_classical_system_has_events_of_its_coordinates():
     np.testing.assert_allclose(run.events["post"].times[0], 2.0, rtol=1e-10)  # straight along x, where y is 0
 
 
+@pytest.mark.thorough
 def test_kinds_end_a_run_where_rolling_does():
     wheel = WHEEL.replace("phidot = 1.0", "phidot = 4.0")
     run = read_scenario(wheel + '[events.lift]\nkind = "detachment"').simulate()
@@ -133,6 +137,7 @@ def test_kinds_end_a_run_where_rolling_does():
     assert slipped.events["slide"].count > 0
 
 
+@pytest.mark.thorough
 def test_functions_and_classes_of_ones_own_are_named(own):
     run = simulated(
         ROLLING,
@@ -172,6 +177,7 @@ def test_defaults_are_left_out_and_none_is_no_table():
     assert "events" not in tomllib.loads(write_scenario(read_scenario(ROLLING + "[events]")))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("suffix", [".nc", ".npz"])
 def test_a_saved_run_has_the_events_of_its_scenario_and_their_times(tmp_path, suffix):
     events = '[events.near]\nof = "z"\nlevel = 0.75\n[events.never]\nof = "z"\nlevel = -1.0'
@@ -195,6 +201,7 @@ def test_a_saved_run_has_the_events_of_its_scenario_and_their_times(tmp_path, su
     assert "event_never_times" not in saved
 
 
+@pytest.mark.thorough
 def test_events_of_a_run_are_besides_those_of_its_scenario():
     scenario = read_scenario(ROLLING + '[events.near]\nof = "z"\nlevel = 0.75')
     run = scenario.simulate(events={"slide": Slip(0.1)})
@@ -347,6 +354,7 @@ def test_what_needs_whole_runs_refuses_one_that_an_event_may_end():
         rolling_state(read_scenario(ROLLING + POST + "terminal = true"), "a design is")
 
 
+@pytest.mark.thorough
 def test_events_are_of_the_system_that_is_read():
     assert isinstance(read_scenario(ROLLING + POST).system, Disk)
     ball = read_scenario(THROWN + '[events.low]\nof = "z[1]"\nlevel = 0.25')

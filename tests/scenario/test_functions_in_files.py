@@ -79,6 +79,7 @@ def module(tmp_path, monkeypatch):
     sys.modules.pop("my_forces", None)
 
 
+@pytest.mark.thorough
 def test_a_force_of_a_function_of_a_file(module):
     """v = v0 / (1 + c v0 t / (m + d/r²)), as the function has it; the text that is written says the same."""
     scenario = read_scenario(ROLLING)
@@ -160,6 +161,7 @@ parameters = 0.5
 """
 
 
+@pytest.mark.thorough
 def test_objectives_and_constraints_of_functions_of_a_file(module):
     """Their values in closed form, and their derivatives by the coefficient that the force has."""
     found = design.read_problem(PROBLEM).problem

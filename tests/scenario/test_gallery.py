@@ -42,6 +42,7 @@ def test_three_rotors_roll_the_ball_from_rest_to_rest():
     np.testing.assert_allclose(seen.normal_force, 1.6, atol=1e-8)
 
 
+@pytest.mark.thorough
 def test_a_ball_on_a_turntable_goes_round_at_two_sevenths_of_its_rate():
     """ż turns at 2/7 W from ż(0) = r Ω × e3 + W e3 × (z − c), and Ω₃ stays."""
     trajectory, times, seen = run("turntable")
@@ -59,6 +60,7 @@ def rocking(t, y):
     return np.concatenate([y[2:], -w2 * y[:2]])
 
 
+@pytest.mark.thorough
 def test_a_shaken_ball_rocks_up_as_mathieus_equation_says():
     """While it rocks by less than 0.1, the equation is good to φ², 1e-2 of what it says.
 
@@ -186,6 +188,7 @@ def test_spokes_keep_the_momentum_of_a_balanced_ball():
     np.testing.assert_allclose(np.asarray(trajectory.state.z) @ np.array([0.2, 0.5]), 0.0, atol=1e-8)
 
 
+@pytest.mark.thorough
 def test_a_pendulum_held_to_the_side_leads_the_ball_round_a_circle():
     """Of radius ρ, with the pendulum at s < 0 outward of the centre and h below it, and no spin about the vertical.
 

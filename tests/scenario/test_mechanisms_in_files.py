@@ -271,6 +271,7 @@ def test_round_trip(text):
     assert write_scenario(again) == written
 
 
+@pytest.mark.thorough
 def test_balance_counts_the_masses_of_mechanisms():
     """0.6 · 0.5 cos θ = −0.5 · 0.3 at θ = 2π/3, which is nearer to 3 than −2π/3 is."""
     joint = PENDULUM.replace("[0, 0, -0.6]", "[0.3, 0, -0.4]")
@@ -326,6 +327,7 @@ def test_traced_numbers_make_what_files_make():
     assert broken == {"resistance.rolling", "ground.angle", *moved}
 
 
+@pytest.mark.thorough
 def test_friction_without_a_normal_force_is_refused_in_files():
     """A light shell and a mass ahead: no solution from B / (m x) = 2.03 on, as in tests/physics/test_painleve.py."""
     light = SHELL.replace("mass = 1.0", "mass = 0.1").replace(
@@ -344,6 +346,7 @@ def test_friction_without_a_normal_force_is_refused_in_files():
         read_scenario(text(2.1))
 
 
+@pytest.mark.thorough
 def test_every_number_can_be_traced():
     changes = {
         "force.parameters.drag": 0.05,

@@ -24,6 +24,7 @@ def test_documented_files_run(text):
     assert read_scenario(write_scenario(scenario)).title == scenario.title
 
 
+@pytest.mark.thorough
 def test_balance_finds_the_papers_angles():
     """θ_a before the paper rounded it, as the root in 18 digits."""
     (text,) = (text for text in DOCUMENTED if "balance" in text)
@@ -48,6 +49,7 @@ def test_servo_closes_the_gap():
     np.testing.assert_allclose(trajectory.state.theta[:, 0], target + (1 + 2 * t) * np.exp(-2 * t), atol=1e-8)
 
 
+@pytest.mark.thorough
 def test_a_law_that_carries_a_mass_out():
     """θ = 0.7 + 0.2 t passes the radius 1, to half of rounding, at t = 1.5; the first saved time after it is 12/7."""
     text = with_rail('{ kind = "tube", direction = [1, 0, 0] }', DISK) + '[actuation]\nform = "integrated"\n'

@@ -105,6 +105,7 @@ def test_a_resistance_of_a_file_slows_a_ball():
     np.testing.assert_allclose(scenario.simulate().state.Omega[:, 1], expected, rtol=0, atol=1e-11)
 
 
+@pytest.mark.thorough
 def test_a_system_and_a_solver_of_a_file():
     """The pendulum by Heun's method against Dormand and Prince's; 1e-5 is a hundred times the tolerance."""
     scenario = read_scenario(text_of("shaken"))
@@ -112,6 +113,7 @@ def test_a_system_and_a_solver_of_a_file():
     np.testing.assert_allclose(by_heun.state.theta, scenario.simulate().state.theta, rtol=0, atol=1e-5)
 
 
+@pytest.mark.thorough
 def test_a_reduction_of_a_study_and_numbers_of_own_classes_swept():
     """On a spring of no length, z = 1 − cos ω t with ω² = k / (m + d/r²): its width is that up to the end, or 2."""
     scenario = BALL + '[force]\nkind = "cable:Cable"\nstiffness = 1.0\nlength = 0.0\nanchor = [1.0, 0.0, 0.0]'

@@ -70,6 +70,7 @@ def test_readings_arrive_late_and_at_their_rate(run):
     np.testing.assert_array_equal(found[arrived], exact[arrived - 3])
 
 
+@pytest.mark.thorough
 def test_the_key_decides_and_other_sensors_do_not(run):
     noisy = SensorErrors(noise=1.0)
     both = {"first": Gyroscope(errors=noisy), "second": Gyroscope(errors=noisy)}
@@ -84,6 +85,7 @@ def test_the_key_decides_and_other_sensors_do_not(run):
     assert not np.array_equal(found["first"], seeded["first"])
 
 
+@pytest.mark.thorough
 def test_a_reading_is_linear_in_the_level_of_its_noise(run):
     """So its derivative is the noise itself, divided by that level."""
 
@@ -94,6 +96,7 @@ def test_a_reading_is_linear_in_the_level_of_its_noise(run):
     np.testing.assert_allclose(slope, (read(0.5) - read(0.0)) / 0.5, rtol=0, atol=1e-14)
 
 
+@pytest.mark.thorough
 def test_runs_of_a_batch_have_different_noise():
     def solved(speed):
         return jaxball.simulate(Disk(mass=1.0, inertia=0.5), jnp.array([0.0, 1.0]), DiskState(phidot=speed))
@@ -104,6 +107,7 @@ def test_runs_of_a_batch_have_different_noise():
     assert not np.array_equal(found[0], found[1])
 
 
+@pytest.mark.thorough
 def test_a_position_is_that_of_a_marker_over_the_plane():
     """On a disk that is thrown: z₁ grows with its velocity, the height falls with g = 1, and the marker goes round."""
     start = ReleasedState(DiskState(phidot=-2.0), V=(0.5, 0.0, 0.3), height=1.0)

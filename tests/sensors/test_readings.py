@@ -250,6 +250,7 @@ def test_a_plane_that_shakes_is_felt():
     np.testing.assert_allclose(found[:, 2], expected, rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_a_failed_run_has_no_readings_where_it_did_not_come():
     """NaN after the time that the solve reached, also of what a schedule prescribes."""
     arm = jaxball.planar_pendulum(0.3, 0.4, drive=jaxball.ConstantRate(0.0, rate=1.0))
@@ -284,6 +285,7 @@ def test_readings_have_derivatives():
 PENDULUM = Disk(mass=1.0, inertia=0.5, mechanisms=[jaxball.planar_pendulum(0.3, 0.4)])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("sensors", "error", "words"),
     [

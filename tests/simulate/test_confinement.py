@@ -146,6 +146,7 @@ def test_a_rail_on_the_shell_is_inside(seed):
     assert problems(eqx.tree_at(lambda b: b.radius, body, body.radius * (1 - 1e-7)))
 
 
+@pytest.mark.thorough
 def test_the_furthest_point_of_a_rail_is_that_of_its_formula():
     frame, centre = jaxball.VersorFrame((0.3, -0.2, 0.7, 0.5)), np.array([0.1, 0.25, -0.3])
     axis = np.asarray(frame.matrix())[:, 1]

@@ -101,6 +101,7 @@ def test_a_motor_has_the_last_step_at_the_end_wherever_it_is_looked_at(tmp_path)
     agrees(designed.joint_efforts)
 
 
+@pytest.mark.thorough
 def test_the_end_of_a_figure_of_accelerations():
     system, start, _ = SYSTEMS["schedule"]
     run = simulate(system, np.array([0.0, 0.5, END]), start)

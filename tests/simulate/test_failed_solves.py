@@ -26,6 +26,7 @@ def broken():
     return jaxball.Ball(**SHELL, masses=[mass])
 
 
+@pytest.mark.thorough
 def test_too_many_steps_keep_what_was_computed():
     times = np.linspace(0.0, 20.0, 41)
     run = jaxball.simulate(paper_ball(), times, max_steps=16)
@@ -44,6 +45,7 @@ def test_too_many_steps_keep_what_was_computed():
     np.testing.assert_allclose(saved[~beyond], whole[~beyond], atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_a_field_that_is_not_finite_is_found_with_its_time(broken):
     run = jaxball.simulate(broken, TIMES)
     assert run.status == Status.NOT_FINITE

@@ -28,6 +28,7 @@ def sentence():
     return done.stdout
 
 
+@pytest.mark.thorough
 def test_the_refusal_names_the_line_that_fixes_it(sentence):
     assert 'jax.config.update("jax_enable_x64", True)' in sentence
     assert "float32" in sentence

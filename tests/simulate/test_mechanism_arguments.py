@@ -16,6 +16,7 @@ def hinge(axis=(0.0, 1.0, 0.0), drive=None, on=None):
     return Hinge(axis, drive=drive, on=on)
 
 
+@pytest.mark.thorough
 def test_joints_start_at_0_where_no_state_is_given():
     """As in files; what a law drives has a start that it follows from, which must be given."""
     spring = hinge(drive=jaxball.Spring(stiffness=0.1, rest=0.3))
@@ -125,6 +126,7 @@ def test_states_need_the_angles_of_joints():
         jaxball.simulate(ball(), [0.0, 1.0], jaxball.BallState())
 
 
+@pytest.mark.thorough
 def test_a_reduced_ball_knows_no_ground():
     reduced = jaxball.ReducedState(theta=[0.3], thetadot=[0.0])
     with pytest.raises(ValueError, match="must have no `ground` that is tilted or moves in the reduced system"):
@@ -148,6 +150,7 @@ def test_a_mass_that_a_force_pushes_out_is_told():
     assert run.ok
 
 
+@pytest.mark.thorough
 def test_a_prescribed_joint_is_looked_at_between_saved_times():
     """0.5 + 0.6 sin² t is over 1 between t = 1.13 and 2.01, and under it at all saved times."""
     swing = jaxball.Sinusoids(0.3, [-0.3], [2.0], [np.pi / 2])
@@ -195,6 +198,7 @@ def test_a_disk_with_mechanisms_rolls_like_the_ball_in_which_it_is_embedded():
     np.testing.assert_allclose(flat.z, space.z[:, 0], rtol=0, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_a_servo_drives_a_mass_beside_a_free_joint():
     target = jaxball.ConstantRate(1.0)
     system = jaxball.Ball(

@@ -164,6 +164,7 @@ class Cautious(diffrax.Tsit5):
     approach = 0.02
 
 
+@pytest.mark.thorough
 def test_a_solver_says_how_near_to_the_end_of_a_slip_a_step_may_come():
     """It takes at most a fiftieth of the time until then at once, and so more steps, to the same end."""
     assert approach_of(ADAMS) == approach_of(Projected(ADAMS, lambda x: x)) < approach_of(DOPRI8)

@@ -40,6 +40,7 @@ class ShakenRoller(AbstractRollingSystem[Carried]):
         return jnp.asarray(MASS * GRAVITY)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("amplitude", [AMPLITUDE, 0.5])
 def test_its_extremes_are_those_of_the_table(amplitude):
     """At t = 2π/ω, within the run; the shaking lifts it where A ω² > g."""

@@ -64,6 +64,7 @@ def angle(t, c=1.0):
     return np.log(1 + c * t) / c
 
 
+@pytest.mark.thorough
 def test_what_is_packed_is_advanced_and_unpacked():
     """The packed momentum has the rate 0, and so no rounding but that of packing."""
     passed = jaxball.Event(lambda system, t, state: state.theta - 0.5)

@@ -10,6 +10,7 @@ DISK = jaxball.Disk(mass=1.0, inertia=0.5, offset=(0.1, 0.0, -0.2))
 TIMES = np.array([0.0, 10.0])
 
 
+@pytest.mark.thorough
 def test_a_text_meter(capfd):
     watched = jaxball.simulate(DISK, TIMES, progress=diffrax.TextProgressMeter(minimum_increase=0.3))
     jax.effects_barrier()

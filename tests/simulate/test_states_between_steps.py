@@ -154,6 +154,7 @@ def squared(system, t, state):
 REDUCTIONS = {"high": Maximum(angle), "low": Minimum(angle), "action": Integral(squared)}
 
 
+@pytest.mark.thorough
 def test_ensembles_save_and_reduce_as_exactly():
     """Two of the paper's disks, one of them turned a little, beside the reference."""
     exact, columns = reference("paper_disk")
@@ -179,6 +180,7 @@ def rocking(mass):
     return Disk(mass=mass, inertia=1.0, masses=[PointMass(1.0, Fixed((0.0, 0.0, -0.5)))])
 
 
+@pytest.mark.thorough
 def test_extremes_of_the_contact_force():
     """A disk that rocks from rest exerts the least force at rest, φ = ±1, or in between; energy says how fast it is."""
     found = [
@@ -224,6 +226,7 @@ def test_reverse_derivatives_of_states_between_steps():
     np.testing.assert_allclose(found, forward_derivatives(False), rtol=0, atol=1e-11)  # some rounding of 100 steps
 
 
+@pytest.mark.thorough
 def test_a_run_of_which_nothing_is_saved_between_steps_evaluates_nothing_more():
     """Two times, or times at which steps end; and a time between costs the evaluations of its step."""
     count = []

@@ -56,6 +56,7 @@ def test_forward_mode():
         np.testing.assert_allclose(one, other, rtol=1e-14)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("rows", [None, 3])
 def test_in_a_batch_each_has_steps_of_its_own(rows):
     n = jnp.array([3, 0, 16, 7])

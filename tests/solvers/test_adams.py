@@ -52,6 +52,7 @@ class TestDetest:
         y, accepted, rejected = self.program()(detest.NAMES.index(name), detest.start(name), tolerance)
         return np.asarray(y), 2 * int(accepted) + 2 * int(rejected) + 2
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize("name", detest.NAMES)
     def test_evaluations_are_about_those_of_the_published_code(self, name):
         """Two are of the choice of the first step, and two of each attempt, of which the code does one if it fails."""
@@ -100,6 +101,7 @@ class TestOneRun:
         assert lengths[0] < 1e-4
         np.testing.assert_allclose(lengths[1:] / lengths[:-1], 2, rtol=1e-6)
 
+    @pytest.mark.thorough
     def test_a_step_is_two_evaluations(self):
         count = []
 

@@ -212,6 +212,7 @@ def test_runs_at_each_order(order, pattern):
     assert observed_order(1 / np.array(counts), errors) == pytest.approx(order + 1, abs=0.35)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("order", [3, 9])
 def test_a_step_over_a_jump_of_the_field_has_an_error_that_says_so(order):
     """ẏ = −sgn y from h/2 on: y is 0 at the end, and the correction goes there and back.

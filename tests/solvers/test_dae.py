@@ -74,11 +74,13 @@ def balanced(kinks):
 
 
 class TestClosedSolutions:
+    @pytest.mark.thorough
     def test_singular_matrix_that_is_not_diagonal(self):
         u, v = np.exp(-2.0), np.sin(2.0)
         x = at_end(solve(MIXED, [0.5, 0.5], 2.0))
         np.testing.assert_allclose(x, [(u + v) / 2, (u - v) / 2], rtol=0, atol=1e-11)
 
+    @pytest.mark.thorough
     def test_algebraic_variable_that_jumps(self):
         """Both are e^−t at first; then y = e^−1 e^−2(t − 1) and z = 2y."""
         t = np.asarray(TIMES)
@@ -134,18 +136,21 @@ ORDER_TWO = [Trapezoidal(), TRBDF2()]
 class TestMethodsOfOrderTwo:
     """With first stages that are explicit, which the equations without a derivative do not have."""
 
+    @pytest.mark.thorough
     def test_singular_matrix_that_is_not_diagonal(self, solver):
         u, v = np.exp(-2.0), np.sin(2.0)
         x = at_end(solve(MIXED, [0.5, 0.5], 2.0, solver=solver, tolerance=1e-8))
         np.testing.assert_allclose(x, [(u + v) / 2, (u - v) / 2], rtol=0, atol=2e-6)
         np.testing.assert_allclose(x[0] - x[1], v, rtol=0, atol=1e-9)
 
+    @pytest.mark.thorough
     def test_algebraic_variable_that_jumps(self, solver):
         solution = solve(BALANCE, {"y": 1.0, "z": 1.0}, 2.0, solver=solver, tolerance=1e-8, kinks=jnp.asarray([1.0]))
         x = at_end(solution)
         np.testing.assert_allclose(x["y"], np.exp(-3.0), rtol=0, atol=3e-6)
         np.testing.assert_allclose(x["z"], 2.0 * x["y"], rtol=0, atol=1e-9)
 
+    @pytest.mark.thorough
     def test_states_within_steps(self, solver):
         """Those of algebraic variables too, of which the equations contain no derivative."""
         t = np.linspace(0.05, 2.0, 40)
@@ -155,6 +160,7 @@ class TestMethodsOfOrderTwo:
         np.testing.assert_allclose(solution.ys[:, 0] - solution.ys[:, 1], np.sin(t), rtol=0, atol=2e-6)
         np.testing.assert_allclose(solution.ys[:, 0] + solution.ys[:, 1], np.exp(-t), rtol=0, atol=2e-6)
 
+    @pytest.mark.thorough
     def test_the_equation_that_is_without_a_derivative_changes(self, solver):
         """A point turns on a circle: x² + y² = 1 determines the larger component, the other has a derivative."""
 
@@ -170,6 +176,7 @@ class TestMethodsOfOrderTwo:
         x = at_end(solve(term, np.array([1.0, 0.0]), 10.0, solver=solver, tolerance=1e-8))
         np.testing.assert_allclose(x, [np.cos(10.0), np.sin(10.0)], rtol=0, atol=5e-5)
 
+    @pytest.mark.thorough
     def test_derivative_by_the_initial_state(self, solver):
         """ẏ = −z and 0 = z − y² have y = 1/(1/y₀ + t), and so ∂y/∂y₀ = 1/(1 + y₀ t)²."""
         term = MassMatrixTerm(lambda t, x, args: jnp.stack([-x[1], x[1] - x[0] ** 2]), np.array([1.0, 0.0]))

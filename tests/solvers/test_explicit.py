@@ -36,6 +36,7 @@ def cotangents(like):
     return jax.tree.map(lambda x: jnp.asarray(random.normal(size=x.shape)), like)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("fresh", [False, True])
 @pytest.mark.parametrize("solver", METHODS, ids=lambda solver: type(solver).__name__)
 def test_all_cotangents_are_those_of_the_step(solver, fresh):
@@ -69,6 +70,7 @@ def test_what_does_not_vary_is_left_out():
     assert np.all(np.isfinite(jax.grad(end)(Y)))
 
 
+@pytest.mark.thorough
 def test_solvers_that_wrap_a_method_and_others():
     projected = Projected(diffrax.Tsit5(), lambda y: y / jnp.sqrt(jnp.sum(y**2)))
     own = with_stages_pulled_back(projected, carried_out)

@@ -101,6 +101,7 @@ class TestAdaptiveSteps:
         assert NOT_FINITE in sentence
         assert reached < 1e-12
 
+    @pytest.mark.thorough
     def test_field_that_breaks_off(self, solver):
         reached, x, sentence = failed(solver, "breaks off")
         assert NOT_FINITE in sentence

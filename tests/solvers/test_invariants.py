@@ -92,6 +92,7 @@ def test_gauss_keeps_the_norm_at_any_step_size(solver, steps):
     assert off_the_sphere(turn(solver, steps)) < 6 * EPS * steps
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("solver", "loss"),
     [(diffrax.Dopri8(), 1e-6), (solvers.RadauIIA(3, root_finder=NEWTON), 1e-4), (diffrax.Tsit5(), 1e-5)],
@@ -101,6 +102,7 @@ def test_other_methods_lose_it(solver, loss):
     assert off_the_sphere(turn(solver, 40)) > loss
 
 
+@pytest.mark.thorough
 def test_gauss_keeps_the_norm_of_a_wrong_solution():
     """So it is the method that keeps it, and not its accuracy."""
     solver = solvers.Gauss(2, root_finder=NEWTON)
@@ -108,6 +110,7 @@ def test_gauss_keeps_the_norm_of_a_wrong_solution():
     assert off_the_sphere(turn(solver, 40)) < 6 * EPS * 40
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("solver", "returns"),
     [
@@ -133,6 +136,7 @@ PROJECTED = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("solver", PROJECTED)
 def test_projection_keeps_the_order(solver):
     projected, steps = solvers.Projected(solver, normalised), np.array([320, 480, 640])
@@ -149,6 +153,7 @@ def test_projected_dense_output_is_on_the_sphere_and_keeps_its_order(solver):
     assert observed_order(1 / steps, errors(projected, steps, WITHIN)) > 3.7
 
 
+@pytest.mark.thorough
 def test_projection_goes_with_step_size_control():
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(kinematics),

@@ -105,6 +105,7 @@ KINKS = {
 EACH = pytest.mark.parametrize("kinks", KINKS.values(), ids=KINKS.keys())
 
 
+@pytest.mark.thorough
 @EACH
 @pytest.mark.parametrize("solver", [DOPRI8, GAUSS, ADAMS], ids=["Dopri8", "Gauss", "Adams"])
 @pytest.mark.parametrize(("start", "end"), [(START, END), (END, START)], ids=["forwards", "backwards"])

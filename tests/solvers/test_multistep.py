@@ -73,6 +73,7 @@ class TestOneRun:
         y = solution.ys["y"][: t.size]
         np.testing.assert_allclose(y, np.stack([np.cos(t), np.sin(t)], axis=1), rtol=0, atol=1e-8 * method.errors)
 
+    @pytest.mark.thorough
     def test_dense_output_is_as_accurate_as_the_steps_and_meets_their_ends(self, method):
         solution = one_run(method)
         t = np.linspace(0.0, 20.0, 4001)
@@ -84,6 +85,7 @@ class TestOneRun:
         np.testing.assert_allclose(before, solution.ys["y"][: ends.size], rtol=0, atol=2e-15)
         np.testing.assert_array_equal(after, solution.ys["y"][: ends.size])
 
+    @pytest.mark.thorough
     def test_backwards_in_time(self, method):
         y = solve(method, oscillator, -3.0, START).ys["y"][0]
         np.testing.assert_allclose(y, [np.cos(3.0), -np.sin(3.0)], rtol=0, atol=1e-9 * method.errors)
@@ -116,6 +118,7 @@ class TestJumps:
     KINK, END = np.pi / 3, 5.0
     TRUTH = np.exp(KINK - 2 * (END - KINK))
 
+    @pytest.mark.thorough
     def test_restarts_after_a_kink(self, method):
         """With a step that is found at once: no more than ten are rejected in its place."""
         kinks = StepToKinks(tight(method), jnp.array([self.KINK]))
@@ -123,6 +126,7 @@ class TestJumps:
         np.testing.assert_allclose(solution.ys[0], self.TRUTH, rtol=0, atol=1e-9 * method.errors)
         assert solution.stats["num_rejected_steps"] <= 10
 
+    @pytest.mark.thorough
     def test_survives_a_jump_that_it_is_not_told_of(self, method):
         solution = solve(method, self.jumping, self.END, jnp.array(1.0), args=self.KINK)
         np.testing.assert_allclose(solution.ys[0], self.TRUTH, rtol=0, atol=1e-8 * method.errors)
@@ -160,6 +164,7 @@ class TestDerivatives:
     # An implicit step is differentiated as if its iteration had ended at its limit.
     LEFT = {Adams: 3e-15, NDF: 1e-10}  # noqa: RUF012
 
+    @pytest.mark.thorough
     def test_forward_mode_is_exact_for_the_steps_taken(self, method):
         end = functools.partial(self.end, method, adjoint=diffrax.ForwardMode())
         value, along = jax.jit(lambda y: jax.jvp(end, (y,), (y,)))(self.Y0)
@@ -233,6 +238,7 @@ class TestInDiffrax:
             np.testing.assert_allclose(ends[i], end, rtol=0, atol=1e-11 * method.errors)
             assert abs(int(steps[i]) - int(alone)) <= 2
 
+    @pytest.mark.thorough
     def test_float32(self, method):
         y0 = jnp.array([1.0, 0.0], jnp.float32)
         times = jnp.asarray(0.0, jnp.float32), jnp.asarray(5.0, jnp.float32)
@@ -242,21 +248,25 @@ class TestInDiffrax:
         assert end.dtype == jnp.float32
         np.testing.assert_allclose(end, [np.cos(5.0), -np.sin(5.0)], rtol=0, atol=1e-3)
 
+    @pytest.mark.thorough
     def test_event(self, method):
         event = diffrax.Event(lambda t, y, args, **_: y["y"][0], optx.Newton(1e-12, 1e-12))
         solution = solve(method, oscillator, 3.0, START, event=event)
         np.testing.assert_allclose(solution.ts[0], np.pi / 2, rtol=0, atol=1e-9 * method.errors)
 
+    @pytest.mark.thorough
     def test_progress_meter(self, method, capfd):
         solve(method, oscillator, 3.0, START, progress_meter=diffrax.TextProgressMeter())
         jax.effects_barrier()
         assert "100.00%" in capfd.readouterr().out
 
+    @pytest.mark.thorough
     def test_longest_step(self, method):
         controller = method.controller(1e-3, 1e-3, dtmax=0.01)
         solution = solve(method, oscillator, 1.0, START, controller, saveat=diffrax.SaveAt(steps=True))
         assert np.max(np.diff(solution.ts[np.isfinite(solution.ts)])) < 0.010001
 
+    @pytest.mark.thorough
     def test_shortest_step(self, method):
         controller = method.controller(1e-10, 1e-10, dtmin=1e-2)
         solution = solve(method, lambda t, y, args: -1e3 * y, 1.0, jnp.array(1.0), controller, throw=False)

@@ -137,6 +137,7 @@ def turning(start, t1, tolerance):
 
 
 class TestAlgebraicVariables:
+    @pytest.mark.thorough
     def test_another_component_becomes_algebraic_without_a_restart(self):
         """Five times in a run, which takes no more steps than the equation without algebraic variables."""
         start, end, tolerance = jnp.array([1.0, 0.0]), 7.0, 1e-9
@@ -156,6 +157,7 @@ class TestAlgebraicVariables:
         np.testing.assert_allclose(x, np.stack([np.cos(t), np.sin(t)], axis=1), rtol=0, atol=500 * tolerance)
         np.testing.assert_allclose(np.linalg.norm(x, axis=1), 1, rtol=0, atol=tolerance)
 
+    @pytest.mark.thorough
     def test_full_singular_matrix(self):
         """With u = x₁ + x₂ and v = x₁ − x₂: u̇ = −u and 0 = v − sin t, both in both equations."""
 
@@ -176,6 +178,7 @@ class TestAlgebraicVariables:
         u, v = np.exp(-2.0), np.sin(2.0)
         np.testing.assert_allclose(solution.ys[0], [(u + v) / 2, (u - v) / 2], rtol=0, atol=1e-7)
 
+    @pytest.mark.thorough
     def test_algebraic_variable_that_jumps(self):
         """ẏ = −z with 0 = z − y before t = 1 and 0 = z − 2y after it, from where all starts at order 1."""
 
@@ -203,6 +206,7 @@ class TestAlgebraicVariables:
         _, mass = MassMatrixTerm(lambda t, x, args: x, M).at_step(0.0, jnp.zeros(3), None)
         np.testing.assert_allclose(mass.rates(jnp.array([3.0, 0.0, 5.0])), [2.0, -1.0, 0.0], rtol=0, atol=1e-15)
 
+    @pytest.mark.thorough
     def test_inconsistent_start_and_index_two(self):
         for field, x0, sentence in (
             (lambda t, x: [-x[0] + x[1], x[0] + x[1] - jnp.sin(t)], [0.0, 1.0], "initial values do not satisfy"),

@@ -170,6 +170,7 @@ def test_angle_of_stability_is_the_published_one(kappa, order):
         assert largest(angle + accuracy) > 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kappa", KAPPAS)
 @pytest.mark.parametrize("order", ORDERS)
 def test_stiffest_components_are_damped_at_once(kappa, order):

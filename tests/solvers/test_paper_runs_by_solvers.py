@@ -123,6 +123,7 @@ def test_ndf(name, dae, tolerance, bound, step_to_times):
     assert error(name, "ndf", tolerance, dae=dae, step_to_times=step_to_times) < bound * tolerance
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "solver", "bound"), SECOND_ORDER)
 def test_methods_of_order_two(name, solver, bound):
     for tolerance in (1e-5, 1e-7):

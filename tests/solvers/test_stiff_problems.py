@@ -158,6 +158,7 @@ def test_end_state_at_a_loose_tolerance(solver, name):
     assert error(solver, name, LOOSE) < LOOSE_BOUNDS[name]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("solver", "name"), HIGH_ORDER)
 def test_end_state_at_a_tight_tolerance(solver, name):
     assert error(solver, name, TIGHT[solver]) < TIGHT_BOUNDS[solver]
@@ -178,6 +179,7 @@ def test_end_state_by_methods_of_variable_order(solver, name, rtol):
     assert error(solver, name, rtol) < MULTISTEP_FACTORS[name] * rtol
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("solver", "name"), UNDAMPED)
 def test_methods_that_damp_nothing_say_so(solver, name):
     """They are A-stable and not L-stable; what they give up at is no success."""

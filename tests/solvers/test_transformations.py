@@ -148,6 +148,7 @@ class TestSaving:
             ),
         )
 
+    @pytest.mark.thorough
     def test_at_given_times(self, name):
         *_, bound, _ = SOLVERS[name]
         ts, ys = self.solution(name).ts[0], self.solution(name).ys[0]
@@ -174,6 +175,7 @@ class TestSaving:
         np.testing.assert_allclose(slope, -np.sin(t), rtol=0, atol=slope_bound)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["radau 5", "tr-bdf2"])
 def test_event(name):
     """The oscillation passes zero at π/2, within a step."""
@@ -277,6 +279,7 @@ class TestFloat32:
         assert x.dtype == jnp.float32
         np.testing.assert_allclose(x, relaxation(2.0), rtol=0, atol=1e-4)
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize("solver", [RadauIIA(3), Gauss(8, root_finder=SimplifiedNewton()), TRBDF2()])
     def test_beside_float64(self, solver):
         x = relaxed(solver, jnp.asarray(0.0, jnp.float32))

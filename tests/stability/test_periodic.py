@@ -151,6 +151,7 @@ def test_the_product_of_the_multipliers_is_liouvilles(wobbling):
     assert np.prod(motion.multipliers).real == pytest.approx(product, rel=1e-7)
 
 
+@pytest.mark.thorough
 def test_rolling_in_circles_has_the_exponents_of_its_eigenvalues():
     """Ω and Γ of a Routh sphere turn about E3, after whose turn they come back: a motion that `stability` knows."""
     masses = [jaxball.PointMass(m, jaxball.Fixed([0.0, 0.0, h])) for m, h in ((0.5, 0.6), (0.3, -0.2))]
@@ -181,6 +182,7 @@ def shaken(amplitude, frequency):
     return jaxball.Disk(mass=1.0, inertia=DISK, offset=(0.0, 0.0, -LOW), ground=ground)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("border", "q"), [(mathieu_b, 0.3), (mathieu_a, 0.3), (mathieu_b, 0.7)])
 def test_a_shaken_disk_is_at_the_border_where_mathieus_functions_have_it(border, q):
     """With τ = νt/2, a = 4 ω₀²/ν² and 2q = a A ν²: both multipliers are −1 at a = a₁(q) and at a = b₁(q).
@@ -199,6 +201,7 @@ def test_a_shaken_disk_is_at_the_border_where_mathieus_functions_have_it(border,
     assert "t), changing sign each period." in inside.message
 
 
+@pytest.mark.thorough
 def test_the_shaken_ball_of_the_gallery_grows_as_hills_equation_says():
     """About both axes; SciPy solves φ¨ + ω₀² (1 − sin νt ν²/g) φ = 0 over a period of the plane."""
     scenario = jaxball.load_scenario("vibrating-plane")
@@ -237,6 +240,7 @@ def quadrature(phi, phidot):
     return 4 * quad(pace, 0, np.pi / 2)[0]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("phi", "phidot", "turns"), [(0.9, 0.0, 0), (0.0, 1.2, 1), (0.0, -1.2, -1)])
 def test_a_free_disk_has_the_period_of_a_quadrature(phi, phidot, turns):
     """It rocks, or rolls round either way, at the energy of the motion of its family that is found."""
@@ -251,6 +255,7 @@ def test_a_free_disk_has_the_period_of_a_quadrature(phi, phidot, turns):
     assert motion.kind == "centre"
 
 
+@pytest.mark.thorough
 def test_what_is_not_found_is_said():
     disk = jaxball.Disk(mass=1.0, inertia=DISK, offset=(0.0, 0.0, -LOW))
     rolling = jaxball.DiskState(phidot=1.2)

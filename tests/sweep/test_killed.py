@@ -37,6 +37,7 @@ def test_a_run_that_is_killed_at_random_moments_leaves_the_same_files(tmp_path):
     assert files(folders[0] / "s.zarr") == files(folders[1] / "s.zarr")
 
 
+@pytest.mark.thorough
 def test_the_command_stops_at_ctrl_c(tmp_path):
     (tmp_path / "study.toml").write_text(study_text(tmp_path, MANY, "chunk = 16"))
     with start(tmp_path, "a.zarr") as run:
@@ -48,6 +49,7 @@ def test_the_command_stops_at_ctrl_c(tmp_path):
     assert "of 600 rows done; run the same command to resume." in text
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="this system does not show its processes")
 def test_the_second_ctrl_c_stops_at_once_and_its_workers_too(tmp_path):
     (tmp_path / "study.toml").write_text(study_text(tmp_path, MANY, "chunk = 16"))
@@ -64,6 +66,7 @@ def test_the_second_ctrl_c_stops_at_once_and_its_workers_too(tmp_path):
     assert not list(tmp_path.rglob(".part-*"))
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="this system does not show its processes")
 @pytest.mark.parametrize("name", ["SIGKILL", "SIGQUIT"])
 def test_workers_end_with_their_parent_however_it_ends(tmp_path, name):

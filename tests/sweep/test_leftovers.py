@@ -46,6 +46,7 @@ def part(folder, process=None, machine=None, days=0.0):
     return path
 
 
+@pytest.mark.thorough
 def test_a_run_that_was_killed_while_it_made_its_store(tmp_path):
     ended = subprocess.run(
         [sys.executable, "-c", KILLED_WHILE_IT_MAKES_A_STORE, str(tmp_path)],

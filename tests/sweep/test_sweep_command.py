@@ -116,6 +116,7 @@ def test_an_estimate_that_is_measured_keeps_compiling_apart(folder, monkeypatch)
     assert found.sentence().endswith(", about 5.6 s with 1 worker after compiling for 30 s")
 
 
+@pytest.mark.thorough
 def test_an_estimate_for_processes_has_their_start(folder):
     """A process imports JAX before it solves, which takes longer than these rows; so one worker is the quickest."""
     one = study(folder, settings="chunk = 4")

@@ -33,6 +33,7 @@ class Lorenz(jaxball.AbstractSystem[Weather]):
         return Weather(10.0 * (y - x), x * (28.0 - z) - y, x * y - 8.0 / 3.0 * z)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("end", "resolved"), [(2.0, True), (40.0, False)])
 def test_a_chaotic_run_that_is_too_long_is_not_resolved(end, resolved):
     """Errors of 1e-8 have grown to the size of the motion by t = 20, and those of the reference by t = 35."""

@@ -54,6 +54,7 @@ def test_the_table_names_each_law_with_its_numbers_and_verdict():
     assert "e-fold in" in lines[-1]
 
 
+@pytest.mark.thorough
 def test_a_report_is_plain_data():
     content = routh_sphere().as_dict()
     assert content["ok"] is True

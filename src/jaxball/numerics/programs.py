@@ -134,8 +134,11 @@ class Program:
 
         - ``function``: its own, without what that has captured.
         """
+        key = function
+        if isinstance(function, functools.partial):  # which is only equal to itself
+            key = function.func, function.args, tuple(function.keywords.items())
         try:
-            program = self._open.get(function)
+            program = self._open.get(key)
         except TypeError:  # it has no hash
             program = None
         if program is None:
@@ -144,7 +147,7 @@ class Program:
             compiled = jax.jit(whole) if self._is_dynamic is None else eqx.filter_jit(whole)
             program = Program(whole, compiled, self._is_dynamic, **self._how)
             with contextlib.suppress(TypeError):
-                self._open[function] = program
+                self._open[key] = program
         return program
 
     def forget(self) -> None:
