@@ -3,6 +3,7 @@
 import diffrax
 import jax
 import numpy as np
+import pytest
 
 import jaxball
 
