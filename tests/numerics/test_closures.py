@@ -1,7 +1,5 @@
 """What functions have captured that is traced: it is taken out and put back, and has rows and derivatives."""
 
-import functools
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,6 +7,7 @@ import numpy as np
 import pytest
 
 from jaxball import Contact, Disk, DiskState, Event, FunctionForce, simulate
+from jaxball.native.jitting import Lowered
 from jaxball.numerics.closures import put_captures, take_captures
 
 X = jnp.asarray(2.0)
@@ -51,10 +50,6 @@ def method(x):
     return Holder(None, x).method
 
 
-def partial(x):
-    return functools.partial(lambda x, t: x * t, x)
-
-
 def of_module(x):
     module = Holder(closure(x), x)
     return lambda t: module.number * t + module.function(t)
@@ -78,7 +73,8 @@ def test_they_are_taken_out_and_put_back(kind):
         assert captures
         assert take_captures(taken)[1] == []
         again, _ = take_captures(Holder(kind(x), X))
-        assert (taken.function == again.function) == (kind is not in_parts)  # whose dictionary might be changed
+        # A dictionary and a module are only equal to themselves.
+        assert (taken.function == again.function) == (kind not in (in_parts, of_module))
         return put_captures(taken, [3.0 * x for x in captures]).function(5.0)
 
     np.testing.assert_allclose(jax.grad(through)(X), 3.0 * jax.grad(lambda x: kind(x)(5.0))(X))
@@ -95,22 +91,76 @@ def root_mean_square(x):
 
 
 @pytest.mark.thorough
-def test_a_function_that_is_written_again_is_not_compiled_again():
+def test_a_function_that_is_written_again_is_not_compiled_again(monkeypatch):
     """Its numbers tell, and an array by being the same one."""
-    traced = []
+    compiled, natively = [], Lowered.natively
+    monkeypatch.setattr(Lowered, "natively", lambda *args: compiled.append(args) or natively(*args))
 
     def place(slope, table):
         def height(disk, t, state):
-            traced.append(slope)
-            return state.z - slope * table[0]
+            return state.z - slope * jnp.sum(table)
 
         return simulate(DISK, [0.0, 2.0], START, events={"there": Event(height)}).events["there"].times[0]
 
     one, other = jnp.array([0.25]), jnp.array([0.5])
     np.testing.assert_allclose([place(1.0, one) for _ in range(3)], 0.25, rtol=1e-12)
-    first = len(traced)
+    assert len(compiled) == 1
     np.testing.assert_allclose([place(2.0, one), place(1.0, other), place(1.0, one)], [0.5, 0.5, 0.25], rtol=1e-12)
-    assert len(traced) == 3 * first
+    assert len(compiled) == 3
+
+
+LENGTH = 1.0
+
+
+class Robot:
+    gain = 1.0
+
+
+def place_of(height):
+    events = {"there": Event(height)}
+    return float(simulate(DISK, [0.0, 2.0], START, events=events).events["there"].times[0])
+
+
+@pytest.mark.thorough
+def test_what_may_have_changed_is_looked_at_again(monkeypatch):
+    """A variable of the module, an attribute, an array of NumPy, a list and a variable around the function."""
+    robot, table, row, level = Robot(), np.array([1.0]), [1.0], 1.0
+    ways = {
+        "module": lambda: place_of(lambda disk, t, state: state.z - LENGTH),
+        "object": lambda: place_of(lambda disk, t, state: state.z - robot.gain),
+        "array": lambda: place_of(lambda disk, t, state: state.z - table[0]),
+        "list": lambda: place_of(lambda disk, t, state: state.z - row[0]),
+        "variable": lambda: place_of(lambda disk, t, state: state.z - level),
+    }
+    before = {name: way() for name, way in ways.items()}
+    monkeypatch.setitem(globals(), "LENGTH", 0.5)
+    robot.gain = table[0] = row[0] = level = 0.5
+    after = {name: way() for name, way in ways.items()}
+    np.testing.assert_allclose([list(before.values()), list(after.values())], [[1.0] * 5, [0.5] * 5], rtol=1e-12)
+
+
+def test_a_derivative_that_is_asked_for_later_is_of_what_was_held():
+    def height_at(level):
+        def height(disk, t, state):
+            return state.z - level * state.z.dtype.type(1)
+
+        def change(other):
+            nonlocal level
+            level = other
+
+        return height, change
+
+    def slope(height):
+        def time(speed):
+            run = simulate(DISK, [0.0, 2.0], DiskState(phidot=-speed), events={"there": Event(height)})
+            return run.events["there"].times[0]
+
+        return float(jax.grad(time)(1.0))
+
+    first, change = height_at(1.0)
+    place_of(first)
+    change(0.5)
+    np.testing.assert_allclose([slope(height_at(1.0)[0]), slope(first)], [-1.0, -0.5], rtol=1e-12)
 
 
 def test_a_function_that_calls_itself_is_left_with_what_it_holds():
@@ -134,9 +184,10 @@ def test_a_list_in_which_a_function_notes_its_arguments_is_left_alone():
 def test_functions_that_differ_are_told_apart():
     def through(x):
         one, other = (take_captures(Holder(f, X))[0].function for f in (lambda t: x * t, lambda t: x + t))
-        numbers = [take_captures(Holder(lambda t, n=n: x * n, X))[0].function for n in (1, 1.0, True, 1)]
         assert one != other
-        assert [numbers[0] == number for number in numbers] == [True, False, False, True]
+        for values in ((1, 1.0, True), (0.0, -0.0), ((1, 2), (1.0, 2), (1, True)), ("1", 1)):
+            numbers = [take_captures(Holder(lambda t, n=n: x * n, X))[0].function for n in (*values, values[0])]
+            assert [numbers[0] == number for number in numbers] == [True, *[False] * (len(values) - 1), True]
         return x
 
     jax.grad(through)(X)

@@ -12,9 +12,13 @@ from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 
+from ..cache.executables import home_of, is_known
 from ..compat import is_traced
+from .code import codes_in
 
 T = TypeVar("T")
 
@@ -28,18 +32,26 @@ class _Place(NamedTuple):
 class OpenFunction:
     """A function, in which places stand for captured arrays that may have derivatives.
 
-    Two are equal if their code and what they hold are, so that a ``lambda`` that is written anew is known again.
+    Two are equal if they have the same code and all that this uses is the same and cannot change: numbers, texts,
+    arrays of JAX, parts of known libraries, and functions of that kind. So a ``lambda`` that is written anew is known
+    again, and one that uses a variable of a module, an object or a list, which may have changed, is only equal to
+    itself.
+
+    - ``function``: with cells of its own, so that what is assigned to a variable later is not seen.
+    - ``original``: what the user wrote.
     """
 
-    follows = ("_key",)  # what does not determine what it computes
+    follows = "original", "_key"  # what does not determine what it computes
 
-    def __init__(self, function: types.FunctionType):
-        self.function = function
+    def __init__(self, function: types.FunctionType, original: types.FunctionType):
+        self.function, self.original = function, original
         self.__name__ = function.__name__
-        held: list[Any] = [cell.cell_contents for cell in function.__closure__ or () if _is_filled(cell)]
-        held += [*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).items()]
-        # Equal numbers of two types, such as 1 and 1.0, may give other results.
-        self._key = function.__code__, id(function.__globals__), tuple((type(x), _hashable(x)) for x in held)
+        held = [cell.cell_contents if _is_filled(cell) else _UNKNOWN for cell in function.__closure__ or ()]
+        held += [*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).items(), *_used(function)]
+        held += [_UNKNOWN] if vars(function) else []
+        described = tuple(map(_description, held))
+        own = _Itself(id(original)) if _UNKNOWN in described else None
+        self._key = function.__code__, id(function.__globals__), described, own
 
     def __hash__(self) -> int:
         return hash(self._key)
@@ -49,17 +61,38 @@ class OpenFunction:
 
 
 class _Itself(NamedTuple):
-    """Stands for an object that is only equal to itself, such as an array; the function holds it, so that it stays."""
+    """Stands for an object that is only equal to itself; who has it holds the object, so that it stays."""
 
     identity: int
 
 
-def _hashable(value: Any) -> Any:
-    try:
-        hash(value)
-    except TypeError:
-        return _Itself(id(value))
-    return value
+_UNKNOWN = "unknown"  # described as itself, where a text is described with its type
+
+
+def _description(value: Any) -> Any:
+    """What is the same only for values that are the same and cannot change; ``_UNKNOWN`` for those that may."""
+    if value is None or isinstance(value, bool | int | float | complex | str | bytes | np.generic):
+        # As text, by which 1, 1.0 and True differ, and 0.0 and -0.0.
+        return _UNKNOWN if value is _UNKNOWN else (type(value), repr(value))
+    if isinstance(value, tuple):
+        parts = tuple(map(_description, value))
+        return _UNKNOWN if _UNKNOWN in parts else (type(value), parts)
+    if isinstance(value, OpenFunction):
+        return value
+    is_fixed = isinstance(value, jax.Array) and not is_traced(value)
+    return _Itself(id(value)) if is_fixed or _is_of_known_library(value) else _UNKNOWN
+
+
+def _is_of_known_library(value: Any) -> bool:
+    if isinstance(value, types.ModuleType):
+        return is_known(value.__name__)
+    return isinstance(value, types.FunctionType | types.BuiltinFunctionType | type) and home_of(value) is not None
+
+
+def _used(function: types.FunctionType) -> list[Any]:
+    """The values of global names that a function uses."""
+    names = {name for code in codes_in(function.__code__) for name in code.co_names}
+    return [function.__globals__[name] for name in sorted(names & function.__globals__.keys())]
 
 
 def take_captures(tree: T, local: bool = False) -> tuple[T, list[Any]]:
@@ -77,8 +110,9 @@ def take_captures(tree: T, local: bool = False) -> tuple[T, list[Any]]:
 
     def open_function(function: types.FunctionType) -> Any:
         template = change.contents(function)
-        opens = template is not function or (local and "<locals>" in function.__qualname__)
-        return OpenFunction(template) if opens else function
+        if template is function and local and "<locals>" in function.__qualname__:
+            template = change.contents(function, always=True)
+        return function if template is function else OpenFunction(template, function)
 
     change = _Change(types.FunctionType, open_function, _may_have_derivatives, take)
     return change(tree), captures
@@ -109,8 +143,8 @@ def _may_have_derivatives(value: Any) -> bool:
 class _Change:
     """Makes a change to the functions of one kind in a PyTree, and to what they hold.
 
-    - ``function``: the change of a function of the ``kind``.
-    - ``array``: that of what is held and ``is_array``.
+    - ``function``: changes a function of the ``kind``.
+    - ``array``: changes an array that a function holds, where ``is_array`` says yes.
     """
 
     def __init__(self, kind: type, function: Callable, is_array: Callable[[Any], bool], array: Callable):
@@ -133,12 +167,12 @@ class _Change:
             owner = change(value.__self__)
             return value if owner is value.__self__ else types.MethodType(value.__func__, owner)
         if isinstance(value, dict):
-            items = _changed(value.values(), change)
+            items = _change_each(value.values(), change)
             return value if items is None else type(value)(zip(value, items, strict=True))
         if held and isinstance(value, list):  # in which a function may note what it was called with
             return value
         if isinstance(value, tuple | list):
-            items = _changed(value, change)
+            items = _change_each(value, change)
             if items is None:
                 return value
             return type(value)(*items) if hasattr(value, "_fields") else type(value)(items)
@@ -147,7 +181,7 @@ class _Change:
         return value
 
     def _module(self, value: eqx.Module, change: Callable) -> eqx.Module:
-        fields = _changed(vars(value).values(), change)
+        fields = _change_each(vars(value).values(), change)
         if fields is None:
             return value
         new = object.__new__(type(value))
@@ -164,13 +198,16 @@ class _Change:
         finally:
             self._entered.discard(id(function))
 
-    def contents(self, function: types.FunctionType) -> types.FunctionType:
-        """Makes the change to what a function has captured, and to its defaults."""
+    def contents(self, function: types.FunctionType, always: bool = False) -> types.FunctionType:
+        """Makes the change to what a function has captured, and to its defaults, in a copy of it.
+
+        - ``always``: whether there is a copy even if nothing changes.
+        """
         cells = function.__closure__ or ()
         captured = tuple(cell.cell_contents for cell in cells if _is_filled(cell))
         held = [captured, function.__defaults__, function.__kwdefaults__]
         contents, defaults, words = new = [self(value, held=True) for value in held]
-        if all(one is other for one, other in zip(new, held, strict=True)):
+        if not always and all(one is other for one, other in zip(new, held, strict=True)):
             return function
         remaining = iter(contents)
         closure = tuple(types.CellType(next(remaining)) if _is_filled(cell) else cell for cell in cells)
@@ -180,7 +217,7 @@ class _Change:
         return made
 
 
-def _changed(values: Iterable[Any], change: Callable) -> list[Any] | None:
+def _change_each(values: Iterable[Any], change: Callable) -> list[Any] | None:
     """The values after a change; None if it changes nothing."""
     old = list(values)
     new = list(map(change, old))

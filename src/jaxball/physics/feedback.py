@@ -53,7 +53,7 @@ class AbstractLaw(Printed):
 class FunctionLaw(OfKinkedFunctionOfState, AbstractLaw):
     """u(t, state) = function(t, state, parameters), for any function that JAX can trace.
 
-    ``function`` is compiled into programs: one that is written anew compiles again where it holds other numbers.
+    ``function`` is compiled into programs: one that is written anew compiles again unless it only uses equal numbers.
 
     **Arguments:**
 

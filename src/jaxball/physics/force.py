@@ -156,7 +156,7 @@ class HarmonicForce(AbstractForce):
 class FunctionForce(OfKinkedFunction, AbstractForce):
     """Fe(t) = function(t, parameters), for any function that JAX can trace.
 
-    ``function`` is compiled into programs: one that is written anew compiles again where it holds other numbers.
+    ``function`` is compiled into programs: one that is written anew compiles again unless it only uses equal numbers.
 
     **Arguments:**
 
@@ -184,7 +184,7 @@ class FunctionForce(OfKinkedFunction, AbstractForce):
 class FunctionWrench(OfKinkedFunctionOfState, AbstractWrench):
     """The force, or :class:`~jaxball.Wrench`, function(t, motion, parameters): wind, drag, a magnet.
 
-    ``function`` is compiled into programs: one that is written anew compiles again where it holds other numbers.
+    ``function`` is compiled into programs: one that is written anew compiles again unless it only uses equal numbers.
 
     **Arguments:**
 

@@ -208,7 +208,7 @@ class Oscillating(AbstractPrescribedMotion):
 class Free(OfKinkedFunction, AbstractPrescribedMotion):
     """Any free motion χ(t) = function(t, parameters), on a surface or in the volume.
 
-    ``function`` is compiled into programs: one that is written anew compiles again where it holds other numbers.
+    ``function`` is compiled into programs: one that is written anew compiles again unless it only uses equal numbers.
     Give the times at which its second derivative jumps in ``kink_times``.
 
     **Arguments:**

@@ -62,7 +62,7 @@ class AbstractRail(Printed):
 class FunctionRail(OfFunction, AbstractRail):
     """ζ(θ) = function(θ, parameters), for any function that JAX can trace.
 
-    ``function`` is compiled into programs: one that is written anew compiles again where it holds other numbers.
+    ``function`` is compiled into programs: one that is written anew compiles again unless it only uses equal numbers.
     ``parameters`` may be any PyTree of arrays; they can be swept and differentiated.
     ``closed_after`` is the period of a closed rail, or None.
 

@@ -51,7 +51,7 @@ class AbstractSchedule(Printed):
 class FunctionSchedule(OfFunction, AbstractSchedule):
     """θ(t) = theta + function(t, parameters), for any function that JAX can differentiate twice.
 
-    ``function`` is compiled into programs: one that is written anew compiles again where it holds other numbers.
+    ``function`` is compiled into programs: one that is written anew compiles again unless it only uses equal numbers.
     Give the times at which its second derivative jumps in ``kink_times``.
 
     **Arguments:**

@@ -110,7 +110,7 @@ class Event(AbstractEvent):
 
     - ``of``: a scalar function, written with ``jax.numpy``. If it has a fourth parameter that is called
       ``observables``, it is given those of that time, as ``run.observables`` has them. One that is written
-      anew at each call compiles again where it holds other numbers. Or the name of a number of the run: an
+      anew at each call compiles again unless it only uses equal numbers. Or the name of a number of the run: an
       observable, such as ``"normal_force"``, a component of the state, such as ``"z[0]"``, or of another system one of
       its laws.
     - ``direction``: 1 for upward crossings only, −1 for downward ones, 0 for both.

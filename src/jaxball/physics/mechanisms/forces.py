@@ -398,7 +398,7 @@ class EndStops(AbstractJointForce):
 class FunctionJointForce(OfKinkedFunctionOfState, AbstractJointForce):
     """Q = function(t, theta, thetadot, state, parameters), for any function that JAX can trace.
 
-    ``function`` is compiled into programs: one that is written anew compiles again where it holds other numbers.
+    ``function`` is compiled into programs: one that is written anew compiles again unless it only uses equal numbers.
     It may depend on the body's Ω, Γ and position through ``state``, but not on accelerations or on the reaction of the
     plane.
 

@@ -327,7 +327,7 @@ class Mechanism(AbstractMechanism):
 class FunctionMechanism(AbstractMechanism):
     """Masses at χ_i = function(θ, parameters), for any function that JAX can trace.
 
-    ``function`` is compiled into programs: one that is written anew compiles again where it holds other numbers.
+    ``function`` is compiled into programs: one that is written anew compiles again unless it only uses equal numbers.
 
     **Arguments:**
 
