@@ -40,9 +40,7 @@ def with_derivatives(value: Any, function: Callable[..., Any], *arguments: Any) 
         whole, others = put_captures((function, arguments), captures)
         return whole(*others)
 
-    return _with_derivatives(
-        value, of_captures if captures else function, *([captures] if captures else []), *arguments
-    )
+    return _with_derivatives(value, of_captures, captures, *arguments)
 
 
 @eqx.filter_custom_jvp

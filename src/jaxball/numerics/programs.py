@@ -130,9 +130,9 @@ class Program:
             return not is_within_trace()
 
     def _of_captures(self, function: Any) -> "Program":
-        """The same of what it and functions among its arguments have captured, and of its arguments without that.
+        """Returns the program that takes captures as its first argument.
 
-        - ``function``: its own, without what that has captured.
+        - ``function``: its own function, from which captures have been taken.
         """
         key = function
         if isinstance(function, functools.partial):  # which is only equal to itself
