@@ -3,7 +3,6 @@
 import abc
 from typing import Any
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -106,8 +105,7 @@ def nominal_from(system: System, t0: Numbers, start: Any, sampled: SampledSystem
     t0 = jnp.asarray(t0, default_dtype())
     shares = np.append(np.arange(samples)[:, None] + np.array([[0.0, *GAUSS]]), samples)
     times = t0 + sampled.sample * jnp.asarray(shares, default_dtype())
-    settings: dict[str, Any] = {"rtol": sampled.rtol, "atol": sampled.atol, "adjoint": diffrax.ForwardMode()}
-    again = simulate(system, times, start, inside=False, **settings)
+    again = simulate(system, times, start, inside=False, rtol=sampled.rtol, atol=sampled.atol)
     if not is_traced(again.status):
         again.raise_if_failed()
     states, inputs = _moving(system, sampled.system, sampled.places, times, again.state, again.observables)

@@ -123,8 +123,7 @@ def closed_loop(
     - ``delay``: how many samples pass before what feedback adds takes effect.
     - ``push``: a further force on the robot, such as a :class:`Push`.
     - ``samples``: how many; by default those of the motion. Later ones hold its last state.
-    - ``adjoint``: as for :func:`jaxball.simulate`; ``diffrax.ForwardMode()`` if not given, and
-      ``diffrax.RecursiveCheckpointAdjoint()`` for ``jax.grad``.
+    - ``adjoint``: as for :func:`jaxball.simulate`.
 
     **Raises:** ``TypeError`` and ``ValueError`` for a start, limits or a robot that do not fit the motion.
 

@@ -120,8 +120,7 @@ class SampledSystem(Printed):
     ) -> PlacedState:
         """The state a sample after ``t``, from ``state``, with the inputs ``u`` held: NaN where the solve fails.
 
-        It can be traced, within ``jax.lax.scan`` and ``jax.lax.map`` too. ``adjoint`` as for :func:`jaxball.simulate`,
-        by default forward mode.
+        It can be traced, within ``jax.lax.scan`` and ``jax.lax.map`` too. ``adjoint`` as for :func:`jaxball.simulate`.
         """
         return self.advanced(self.held(u), t, state, adjoint)[0].projected()
 
@@ -136,7 +135,6 @@ class SampledSystem(Printed):
 
         Traceable; ``adjoint`` as for :meth:`flow`.
         """
-        adjoint = diffrax.ForwardMode() if adjoint is None else adjoint
         run = simulate(
             system,
             jnp.stack([t, t + self.sample]),
@@ -156,7 +154,8 @@ class SampledSystem(Printed):
         n = len(state.directions)
 
         def moved(v: Float[Array, " n_plus_m"]) -> Float[Array, " n"]:
-            return following.difference(self.flow(t, state.retract(v[:n]), u + v[n:]))
+            after = self.flow(t, state.retract(v[:n]), u + v[n:], diffrax.ForwardMode())
+            return following.difference(after)
 
         zero = jnp.zeros(n + u.size, u.dtype)
         # One direction after the other: side by side, the program would take several times as long to compile.

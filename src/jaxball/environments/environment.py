@@ -78,7 +78,7 @@ class Environment(Printed):
     """A robot whose inputs a policy sets at each sample, with a goal.
 
     An action is what each input is to be, as a share of its limit, from −1 to 1; beyond, it is cut off. ``reset`` and
-    ``step`` are pure functions of arrays, for ``jax.vmap``, ``jax.lax.scan`` and ``jaxball.jit``, and differentiable.
+    ``step`` are pure functions of arrays, for ``jax.jit``, ``jax.vmap`` and ``jax.lax.scan``, and differentiable.
 
     **Arguments:**
 
@@ -104,7 +104,7 @@ class Environment(Printed):
     - ``friction``: a coefficient μ; if given, an episode ends where the robot needs |f| > μ N after a step, and where
       it would leave the plane.
     - ``rtol``, ``atol``: tolerances of the solve of a sample.
-    - ``adjoint``: as for :func:`jaxball.simulate`; reverse mode if not given.
+    - ``adjoint``: as for :func:`jaxball.simulate`.
 
     Its other field, ``sampled``, is the robot with sampled inputs.
 
@@ -120,7 +120,7 @@ class Environment(Printed):
     >>> robot = jaxball.Disk(mass=1.0, inertia=0.5, mechanisms=[pendulum])
     >>> environment = Environment(robot, ReachPoint(2.0), sample=0.1, starts={"z": Uniform(-1.0, 1.0)})
     >>> episode, observation = environment.reset(jax.random.key(0))
-    >>> after = jaxball.jit(environment.step)(episode, jax.numpy.array([0.5]))
+    >>> after = jax.jit(environment.step)(episode, jax.numpy.array([0.5]))
     >>> after.observation.shape, bool(after.terminated), bool(after.truncated)
     ((12,), False, False)
     """
@@ -178,7 +178,7 @@ class Environment(Printed):
         self.parameters = _distributions("parameters", parameters)
         require_numbers_of(self.sampled.system, self.parameters)
         self.penalty, self.friction = numbers("penalty")(penalty), number_or_none("friction")(friction)
-        self.adjoint = diffrax.RecursiveCheckpointAdjoint() if adjoint is None else adjoint
+        self.adjoint = adjoint
         self.samples, self.delay, self.shows_goal = whole_number("samples", samples, 1), _range(delay), shows_goal
 
     @property
@@ -316,6 +316,10 @@ class Environment(Printed):
         slips = jnp.where(force.ratio > self.friction, int(Status.SLIPPED), int(Status.SUCCESS))
         found = jnp.where(force.normal > 0, slips, int(Status.DETACHED)).astype(status.dtype)
         return jnp.where(status == Status.SUCCESS, found, status)
+
+    def __hash__(self) -> int:
+        """Returns its identity, by which ``jax.jit`` knows its methods, so that equal ones have programs of their own."""
+        return id(self)
 
     def __repr__(self) -> str:
         lines = [
