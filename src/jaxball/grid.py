@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -11,6 +12,7 @@ from .interface.arguments import require
 from .interface.status import Status
 from .numerics.arrays import Numbers, to_array, to_numpy
 from .numerics.batches import in_threads, unpadded
+from .numerics.operation import in_threads as rows_in_threads
 
 if TYPE_CHECKING:
     import xarray
@@ -33,19 +35,24 @@ class Grid(NamedTuple):
 
     def map(
         self,
-        solve: Callable[[Float[Array, "size 2"]], Any],
+        solve: Callable[[Float[Array, "2"]], Any],
         chunk: int,
         workers: int | None,
         progress: Callable[[int, int], Any] | None,
     ) -> Any:
-        """What ``solve`` returns for all cells, given ``chunk`` of them at a time; arrays have the cells as first axis.
+        """What ``solve`` returns for each cell, as arrays with the cells as first axis; ``chunk`` of them at a time.
 
         ``workers`` chunks are solved at the same time, by default as many as this process has cores, and ``progress``
         is called with the number of cells done and the number of all after each chunk.
         """
         cells = self.cells
+
+        def solve_chunk(batch: Any) -> Any:
+            with rows_in_threads(1):  # of which there are several already
+                return jax.vmap(solve)(to_array(cells[batch]))
+
         results = in_threads(
-            lambda batch: solve(to_array(cells[batch])),
+            solve_chunk,
             len(cells),
             min(chunk, len(cells)),
             workers or cores(),

@@ -9,6 +9,7 @@ from matplotlib.colors import to_rgba
 
 import jaxball
 from jaxball.chaos import LyapunovSpectrum, chaplygin_top, chart, rolling_robot
+from jaxball.numerics import operation
 from jaxball.plot import chaos_chart, lyapunov_convergence
 from jaxball.plot.chaos import FAILED, LIFTED
 
@@ -160,3 +161,12 @@ def test_the_rolling_robot_is_chaotic_where_its_orbit_is_wide():
     assert np.all(exponent[1, :2] > 0.05)
     assert np.all(exponent[0, :2] < 0.02)
     assert np.isnan(exponent[1, 2])
+
+
+def test_cells_are_rows_of_a_native_program(monkeypatch):
+    """XLA took 40 s for such a chart where diffrax checked the first step by a callback to Python."""
+    reached = []
+    monkeypatch.setattr(operation, "_compiled", lambda *which: reached.append(which))
+    dataset = chart(top_heavy, {"spin": SPINS, "height": HEIGHTS[:1]}, (0.0, 10.0), chunk=4)
+    assert not reached
+    assert np.all(dataset["status"] == 0)

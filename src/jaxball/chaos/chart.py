@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import diffrax
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -72,7 +71,7 @@ def chart(
     require_callable("make", make, "first", "second")
     rtol, atol = map(to_array, checked_tolerances(rtol, atol))
     method = Method(Steps(checked_solver(solver), rtol, atol, max_steps), 1, skipped, None)
-    rows = grid.map(lambda cells: _solve(make, method, cells, to_array(edges)), chunk, workers, progress)
+    rows = grid.map(lambda cell: _solve(make, method, cell, to_array(edges)), chunk, workers, progress)
     exponent, error, force, status = np.moveaxis(rows, -1, 0)
     variables = {
         "exponent": (np.where(force > 0, exponent, np.nan), "largest Lyapunov exponent", "1/time"),
@@ -86,13 +85,11 @@ def chart(
 
 
 @programs.filter_jit
-def _solve(make: Make, method: Method, cells, edges) -> Float[Array, "cells 4"]:
-    def one(cell):
-        with traceable("make", make):
-            system, state = make(cell[0], cell[1])
-        state = phase_point(system, state)
-        spectrum = system_spectrum(method._replace(normal=normal_of(state)), system, state, edges)
-        force = jnp.full_like(cell[0], jnp.inf) if spectrum.least_normal_force is None else spectrum.least_normal_force
-        return jnp.stack([spectrum.exponents[0], spectrum.standard_error[0], force, spectrum.status.astype(cell.dtype)])
-
-    return jax.vmap(one)(cells)
+def _solve(make: Make, method: Method, cell: Float[Array, "2"], edges: Float[Array, " edges"]) -> Float[Array, "4"]:
+    """Exponent, its standard error, the least normal force and the status."""
+    with traceable("make", make):
+        system, state = make(cell[0], cell[1])
+    state = phase_point(system, state)
+    spectrum = system_spectrum(method._replace(normal=normal_of(state)), system, state, edges)
+    force = jnp.full_like(cell[0], jnp.inf) if spectrum.least_normal_force is None else spectrum.least_normal_force
+    return jnp.stack([spectrum.exponents[0], spectrum.standard_error[0], force, spectrum.status.astype(cell.dtype)])

@@ -318,7 +318,7 @@ class Environment(Printed):
         return jnp.where(status == Status.SUCCESS, found, status)
 
     def __hash__(self) -> int:
-        """Returns its identity, by which ``jax.jit`` knows its methods, so that equal ones have programs of their own."""
+        """Returns its identity, by which ``jax.jit`` knows its methods; equal ones have programs of their own."""
         return id(self)
 
     def __repr__(self) -> str:

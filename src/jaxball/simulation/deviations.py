@@ -1,9 +1,11 @@
 """A state and small deviations from it, advanced together: what chaos and stability are computed from."""
 
 from collections.abc import Callable
+from operator import attrgetter
 from typing import Any, NamedTuple, cast
 
 import diffrax
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -149,7 +151,7 @@ def advanced(
         alive, inner = args
         return jnp.where(alive, rates_of(t, rows, inner), 0.0)
 
-    controller = by_tolerances(steps.rtol, steps.atol, steps.solver, largest_row)
+    controller = to_kinks(by_tolerances(steps.rtol, steps.atol, steps.solver, largest_row), flow.kinks)
     solver, monitor = steps.solver, flow.monitor
     if monitor is not None:
         solver = Monitored(solver, lambda t, x, args: monitor(t, x, args[1]))
@@ -158,11 +160,11 @@ def advanced(
         solver,
         t0,
         t1,
-        jnp.minimum(first_step, t1 - t0),
+        None,
         rows,
         (alive, flow.args),
         saveat=diffrax.SaveAt(t1=True, solver_state=monitor is not None),
-        stepsize_controller=to_kinks(controller, flow.kinks),
+        stepsize_controller=StartWith(controller, jnp.minimum(first_step, t1 - t0)),
         adjoint=diffrax.ForwardMode(),
         max_steps=steps.max_steps,
         throw=False,
@@ -175,6 +177,29 @@ def advanced(
         accepted=solution.stats["num_accepted_steps"],
         least=jnp.full_like(t0, jnp.inf) if monitor is None else cast(tuple, solution.solver_state)[1],
     )
+
+
+class StartWith(diffrax.AbstractAdaptiveStepSizeController):
+    """``controller``, with a first step of the length ``first_step``.
+
+    diffrax checks a first step that it is given itself, by a callback to Python, which no native program of rows holds.
+    """
+
+    controller: diffrax.AbstractAdaptiveStepSizeController
+    first_step: Float[Array, ""]
+
+    rtol = property(attrgetter("controller.rtol"))  # pyright: ignore[reportAssignmentType]
+    atol = property(attrgetter("controller.atol"))  # pyright: ignore[reportAssignmentType]
+    norm = property(attrgetter("controller.norm"))  # pyright: ignore[reportAssignmentType]
+
+    def wrap(self, direction):
+        return eqx.tree_at(lambda s: s.controller, self, self.controller.wrap(direction))
+
+    def init(self, terms, t0: Any, t1: Any, y0, dt0, args, func, error_order):
+        return self.controller.init(terms, t0, t1, y0, self.first_step, args, func, error_order)
+
+    def adapt_step_size(self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state):
+        return self.controller.adapt_step_size(t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state)
 
 
 class Monitored(AbstractWrappingSolver):

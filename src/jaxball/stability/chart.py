@@ -82,7 +82,7 @@ def floquet_chart(
     cells, start = grid.cells, to_array(t)
     forced, angles = _equations(make, cells, float(start))
     search = Search(forced, angles, checked_steps(iterations), checked_steps(max_steps), start, rtol, atol)
-    shots = grid.map(lambda some: _solve(make, search, some), chunk, workers, progress)
+    shots = grid.map(lambda cell: _solve(make, search, cell), chunk, workers, progress)
     system = make(*to_array(cells[0]))[0]
     growth, multiplier = np.full(len(cells), np.nan), np.full(len(cells), complex(np.nan))
     for k in np.flatnonzero(shots.closed):
@@ -104,13 +104,10 @@ def floquet_chart(
 
 
 @programs.filter_jit
-def _solve(make: Make, search: Search, cells: Float[Array, "cells 2"]) -> Shot:
-    def one(cell):
-        with traceable("make", make):
-            system, state, period = make(cell[0], cell[1])
-        return shoot(search, system, phase_point(system, state), jnp.asarray(period), None)
-
-    return jax.vmap(one)(cells)
+def _solve(make: Make, search: Search, cell: Float[Array, "2"]) -> Shot:
+    with traceable("make", make):
+        system, state, period = make(cell[0], cell[1])
+    return shoot(search, system, phase_point(system, state), jnp.asarray(period), None)
 
 
 def _equations(make: Make, cells: Float[np.ndarray, "cells 2"], t: float) -> tuple[bool, tuple[bool, ...]]:
