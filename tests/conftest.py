@@ -3,6 +3,7 @@
 import gc
 import os
 import signal
+import zlib
 
 import hypothesis
 import jax
@@ -43,6 +44,12 @@ def _checks_shapes(config) -> bool:
     return with_default_tests and not hands_out
 
 
+def pytest_addoption(parser):
+    parser.addoption(
+        "--part", metavar="K/N", help="of N parts of the chosen modules, the one with the number K, from 0 on"
+    )
+
+
 def pytest_configure(config):
     """Compiling takes most of the default run; only long studies gain more from optimised programs than they cost."""
     unoptimised = "not slow" in config.option.markexpr
@@ -68,9 +75,18 @@ def pytest_runtest_teardown(item, nextitem):
 
 def pytest_collection_modifyitems(config, items):
     if not X64:
-        chosen = [item for item in items if item.get_closest_marker("any_precision")]
-        config.hook.pytest_deselected(items=[item for item in items if item not in chosen])
-        items[:] = chosen
+        _choose(config, items, lambda item: item.get_closest_marker("any_precision"))
+    if config.option.part:
+        number, parts = map(int, config.option.part.split("/"))
+        # By modules, whose tests share programs; by a hash that is the same in every process.
+        _choose(config, items, lambda item: zlib.crc32(item.nodeid.split("::")[0].encode()) % parts == number)
+
+
+def _choose(config, items, is_chosen):
+    """Leaves those items for which ``is_chosen`` says so."""
+    chosen = list(filter(is_chosen, items))
+    config.hook.pytest_deselected(items=[item for item in items if not is_chosen(item)])
+    items[:] = chosen
 
 
 @pytest.fixture

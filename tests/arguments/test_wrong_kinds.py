@@ -220,6 +220,7 @@ CALLS = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("make", "sentence"), MOTIONS + BODIES + FUNCTIONS + STATES + CALLS)
 def test_refused_in_a_sentence(make, sentence):
     with pytest.raises((TypeError, ValueError), match=sentence) as refused:

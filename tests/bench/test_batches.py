@@ -62,6 +62,7 @@ def program(name, *arguments, **environment):
     return subprocess.run(line, capture_output=True, text=True, check=False, env={**os.environ, **environment})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("platforms", ["cpu", "cuda,nonexistent"])
 def test_without_a_gpu_one_sentence_says_so(platforms):
     done = program("gpu.py", JAX_PLATFORMS=platforms)
@@ -70,6 +71,7 @@ def test_without_a_gpu_one_sentence_says_so(platforms):
     assert done.stdout.count("\n") == 1
 
 
+@pytest.mark.thorough
 def test_known_contenders_are_measured(benchmarks, monkeypatch, tmp_path, capsys):
     """The best time of the rounds; errors against the other engine's reference; who fails leaves with a sentence."""
     from contest import agreement_sentence, measure

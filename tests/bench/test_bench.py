@@ -49,7 +49,7 @@ def bound(row):
     return factor * row["tolerance"]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_every_solve_reaches_its_end_as_exactly_as_its_tolerance_promises(quick):
     _, _, content = quick
     assert {row["tolerance"] for row in content["rows"]} == {1e-5, 1e-8}
@@ -161,7 +161,7 @@ def test_the_two_kinds_of_figure_are_written(quick):
         assert (out / f"{problem}.pdf").read_bytes().startswith(b"%PDF")
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -189,6 +189,7 @@ def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path):
     assert (tmp_path / "out").read_text() == "precious"
 
 
+@pytest.mark.thorough
 def test_list_names_every_problem_and_solver(tmp_path):
     done = command("--list", folder=tmp_path)
     assert done.returncode == 0

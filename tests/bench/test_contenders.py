@@ -58,7 +58,7 @@ def outcome(name, problem, tolerance=TOLERANCE):
     return run.outcome()
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", [*PEERS, *ONE_OF_A_KIND])
 def test_kinks_are_met_exactly(name):
     """A solver that smeared a kink over a step would be off by far more than its tolerance."""
@@ -74,7 +74,7 @@ def test_problems_without_parameters(name):
     assert CIRCLE.error(ended.state) <= 300 * TOLERANCE
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["CasADi IDAS", "RadauIIA 3"])
 def test_the_algebraic_component_may_change(name):
     """And the constraint holds at the end far better than the solution, because the last component follows from it."""

@@ -95,6 +95,7 @@ def test_the_papers_disk_moves_in_other_engines(engine, setting, package):
     assert found.path < 5e-3
 
 
+@pytest.mark.thorough
 def test_the_masses_of_the_disk_are_on_hinges_of_a_ball():
     """With the radii of its circles, about an axis across its plane."""
     links = hung(to_mjcf(in_space(CASES["disk"].scenario())))

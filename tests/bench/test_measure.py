@@ -175,6 +175,7 @@ def content(out):
     return json.loads((out / "results.json").read_text(encoding="utf-8"))
 
 
+@pytest.mark.thorough
 def test_an_interruption_keeps_the_problems_that_were_finished(out):
     second = dataclasses.replace(GROWTH, name="second", title="Second")
 

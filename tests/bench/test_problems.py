@@ -151,6 +151,7 @@ class TestPaper:
         np.testing.assert_allclose(rates[4:8], [float(a[2]) for a in angles], atol=1e-13)
         np.testing.assert_allclose(rates[8:], [phidot, mine.phidot], rtol=1e-12, atol=1e-13)
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize("t", [0.04, 0.15, 7.0])
     def test_ball_is_jaxballs_moment_form(self, t, random):
         system, problem = paper.ball(), ALL["ball"]

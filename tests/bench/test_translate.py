@@ -123,14 +123,14 @@ class TestWholeInterval:
     def test_a_problem_without_parameters_has_none(self):
         assert translate.jax_parameters(ALL["hires"])(jnp.asarray(3.0)).shape == (0,)
 
-    @pytest.mark.thorough
+    @pytest.mark.long
     @pytest.mark.parametrize("name", ["disk", "ball"])
     def test_jaxballs_own_form_ends_in_the_reference(self, name):
         problem = ALL[name]
         form = problem.form()
         assert problem.error(form.final(np.asarray(solve(problem, form.field, form.initial)))) < 1e-11
 
-    @pytest.mark.thorough
+    @pytest.mark.long
     @pytest.mark.parametrize("name", ["disk", "ball"])
     def test_field_with_its_parameters_ends_in_the_reference(self, name):
         problem = ALL[name]

@@ -39,7 +39,7 @@ SOLVES = {
 }
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("solve", SOLVES.values(), ids=SOLVES)
 def test_a_command_that_finds_its_programs_says_and_writes_the_same(tmp_path, place, solve):
     (tmp_path / "run.toml").write_text(DISK + solve)
@@ -56,7 +56,7 @@ def test_a_command_that_finds_its_programs_says_and_writes_the_same(tmp_path, pl
                 assert one[name].tobytes() == other[name].tobytes(), name
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(
     "off",
     [{"JAXBALL_NO_CACHE": "1"}, {"option": "--no-cache"}, {"mode": 0o777}],
@@ -90,7 +90,7 @@ def test_the_command_shows_and_clears(place, capsys):
     assert [path.name for path in place.iterdir()] == ["mine.txt"]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_command_counts_the_programs_of_each_compiler(tmp_path, place, capsys, monkeypatch):
     (tmp_path / "run.toml").write_text(DISK)
     counts = []

@@ -101,7 +101,7 @@ def test_programs_are_compiled_quickly_within_a_block_alone(in_process, contents
         jax.config.update(name, before)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("compiler", ["native"], indirect=True)
 def test_code_made_quickly_gives_the_same_bits_and_is_used_until_there_is_optimised_code(in_process, contents):
     disk = Disk(mass=1.0, inertia=0.5, masses=[PointMass(0.5, Fixed((0.5, 0.0, 0.0)))])
@@ -361,7 +361,7 @@ def disk():
     return Disk(mass=1.0, inertia=0.5, masses=[PointMass(0.5, Fixed((0.5, 0.0, 0.0)))])
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_run_and_its_extremes_are_the_same_to_the_last_bit(in_process, contents, disk):
     """Trajectories hold modules of diffrax and of jaxball, functions and numbers that are no arrays."""
 

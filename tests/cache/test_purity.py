@@ -119,6 +119,7 @@ def test_reading_is_found_wherever_it_is(text, expected):
     assert is_pure(own_module("later", text).f) is expected
 
 
+@pytest.mark.thorough
 def test_random_numbers_have_seeds():
     """Which is why they are not refused."""
     seeds = [
@@ -168,7 +169,7 @@ print(float(jaxball.jit(momentum)(2.0)), len([name for name in traced if name ==
 """
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("mass_of", "traces"),
     [

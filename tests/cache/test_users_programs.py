@@ -322,7 +322,7 @@ print(len(traced), *(float(x).hex() for x in results))
 """
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_processes_find_programs_of_users_modules(tmp_path):
     """The second process traces nothing; the third, whose module has one other line, only what uses that."""
     (tmp_path / "script.py").write_text(SCRIPT)

@@ -100,7 +100,7 @@ def euler(t, x, d):
     return cross(d * x, x) / d
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("end", [20.0, 160.0])
 def test_integrable_tops_are_told_from_chaos(end):
     """Lagrange's heavy top and Euler's free one: growth is linear in time, whatever the standard errors say.

@@ -104,6 +104,7 @@ def test_wrong_arguments():
         lyapunov_spectrum(CHAPLYGIN, (0.0, 1.0), jaxball.DiskState())
 
 
+@pytest.mark.thorough
 def test_a_classical_system_has_its_own_phase_space():
     """A free rigid body that spins about its middle axis: ±Ω √( (d2 − d1)(d3 − d2) / (d1 d3) ), and zeros."""
     body = jaxball.classical.FreeRigidBody(inertia=(1.0, 2.0, 2.5))

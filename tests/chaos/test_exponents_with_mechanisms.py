@@ -24,7 +24,7 @@ def spectrum(system, length, state):
     return lyapunov_spectrum(system, (0.0, length), state, transient=length / 2, interval=length / 80).raise_if_failed()
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_pendulum_on_its_head_has_the_roots_of_its_equation():
     """λ² = g I / (l (I − m r²)); the rest are zeros, of which two belong to a steady roll: ±log(t₁/t₀) / (t₁ − t₀)."""
     found = spectrum(disk((0.0, 0.0, 1.0), 0.0, 0.0), 60.0, jaxball.DiskState(theta=[0.0], thetadot=[0.0]))
@@ -34,7 +34,7 @@ def test_a_pendulum_on_its_head_has_the_roots_of_its_equation():
     assert found.exponents[4] == pytest.approx(-rate, abs=1e-8)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_exponents_add_up_to_the_divergence_of_the_flow():
     """It is −tr(M⁻¹ C) = −c (I + m l² − 2 m l r cos ψ) / det M in canonical coordinates, ψ the angle of the pendulum.
 

@@ -28,6 +28,7 @@ def test_netcdf_holds_the_state_and_the_laws(body, tmp_path):
         assert data.attrs["ok"] == 1
 
 
+@pytest.mark.thorough
 def test_the_place_of_what_rolls_has_directions(tmp_path):
     """Unlike the coordinate z of a particle."""
     egg = classical.RollingEllipsoid(semiaxes=(1.0, 1.0, 1.5), inertia=(0.65, 0.65, 0.4))
@@ -78,6 +79,7 @@ def test_a_ball_is_drawn_by_other_functions(body):
         plot.law_errors(rolling)
 
 
+@pytest.mark.thorough
 def test_the_command_line(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("XLA_FLAGS", "")
     assert main(["simulate", "vakonomic-particle", "--out", str(tmp_path / "run.npz")]) == 0

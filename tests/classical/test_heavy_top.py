@@ -32,6 +32,7 @@ def skew():
     return run((1.3, 1.1, 0.8), (0.0, 0.0, 0.7))
 
 
+@pytest.mark.thorough
 def test_steady_precession():
     """A P² cos θ − d3 Ω3 P + mgl = 0: the top precesses at the rate P about the vertical, at the angle θ from it."""
     A, C, l, P, theta = 1.3, 0.8, 0.7, 1.1, 0.6

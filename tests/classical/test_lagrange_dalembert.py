@@ -60,6 +60,7 @@ def heavy_tops(inertia, chi, angles, rates, t):
     return jaxball.vector_field(top, t, state_of(angles, rates)).Omega, expected
 
 
+@pytest.mark.thorough
 def test_the_heavy_top_in_eulers_angles():
     found, expected = heavy_tops(*random_bodies(1))
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14 * np.max(np.abs(expected)))

@@ -74,7 +74,7 @@ def test_newtons_and_eulers_laws_along_the_motion():
         np.testing.assert_allclose(moment, of_force, rtol=0, atol=1e-11 * np.linalg.norm(force))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_reaction_along_a_run_is_that_of_its_centre_of_mass(run):
     """By central differences, of fourth order, of its velocity, which follows from q̇ and ż.
 
@@ -117,7 +117,7 @@ def test_it_detaches_and_slips_where_the_run_without_events_would(run):
     assert FINE[k - 1] - 1e-6 <= slipped.reached <= FINE[k] + 1e-6
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_reductions_of_ensembles_are_the_extremes_of_single_runs(run):
     spins = np.array([-12.0, -5.0])
     starts = jax.vmap(lambda spin: thrown(spin=spin))(jnp.asarray(spins))
@@ -130,7 +130,7 @@ def test_reductions_of_ensembles_are_the_extremes_of_single_runs(run):
         np.testing.assert_allclose(found["friction_needed"][k], extremes.friction_needed, rtol=1e-5)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_derivative_of_the_least_normal_force():
     """With respect to the mass, of N / m, which does not depend on it where the inertia is in proportion; and of g."""
 
@@ -164,7 +164,7 @@ def test_a_saved_run_has_the_forces(run, tmp_path):
     np.testing.assert_array_equal(again.plane_reaction.normal, run.plane_reaction.normal)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_command_line_tells_of_the_plane_under_a_rattleback(capsys, tmp_path):
     summary = tmp_path / "run.json"
     stone = ["simulate", "rattleback", "--set", TILTED, "--set", FAST, "--end", "1"]

@@ -19,6 +19,7 @@ E3 = np.array([0.0, 0.0, 1.0])
 RESISTING = Resistance(rolling=0.2, spinning=0.3, drag=0.1, rotational_drag=0.05, dry=0.04, smoothing=0.3)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("gravity", [9.8, -9.8])
 @pytest.mark.parametrize("resistance", [None, RESISTING], ids=["alone", "resisted"])
 def test_with_equal_semiaxes_it_is_the_ball(resistance, gravity):
@@ -89,6 +90,7 @@ def test_a_body_on_its_end_rocks_like_a_cradle():
     np.testing.assert_allclose(jax.grad(tilted)(jnp.array(0.0)), -expected, rtol=1e-13)
 
 
+@pytest.mark.thorough
 def test_a_spheroid_rolls_steadily_around_a_circle():
     """Where the torque of the reaction is the rate of the angular momentum, in axes that turn with the axis.
 

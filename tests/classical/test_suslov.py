@@ -140,6 +140,7 @@ def bent(t, bend):
     return jnp.stack([jnp.sin(late), jnp.sin(0.6 * t), jnp.cos(0.6 * t)])
 
 
+@pytest.mark.thorough
 def test_a_bend_of_xi_is_stepped_to():
     """The rate of ξ jumps at an irrational time, which is found in its trace where it is not told."""
     bend = np.sqrt(7.0)

@@ -71,6 +71,7 @@ def test_only_a_run_that_may_be_long_is_optimised(folder, monkeypatch):
     assert seen == [True, False]
 
 
+@pytest.mark.thorough
 def test_bad_input_leaves_the_output_as_it_was(folder):
     (folder / "run.csv").write_text("precious")
     done = jaxball("simulate", "bad.toml", "--out", "run.csv", folder=folder)

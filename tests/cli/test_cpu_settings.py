@@ -68,6 +68,7 @@ def test_other_versions_are_probed(flags, version, accepted):
     assert ("XLA_FLAGS" in os.environ) is accepted
 
 
+@pytest.mark.thorough
 def test_the_installed_version_accepts_its_flags():
     assert cpu._accepted(" ".join(cpu.flags_of(jaxlib.version.__version_info__)))
 
@@ -76,6 +77,7 @@ def test_the_probe_finds_what_is_not_accepted():
     assert not cpu._accepted("--xla_no_such_flag=1")
 
 
+@pytest.mark.thorough
 def test_programs_run_in_the_thread_that_calls_them():
     program = """if True:
         from jaxball import cpu
@@ -106,7 +108,7 @@ np.testing.assert_allclose(slope, across, rtol=1e-6)
 """
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_derivatives_of_ensembles_in_forward_mode():
     """With other settings, XLA was seen to stop the process."""
     environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}

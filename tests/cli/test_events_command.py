@@ -77,6 +77,7 @@ def test_a_level_is_changed_and_an_event_besides_is_found(capsys):
     assert "slip: It never happened" in captured.err
 
 
+@pytest.mark.thorough
 def test_conserved_quantities_of_a_run_that_an_event_ended_are_numbers(capsys):
     assert main(["simulate", "particle.toml", "--json", "-"]) == 0
     content = json.loads(capsys.readouterr().out)

@@ -36,6 +36,7 @@ def test_an_option_that_a_command_does_not_have(capsys, typed, usage, told):
     assert last == f"jaxball {typed.split()[0]}: error: {told}"
 
 
+@pytest.mark.thorough
 def test_a_platform_that_is_not_there_is_a_sentence():
     program = "import sys; from jaxball.cli import main; sys.exit(main(['simulate', 'disk']))"
     wrong = {**os.environ, "JAX_PLATFORMS": "abacus"}

@@ -114,7 +114,7 @@ def test_a_shaken_disk_grows_as_hills_equation_says(capsys, period):
     assert motion["message"].endswith("changing sign each period.")
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_chart_has_each_cells_own_period(folder, capsys):
     axes = [f"{FREQUENCY}=0.8:1.0:3", f"{AMPLITUDE}=0.1:0.3:2"]
     files = ["--out", "chart.nc", "--plot", "chart.png"]
@@ -133,7 +133,7 @@ def test_a_chart_has_each_cells_own_period(folder, capsys):
     assert (folder / "chart.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_chart_tells_bodies_that_cannot_be(capsys):
     axes = ["body.mass=-1:1:2", f"{AMPLITUDE}=0.1:0.3:2"]
     assert main(["periodic", "shaken.toml", "--frequency", "0.9", "--chart", *axes, "--json", "-", "--quiet"]) == 0

@@ -73,6 +73,7 @@ def test_a_poincare_map_lies_on_the_section_and_keeps_the_integrals(folder, caps
     assert b"<svg" in (folder / "points.svg").read_bytes()
 
 
+@pytest.mark.thorough
 def test_exponents_as_json_and_their_means_as_a_table(folder, capsys):
     assert main(["chaos", "body.toml", "--json", "-", "--quiet", "--out", "means.csv"]) == 0
     content = json.loads(capsys.readouterr().out)
@@ -83,6 +84,7 @@ def test_exponents_as_json_and_their_means_as_a_table(folder, capsys):
     assert len(rows) == 20
 
 
+@pytest.mark.thorough
 def test_permanent_rotations_of_a_top(folder, capsys):
     """At the bottom and on top; there only above |Ω₃| = 2 √( [d₁ + M (r + ℓ)²] M g ℓ ) / ( d₃ + M r (r + ℓ) )."""
     threshold = 2 * np.sqrt((0.4 + 1.2**2) * 0.2) / (0.5 + 1.2)

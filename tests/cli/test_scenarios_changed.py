@@ -23,7 +23,7 @@ def folder(monkeypatch, tmp_path):
     return tmp_path
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_values_are_set_and_standard_input_is_read(folder, monkeypatch, capsys):
     """In one run: the scenario from -, three changes, another end, and JSON alone on standard output."""
     monkeypatch.setattr("sys.stdin", io.StringIO(DISK))
@@ -46,6 +46,7 @@ def test_values_are_set_and_standard_input_is_read(folder, monkeypatch, capsys):
     assert all(name.endswith(".svg") for name in drawn)
 
 
+@pytest.mark.thorough
 def test_a_failed_run_is_failed_in_json_too(folder, capsys):
     assert main(["simulate", "disk.toml", "--set", "solve.max_steps=3", "--quiet", "--json", "run.json"]) == 3
     assert capsys.readouterr().out == ""
@@ -190,7 +191,7 @@ def test_a_part_of_a_run_is_filmed(folder, scenario):
         assert film.info["duration"] == 250
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_solver_of_an_option_is_known_when_changes_are_checked(capsys):
     """In the differential-algebraic form, which only --solver makes possible, with the end of the usual form."""
     both = ["--set", "solve.dae=true", "--solver", "radau9"]

@@ -92,7 +92,7 @@ def test_what_is_refused_leaves_every_file_as_it_was(folder, capsys, arguments, 
     assert (folder / "notes.html").read_text() == MARK.upper()
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("scenario", "kind"),
     [
@@ -111,6 +111,7 @@ def test_classical_systems_have_a_view(folder, scenario, kind):
     assert document["floor"] is None
 
 
+@pytest.mark.thorough
 def test_a_saved_run_of_a_classical_system_has_a_view_without_friction(folder, capsys):
     assert main(["simulate", "free-rigid-body", "--end", "1", "--out", "top.nc", "--view", "top.html", "--quiet"]) == 0
     assert main(["view", "top.nc", "--out", "again.html", "--quiet"]) == 0
@@ -169,6 +170,7 @@ place = 1.0
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("control", ["", CONTROL])
 def test_obstacles_of_a_design_are_in_its_view(folder, control):
     """Those of objectives and of constraints, of both kinds of problem."""
@@ -184,6 +186,7 @@ def test_obstacles_of_a_design_are_in_its_view(folder, control):
     assert document["obstacles"] == [[3.0, 0.0, 0.5], [-4.0, 0.0, 1.0], [6.0, 0.0, 0.25]]
 
 
+@pytest.mark.thorough
 def test_a_design_is_shown_before_and_after_with_the_path_that_is_wanted(folder, capsys):
     """Both are known in closed form: the masses' angles are θ + rate t, with the start of the variable and what was
     found.
@@ -237,6 +240,7 @@ def store(folder):
     return folder
 
 
+@pytest.mark.thorough
 def test_rows_of_a_sweep_are_shown_in_the_colours_of_a_number(store, capsys):
     assert main(["view", "study.zarr", "--rows", "2,0", "--out", "rows.html", "--quiet"]) == 0
     document = document_in((store / "rows.html").read_text())

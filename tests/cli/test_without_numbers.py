@@ -113,6 +113,7 @@ def test_scenarios_are_those_that_python_shows(answers):
     assert answers["scenarios ball"][1] == builtin_text("ball")
 
 
+@pytest.mark.thorough
 def test_reading_a_scenario_does_need_them():
     """The negative control."""
     asked = json.dumps([[["validate", "ball"]], HEAVY])

@@ -176,7 +176,7 @@ def test_an_impact_sticks_if_friction_can_stop_the_slip(mu, sticks):
     np.testing.assert_allclose(switches.after.V[0], after, atol=CLOSE)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_flight_keeps_the_angular_momentum_and_the_centre_of_mass_falls():
     """About the centre of mass, with masses that move in the ball."""
     ball = jaxball.Ball(
@@ -223,7 +223,7 @@ def spin(ball, t, run, k, centre, velocity):
     return own + sum(m * np.cross(x - centre, v - velocity) for m, x, v in particles(ball, t, run, k))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_jelletts_integral_under_any_friction():
     """(ΛI Ω)·r with r from the centre of mass to the contact point, of a body with a rotational symmetry."""
     A, C, low = 0.5, 0.7, 0.2
@@ -243,7 +243,7 @@ def swing(t, amplitude):
     return amplitude * jnp.sin(3.0 * t) * jnp.asarray(E3)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_plane_is_left_when_the_event_finds():
     """A mass that swings up and down in a ball at rest: N = M g − m a w² sin wt, and no friction at all."""
     m, a, w = 0.8, 0.6, 3.0
@@ -266,7 +266,7 @@ def test_the_plane_is_left_when_the_event_finds():
     assert np.all(np.asarray(run.contact.height) >= 0)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_slip_that_begins_from_rest_takes_what_the_energy_loses():
     """An unbalanced ball on a slope that friction cannot hold; its slip turns, and is stiff as it begins."""
     ball = jaxball.Ball(

@@ -55,7 +55,7 @@ def require_close(run, fine, tolerance):
     assert np.max(np.abs(end_of(run) - end_of(fine))) <= MOST * tolerance
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "law"), BODIES)
 def test_errors_are_in_proportion_to_the_tolerance(kind, law):
     case = kind()
@@ -114,7 +114,7 @@ def end_of_slip(mu, tolerance, height):
     return switches.times[jnp.argmax(switches.cause == Cause.STOPS)]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("height", [0.0, pytest.param(0.3, marks=SLOW)])
 def test_the_derivative_of_the_time_at_which_a_slip_ends(height):
     """t is in inverse proportion to μ, also after bounces, by which the mean normal force stays the weight."""

@@ -75,7 +75,7 @@ def test_the_run_has_modes_of_all_kinds():
     assert set(np.asarray(switches.source)[: int(switches.count)]) == {Mode.ROLLING, Mode.SLIDING, Mode.FLIGHT}
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("mode", ["forward", pytest.param("reverse", marks=pytest.mark.slow)])
 def test_derivatives_are_those_of_converged_runs(differences, mode):
     if mode == "forward":

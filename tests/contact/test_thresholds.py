@@ -77,7 +77,7 @@ def require_rolling(name, run, mu, angle):
     )
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["solid ball", "disk"])
 def test_an_ensemble_at_the_threshold_rolls(name):
     """tan α = 7/2 μ for a solid ball, 3 μ for a disk."""
@@ -85,7 +85,7 @@ def test_an_ensemble_at_the_threshold_rolls(name):
     require_rolling(name, side_by_side(name, angles), COEFFICIENTS, angles)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-8, 1e-12])
 @pytest.mark.parametrize("name", SHARES)
 def test_single_runs_at_the_threshold_roll(name, tolerance):
@@ -97,7 +97,7 @@ def test_single_runs_at_the_threshold_roll(name, tolerance):
         require_rolling(name, run, mu, angle)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["solid ball", "disk"])
 def test_runs_through_xla_at_the_threshold_roll(name):
     """One after another and side by side."""
@@ -122,7 +122,7 @@ def test_beside_the_threshold_a_body_slides_or_rolls(name):
         np.testing.assert_allclose(places(run), expected, rtol=10 * BESIDE)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @BODIES_AND_MODES
 def test_derivatives_at_the_threshold_are_those_of_rolling(name, mode):
     """By α, ½ t² g cos α/(1 + k), and 0 by μ."""
@@ -158,7 +158,7 @@ def test_a_slip_that_ends_at_the_threshold_is_followed_by_rolling(name):
         assert float(places(run)[-1]) == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", SHARES)
 def test_a_constant_force_that_needs_all_friction_rolls_the_body(name):
     """On a level plane, |f| = k/(1 + k) F."""
@@ -171,7 +171,7 @@ def test_a_constant_force_that_needs_all_friction_rolls_the_body(name):
         np.testing.assert_allclose(places(run), 0.5 * force / (M * (1 + k)) * TIMES**2, rtol=CLOSE)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("mu", [0.05, 0.3, 0.9])
 @pytest.mark.parametrize("name", ["solid ball", "disk"])
 def test_a_force_that_needs_all_friction_at_its_peaks_rolls_the_body(name, mu):
@@ -197,7 +197,7 @@ def pushed(name, force, start, T, mode="reverse"):
     return jaxball.simulate(pushed_body, jnp.array([0.0, T]), **settings)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["solid ball", "disk"])
 def test_friction_gives_way_at_the_start_of_a_push(name):
     """Then the slip grows, and after the push it ends; all of it moves with the start."""
@@ -214,7 +214,7 @@ def test_friction_gives_way_at_the_start_of_a_push(name):
     assert float(run.contact.V[-1, 0]) == pytest.approx(speed, rel=1e-9)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @BODIES_AND_MODES
 def test_derivatives_by_the_start_of_a_push_that_slips(name, mode):
     """The motion after it is that after an earlier start, later: dz/d(start) = −V."""
@@ -231,7 +231,7 @@ def test_derivatives_by_the_start_of_a_push_that_slips(name, mode):
     np.testing.assert_allclose(times, 1.0, rtol=1e-8)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["solid ball", "disk"])
 def test_a_push_lifts_the_body_at_its_start(name):
     start, push, T = 0.7, 30.0, 1.25

@@ -190,7 +190,7 @@ def test_bounces_under_a_force_are_those_under_gravity():
     assert float(forced.times[int(forced.count) - 1]) == pytest.approx(fall * (1 + e) / (1 - e), abs=1e-5)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("through", ["lanes", "XLA"])
 def test_an_ensemble_whose_lanes_are_in_different_modes(through):
     """With and without gravity, landing, resting, bouncing, sliding and rolling side by side."""
@@ -223,7 +223,7 @@ def test_an_ensemble_whose_lanes_are_in_different_modes(through):
         np.testing.assert_allclose(run.contact.V[row], single.contact.V, atol=1e-8)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("differentiate", "adjoint"),
     [(jax.jacfwd, diffrax.ForwardMode()), (jax.jacrev, diffrax.RecursiveCheckpointAdjoint())],

@@ -24,7 +24,7 @@ def track():
 START = {"phi": 0.3, "thetadot": -0.2}
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_closed_loop_is_the_run_with_its_inputs(track):
     """Both solve with tolerances of 1e-10, over 80 samples or at once; the push ends within samples."""
     push = Push((0.2, 0.0, 0.0), start=1.02, duration=0.31)
@@ -38,6 +38,7 @@ def test_a_closed_loop_is_the_run_with_its_inputs(track):
     np.testing.assert_allclose(efforts, loop.u[:, 0], rtol=0, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_inputs_are_limited_and_late(track):
     """Feedback of sample k acts at sample k + 2, and the sum with the motion's own input is within the limit."""
     loop = closed_loop(track, START, delay=2)
@@ -49,6 +50,7 @@ def test_inputs_are_limited_and_late(track):
     assert bool(loop.saturated.any())
 
 
+@pytest.mark.thorough
 def test_after_the_end_the_last_state_is_held(track):
     """Small deviations decay by e in 3 units of time, as eigenvalues of A − B K say: in 15, from 0.3 to 0.002."""
     loop = closed_loop(track, START, samples=300)
@@ -56,12 +58,14 @@ def test_after_the_end_the_last_state_is_held(track):
     np.testing.assert_allclose(loop.xi[-1, [0, 3]], 0, atol=0.02)
 
 
+@pytest.mark.thorough
 def test_without_feedback_nothing_is_added(track):
     loop = closed_loop(Feedforward(track.sampled, track.nominal), START)
     np.testing.assert_array_equal(loop.du, 0)
     assert float(jnp.max(jnp.abs(loop.xi[-20:, 0]))) > 0.1
 
 
+@pytest.mark.thorough
 def test_a_robot_with_other_parameters_comes_back_too(track):
     """It decays about as fast as the robot of the design."""
     heavier = robots.with_pendulum(jaxball.Motor(0.0), mass=1.2 * robots.MASS)
@@ -93,7 +97,7 @@ def test_gradients_of_the_cost_are_those_of_differences(track, mode):
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-8)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_basin_is_that_of_single_closed_loops(track):
     """Lanes round differently, which the closed loop damps: ends agree to its tolerance."""
     grid = {"phi": np.linspace(-3.0, 3.0, 5), "phidot": np.linspace(-1.5, 1.5, 4)}
@@ -113,6 +117,7 @@ def test_a_basin_is_that_of_single_closed_loops(track):
     np.testing.assert_array_equal(strict.returned, found.returned & (found.ends.friction_needed <= 0.05))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [

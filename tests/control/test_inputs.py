@@ -43,6 +43,7 @@ def track(run):
     return tvlqr(run, Q={"z": 1.0}, R=1.0, sample=H)
 
 
+@pytest.mark.long
 def test_masses_come_before_joints_and_the_limit_is_that_of_the_motor(track):
     assert track.inputs == ("masses[0]", "masses[1]", "mechanisms[0].joints[0]")
     np.testing.assert_array_equal(track.sampled.limits, [np.inf, np.inf, 2.0])
@@ -86,6 +87,7 @@ def test_held_inputs_give_the_motion(run, track):
     assert float(loop.states.z[-1]) == pytest.approx(float(run.state.z[-1]), abs=H**2)
 
 
+@pytest.mark.long
 def test_a_joint_is_chosen_and_the_rest_moves_as_before(run):
     with pytest.raises(ValueError, match="must name all that the feedback law drives, because inputs take its place"):
         tvlqr(run, Q=1.0, R=1.0, inputs=["mechanisms[0].joints[0]"])

@@ -79,6 +79,7 @@ XI[[3, 6]] = 0.3
 ALONE = [(0.5, None), (10.0, 0.03)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("limit", "friction"), [*ALONE, (0.6, 0.04)], ids=str)
 def test_the_plan_is_the_solution_of_the_program_with_active_limits(track, limit, friction):
     """SciPy's barrier method stops where its cost is up to 1e-4 above the least, at inputs that are off by 1e-3."""
@@ -207,6 +208,7 @@ def test_bad_input_gets_a_sentence(track, options, sentence):
         mpc(track, **options)
 
 
+@pytest.mark.long
 def test_derivatives_of_a_plan_are_those_of_its_conditions(track):
     """By the deviation, a limit, the penalty and the weights, at active limits; in both modes, and by differences.
 

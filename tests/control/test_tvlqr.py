@@ -20,7 +20,7 @@ def hanging():
     return jaxball.simulate(robots.with_pendulum(), [0.0, 30.0])
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_small_oscillations_have_the_flow_of_the_matrix_exponential(hanging):
     """At rest the linear flow is that of small oscillations, up to the tolerance of the solve."""
     track = tvlqr(hanging, Q=1.0, R=1.0, sample=H)
@@ -47,7 +47,7 @@ def test_a_long_horizon_has_the_stationary_gain(hanging):
     assert track.uncontrollable == ("phi + z",)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_double_integrator_has_the_least_energy_in_closed_form():
     """φ̈ = a u and θ̈ = b u exactly. With all weight at the end, the cost is the least energy to reach it.
 
@@ -83,7 +83,7 @@ def moving():
 WEIGHTS = {"z": 2.0, "attitude": 0.1, "Omega": 0.3, "theta": 1.0}
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_flow_has_the_derivatives_of_differences(moving):
     """Central differences with steps of 1e-4 of numbers of size 1: errors of 1e-8, and 1e-10 / 1e-4 of the solve."""
     track = tvlqr(moving, Q=WEIGHTS, R=0.1, sample=0.05)

@@ -36,6 +36,7 @@ def decayed(rate):
     return solution.ys[0]
 
 
+@pytest.mark.long
 def test_a_solve_of_diffrax_in_the_same_program():
     """The disk rolls with what has decayed: z = 2 e^(−2 k)."""
     rates = jnp.array([0.3, 0.7])

@@ -113,14 +113,14 @@ def shared():
     return x, np.asarray(differences(x, H / 5))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_forward_mode(separate):
     x, expected = separate
     errors = worst(forward(x), expected)
     assert max(errors.values()) < BOUND, errors
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_reverse_mode(separate):
     x, expected = separate
     errors = worst(reverse(x), np.asarray(WEIGHTS) @ expected)

@@ -87,6 +87,7 @@ def cases():
     return zip(x, p, angles, u, *found, strict=True)
 
 
+@pytest.mark.thorough
 def test_jacobians_with_respect_to_state_and_parameters(cases):
     for x, p, angles, u, rates, by_state, by_parameters in cases:
         frames = [direct_sum.frisvad_frame(*pair) for pair in angles]

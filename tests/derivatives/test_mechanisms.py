@@ -127,13 +127,13 @@ class TestAgainstDifferences:
         sizes = unpack(jnp.asarray(np.max(np.abs(differences(dry)), axis=0)))
         assert min(float(jnp.min(size)) for size in sizes.values()) > 0.001, sizes
 
-    @pytest.mark.thorough
+    @pytest.mark.long
     def test_forward_mode(self, dry):
         columns = [tangent(numbers(dry), direction, dry) for direction in jnp.eye(NUMBERS.size)]
         errors = worst(np.stack(columns, axis=1), differences(dry))
         assert max(errors.values()) < BOUND, errors
 
-    @pytest.mark.thorough
+    @pytest.mark.long
     def test_reverse_mode(self, dry):
         errors = worst(reverse(numbers(dry), dry), np.asarray(WEIGHTS) @ differences(dry))
         assert max(errors.values()) < BOUND, errors

@@ -52,7 +52,7 @@ def of_closed_form(n):
         return float(mpmath.diff(closed_form, mpmath.mpf("0.4"), n))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("around", [lambda f: f, jax.jit, jaxball.jit], ids=["as typed", "jax.jit", "jaxball.jit"])
 def test_without_an_adjoint_both_modes_are_there(around):
     for first in (
@@ -65,13 +65,14 @@ def test_without_an_adjoint_both_modes_are_there(around):
         np.testing.assert_allclose(around(first)(W), of_closed_form(1), rtol=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("outer", [jax.jacfwd, jax.jacrev], ids=["forward", "reverse"])
 @pytest.mark.parametrize("inner", [jax.jacfwd, jax.jacrev], ids=["over forward", "over reverse"])
 def test_without_an_adjoint_second_derivatives_are_there(outer, inner):
     np.testing.assert_allclose(jax.jit(outer(inner(omega)))(W), of_closed_form(2), rtol=1e-9)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("around", [lambda f: f, jax.jit], ids=["as typed", "jax.jit"])
 def test_a_number_in_a_closure_has_derivatives_and_rows(around):
     """Ω2 = ℓ at the time t(ℓ): dt/dℓ = 1/Ω̇2 = d2/((d3 − d1) Ω3 Ω1)."""
@@ -102,6 +103,7 @@ def test_maps_of_derivatives_and_derivatives_of_maps():
     np.testing.assert_allclose(jax.lax.map(jax.grad(omega), rows), of_each, rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_what_is_chosen_is_kept_to():
     by = diffrax.RecursiveCheckpointAdjoint()
     with pytest.raises(TypeError, match=r"`adjoint` must not be .*Checkpoint.* in forward mode.*; leave it out"):

@@ -70,7 +70,7 @@ def _no_warnings():
         yield
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("function", [until, between, after_a_shift, within_another, by_cond, by_a_helper])
 def test_a_force_that_ends(function):
     expected = F * (T - P) / 1.5
@@ -233,7 +233,7 @@ def by_a_piecewise_signal():
     return jaxball.jit(jax.grad(angle))(P)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", DRIVES)
 def test_joints(name, by_a_piecewise_signal):
     """The same derivative as of the motor whose impulse is known, which needs no kink for it."""
@@ -283,7 +283,7 @@ def test_a_system():
     assert abs(slope - F) < BOUND
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_while_a_body_slides():
     """A disk on ice is pushed until p: z = F (p T − p²/2) / m."""
 
@@ -299,6 +299,7 @@ def periodic(t, p):
     return jnp.where(jnp.sin(t) > p, F, 0.0) * ALONG
 
 
+@pytest.mark.thorough
 def test_a_warning_where_times_are_not_known():
     with warnings.catch_warnings(record=True) as shown:
         warnings.simplefilter("default")
@@ -315,6 +316,7 @@ def test_no_warning_where_times_are_given():
     pushed(jaxball.FunctionForce(periodic, 0.1, kink_times=[jnp.arcsin(0.1), jnp.pi - jnp.arcsin(0.1)]), max_steps=500)
 
 
+@pytest.mark.thorough
 def test_a_class_that_declares_its_kinks_is_believed():
     class Declared(Ending):
         def __call__(self, t):

@@ -86,7 +86,7 @@ def jacobian(request):
     return (jax.jacrev if request.param is None else jax.jacfwd)(found)(jnp.array(0.5))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_an_event_that_never_happens_has_no_derivative(jacobian):
     far, place_then, *_, beyond = jacobian
     assert np.all(np.isnan(far))
@@ -102,7 +102,7 @@ def test_one_that_happens_has_its_own_beside_it(jacobian):
     assert np.all(np.isnan(post[1:]))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_run_of_an_ensemble_that_cannot_be():
     def ends(mass):
         balls = jax.vmap(lambda m: Ball(mass=m, inertia=(0.5, 0.6, 0.7), offset=(0.1, 0.0, 0.0)))(mass)

@@ -79,7 +79,7 @@ def violations():
     return eqx.filter_jit(lambda run, found: {name: one(run) for name, one in found.items()})(held(), found)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", expected())
 def test_violation_in_closed_form(name):
     # Rails are seen as polygons of 48 chords, whose sagitta is 0.2 % of the radius.
@@ -109,7 +109,7 @@ def sides():
     )
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", limits())
 def test_margins_are_smooth_violations(name):
     """Where |x| ≤ b is violated by v, (b² − |x|²) / (2 b) = −v (1 + v / (2 b))."""

@@ -123,6 +123,7 @@ def test_the_pendulum_is_at_a_minimum(pendulum):
     assert control.least_curvature(pendulum) > 0.1
 
 
+@pytest.mark.thorough
 def test_derivatives_against_differences():
     problem = Pendulum(jnp.asarray(0.0), jnp.asarray(6.0), jnp.asarray(2.5))
     collocation = control.Collocation(

@@ -83,7 +83,7 @@ def test_the_command_writes_the_same(folder, tmp_path):
     assert f"By `jaxball design {tmp_path / 'problem.toml'} --out" in ours[1]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_optimum_on_a_constraint(folder):
     found = jaxball.load_scenario(folder / "design.toml")
     np.testing.assert_allclose(found.state.Omega, [-0.25, 0.75, 0.0], atol=1e-5)
@@ -157,7 +157,7 @@ class Endless(design.AbstractObjective):
         return jnp.sqrt(0.0 * run.z[-1, 0] ** 2)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("wrong", "words"), [(Crooked(), "must agree"), pytest.param(Endless(), "must be finite", marks=pytest.mark.slow)]
 )

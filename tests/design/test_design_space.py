@@ -63,7 +63,7 @@ def assert_same(candidate, scenario, bound):
         np.testing.assert_allclose(a, b, rtol=bound, atol=bound)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("document", "paths"),
     [

@@ -83,6 +83,7 @@ def test_what_the_masses_do_by_moving_is_of_fourth_order_in_the_rate_of_the_moti
     assert 10 < gaps[60.0] / gaps[120.0] < 22
 
 
+@pytest.mark.thorough
 def test_gravity_accelerates_no_disk_faster_than_its_centre_of_mass_allows():
     fast = problem(disk(), design.Through([[0.0, 0.0], [3.0, 0.0]]), 2.0)
     with pytest.raises(design.DesignError, match="more time"):

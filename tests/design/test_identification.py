@@ -32,7 +32,7 @@ def found(seed):
     return identify(space, path + NOISE * np.random.default_rng(seed).normal(size=path.shape))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_truth_lies_in_the_intervals():
     truth = np.array([1.0, 1.0, 0.9, 0.85, -0.05])
     result = found(1)

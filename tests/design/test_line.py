@@ -148,6 +148,7 @@ def test_a_ball_may_go_anywhere():
     np.testing.assert_array_equal(found.objectives["reach-place"].place, [2.0, 0.5])
 
 
+@pytest.mark.thorough
 def test_a_disk_within_a_range():
     """z = 0.4 t, beyond −1 by nothing and beyond 0.6 by 0.2 at t = 2, in radii."""
     found = of_disk(constrained('kind = "within"\nlow = -1.0\nhigh = 0.6'))

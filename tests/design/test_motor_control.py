@@ -33,7 +33,7 @@ def driven():
     return control.started(climb(jaxball.Motor(0.0), [LEAN - SLOPE]), MESH)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_pendulum_holds_a_disk_on_a_slope(driven):
     """The pendulum at the angle and with the torque m g l sin(lean) of its closed form."""
     robot = climber(jaxball.Motor(0.0))
@@ -79,7 +79,7 @@ def test_a_guess_on_a_slope_begins_and_ends_at_rest():
     np.testing.assert_allclose(path.controls[[0, -1], [0, -1], 0], torque, rtol=1e-3)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_motors_take_it_there_and_it_stays(driven):
     """By a simulation that knows of torques and not of controls, for twice as long."""
     scenario = control.scenario_of(driven)

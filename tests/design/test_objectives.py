@@ -103,7 +103,7 @@ def values(motion):
     )
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", closed_forms())
 def test_objective_in_closed_form(name):
     _, motion, expected = closed_forms()[name]
@@ -112,6 +112,7 @@ def test_objective_in_closed_form(name):
     np.testing.assert_allclose(float(values(motion)[name]), expected, rtol=bound, atol=at_zero)
 
 
+@pytest.mark.thorough
 def test_largest_distance_in_time():
     beside = design.FollowTrajectory(design.Through([0.2 * SIDE, END + 0.2 * SIDE]))
     np.testing.assert_allclose(float(eqx.filter_jit(beside.farthest)(rolling())), 0.2 / R, rtol=1e-8)

@@ -87,7 +87,7 @@ def lightness():
     return np.mean(1 / masses)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_objectives_are_means_over_the_balls(optimiser):
     looked = optimiser.evaluate(np.array([[0.3]]), optimiser.penalised(1))
     expected = np.asarray([(0.3 * T - PLACE) ** 2, (0.3 * T) ** 2 * lightness()])

@@ -46,7 +46,7 @@ def run(easy):
     return control.scenario_of(easy, saves=2001).simulate(rtol=1e-11, atol=1e-11, throw=True)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_schedules_do_what_the_solution_says(easy, run):
     """By a simulation that knows of schedules and not of controls."""
     assert np.max(easy.errors) <= 1e-6

@@ -44,7 +44,7 @@ def turning(angle, rate, place):
     return np.concatenate([[np.cos(angle / 2)], np.sin(angle / 2) * axis, rate, place])
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_defects_in_closed_form():
     """Nothing where the pieces join; and where one starts 1 % too fast, what that comes to by its end."""
     at, y = optimiser(), program().joined(problem().problem.space.start[None])[0]

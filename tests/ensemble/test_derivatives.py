@@ -44,7 +44,7 @@ XLA = pytest.param(jax.jit, marks=pytest.mark.thorough)
 COMPILERS = pytest.mark.parametrize("compiled", [jaxball.jit, XLA], ids=["natively", "by XLA"])
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @COMPILERS
 def test_forward_mode(compiled):
     one = jnp.ones(INERTIAS.size)
@@ -54,7 +54,7 @@ def test_forward_mode(compiled):
         np.testing.assert_allclose(jnp.abs(changes), -slope(INERTIAS), rtol=1e-8)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @COMPILERS
 def test_reverse_mode(compiled):
     weights = jnp.linspace(1.0, 2.0, INERTIAS.size)

@@ -67,7 +67,7 @@ def single(rows, k):
     return simulate(ball(offset), TIMES, thrown(*start), contact=contact(*law))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_every_row_is_a_run_of_its_own():
     rows, many = random_ensemble()
     counts = np.asarray(many.trajectory.contact.switches.count)
@@ -170,7 +170,7 @@ def test_a_row_that_fails_harms_no_other():
         np.testing.assert_array_equal(a[others], b[others])
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_derivatives_are_those_of_closed_forms():
     """A sphere with V along e1 that slides until it rolls is at 12 V²/(49 μg) + 5/7 V (t − 2V/(7μg))."""
     zero, upright = np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])

@@ -39,7 +39,7 @@ def trajectories():
     return [single(*disks(MASSES), k, times=SPAN, dense=True) for k in range(MASSES.size)]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["least_normal_force", "friction_needed", "largest_friction"])
 def test_contact_is_that_of_single_runs(found, trajectories, name):
     wanted = [contact_extremes(trajectory) for trajectory in trajectories]
@@ -66,6 +66,7 @@ def test_energy_does_not_drift(found):
     assert np.all(found["energy_drift"] > 0)
 
 
+@pytest.mark.thorough
 def test_integrals_are_those_of_the_trajectories(found, trajectories):
     nodes, weights = np.polynomial.legendre.leggauss(200)
     times = SPAN[1] / 2 * (nodes + 1)

@@ -78,7 +78,7 @@ def test_the_papers_ball(balls):
         assert_same(found, k, simulate(ball, TIMES, jax.tree.map(lambda leaf, k=k: jnp.asarray(leaf[k]), state)), 1e-11)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("compiler", ["native", "xla"])
 def test_each_run_has_a_level_of_its_own(compiler):
     """A disk that rolls freely is at z = t."""
@@ -104,7 +104,7 @@ def test_each_run_has_a_level_of_its_own(compiler):
     assert found.ok.tolist() == [True, True, True]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_an_ensemble_is_read_as_a_trajectory_is():
     system, state = disks([1.0, -1.0, 2.0])
     found = simulate_ensemble(system, TIMES, state, **SMALL)
@@ -138,6 +138,7 @@ def test_where_a_force_jumps_the_slope_is_computed_anew():
         assert_same(found, k, single(system, state, k), 1e-12)
 
 
+@pytest.mark.thorough
 def test_what_runs_share_may_be_given_once():
     """Each program rounds, and so steps, in its own way: both are as exact as float64 can have them."""
     masses = np.linspace(0.5, 2.0, 12)
@@ -154,6 +155,7 @@ def test_what_runs_share_may_be_given_once():
     assert found.trajectory.system.radius.strides == (0,)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "solver",
     [
@@ -182,7 +184,7 @@ def test_every_method_steps_as_in_a_run_of_its_own(solver):
     assert not alone or found.efficiency == 1
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_runs_end_where_their_bodies_detach():
     """Wheels with an offset, of which the fast ones leave the plane."""
     wheels = stacked([Disk(mass=m, inertia=0.3, gravity=1.0, offset=(0.0, 0.0, -0.4)) for m in np.linspace(0.5, 2, 20)])
@@ -206,7 +208,7 @@ def test_a_classical_system():
     assert_same(found, 1, single(system, state, 1), 2e-9)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("compiler", ["xla", "native"])
 def test_runs_that_are_computed_together_wait_for_the_longest(compiler):
     """Which costs little where they are sorted."""
@@ -250,7 +252,7 @@ def test_blocks_and_threads_change_nothing():
     np.testing.assert_allclose(whole.trajectory.state.phi, parts.trajectory.state.phi, rtol=0, atol=1e-14)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_derivatives_are_those_of_single_runs():
     masses = np.linspace(0.5, 2.0, 5)
     system, state = disks(masses)

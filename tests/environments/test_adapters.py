@@ -43,7 +43,7 @@ def test_one_passes_gymnasiums_checks_and_seeds_determine_episodes(environment):
     assert ends == [(False, False), (False, False), (False, True)]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_many_are_reset_in_the_step_in_which_they_end(environment):
     """As Gymnasium's own SyncVectorEnv does in this mode: the last observation is in ``final_obs``."""
     gymnasium.register(
@@ -69,7 +69,7 @@ def test_many_are_reset_in_the_step_in_which_they_end(environment):
             assert not np.any(seen[:, -2] == first[:, -2])
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_like_brax_it_is_the_environment_in_a_loop_that_keeps_what_wrappers_add(environment):
     like_brax = BraxEnvironment(environment)
     assert (like_brax.observation_size, like_brax.action_size) == (environment.n_observations, 1)
@@ -100,6 +100,7 @@ def test_like_brax_it_is_the_environment_in_a_loop_that_keeps_what_wrappers_add(
     assert float(steps) == 0.0
 
 
+@pytest.mark.thorough
 def test_sensors_read_with_their_errors():
     """At rest an encoder reads 0: what is observed is its bias and noise, over 4000 resets within four standard errors,
     and 0 where every reading is lost."""

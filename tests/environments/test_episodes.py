@@ -86,7 +86,7 @@ def late_lanes(episodes):
     return {int(delay): j for j, delay in enumerate(episodes.delay)}
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("delay", [0, 1, 2])
 def test_an_episode_is_the_run_of_the_drawn_robot_with_inputs_shifted_by_the_delay(begun, taken, actions, delay):
     """Both solve with tolerances of 1e-10, over five samples or at once."""
@@ -186,7 +186,7 @@ def test_a_goal_that_is_reached_terminates_and_slipping_does_too():
     assert float(slipped.reward) < -4.9
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_gradients_through_twenty_steps_are_those_of_differences(environment):
     """By the gains of a linear policy. Central differences of 1e-4 of a cost of order 10 miss by about 1e-7."""
     gains = jnp.asarray(0.05 * np.random.default_rng(1).normal(size=(1, environment.n_observations)))
@@ -204,7 +204,7 @@ def test_gradients_through_twenty_steps_are_those_of_differences(environment):
         assert float(gradient[0, k]) == pytest.approx(float(difference), rel=1e-5, abs=1e-6)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_of_a_rejected_step_that_is_not_finite_nothing_remains_in_derivatives():
     """A pendulum that passes its yoke's axis, where its equations are singular, at a rate of 67: derivatives in reverse
     mode are those in forward mode, to the tolerances of 1e-10 times what they grow by."""

@@ -79,6 +79,7 @@ def test_what_is_observed_of_a_disk_in_closed_form():
     np.testing.assert_allclose(seen, expected, rtol=0, atol=1e-14)
 
 
+@pytest.mark.thorough
 def test_what_a_path_and_a_speed_are_missed_by():
     """Half a unit after the start, at z = (1, 1), rolling along e1 with a velocity of 2."""
     rolling = BallState(Omega=(0.0, 2.0, 0.0), z=(1.0, 1.0), theta=(0.0, 0.0), thetadot=(0.0, 0.0))

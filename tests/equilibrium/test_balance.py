@@ -40,6 +40,7 @@ def test_the_angles_that_the_paper_rounded(paper):
     assert paper.residual < 1e-13
 
 
+@pytest.mark.thorough
 def test_every_solution_is_found_and_is_one(paper):
     """Two unit circles' worth of vectors sum to a given one in two ways; here one is above, one below."""
     assert paper.solutions_above.tolist() == [True, False]
@@ -56,6 +57,7 @@ def test_only_below_when_asked():
     assert "exactly below" in found.message
 
 
+@pytest.mark.thorough
 def test_no_solution_says_so_and_how_near():
     """One mass on a circle in the plane of E1 and E3 cannot undo an offset along E2."""
     ball = Ball(
@@ -71,6 +73,7 @@ def test_no_solution_says_so_and_how_near():
     assert answer.message.startswith("No angles of these masses put the centre of mass exactly above or below")
 
 
+@pytest.mark.thorough
 def test_a_tube_balances_inside_the_shell_only():
     def ball(weight):
         along = PointMass(weight, OnRail(Tube((1.0, 0.0, 0.0)), ConstantRate(0.0)))
@@ -124,6 +127,7 @@ def test_a_slope_can_be_too_steep():
     assert "put the centre of mass on the vertical through the contact point; the angles" in answer.message
 
 
+@pytest.mark.thorough
 def test_a_balanced_ball_on_a_slope_has_no_acceleration():
     """By the equations of motion, however the ball is turned, the slope heads, and its shell is out of balance."""
     frame = jaxball.SphericalFrame(1.4, 0.2)

@@ -111,7 +111,7 @@ def start_of(starts, k):
     return jax.tree.map(lambda leaf: leaf[k], starts)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_errors_are_as_large_as_the_filter_says(repeated):
     """The mean over 200 runs of the normalised squares is within its 95 % interval at 19 of 20 times or more."""
     for values, degrees in zip(repeated, (8, 9, 8), strict=True):
@@ -136,7 +136,7 @@ def test_a_bias_is_found():
         assert abs(float(estimate.bias[name][-1]) - value) < 3 * deviation[-1]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_what_no_sensor_tells_is_named():
     """Of a gyroscope alone: on a level plane, position and heading. A camera sees a marker, and so both."""
     sensors = sensors_of_robot()
@@ -145,7 +145,7 @@ def test_what_no_sensor_tells_is_named():
     assert ErrorStateFilter.of(robot(), sensors, sample=H).unobservable(GUESS, 11) == ()
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_delay_only_delays():
     """The estimate with readings that arrive late is the one with the same readings at once, until the last."""
     disk = Disk(mass=1.0, inertia=0.5)
@@ -170,7 +170,7 @@ def test_without_readings_it_predicts(free_disk):
     assert np.all(np.isnan(estimate.nis))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_inputs_are_known_to_the_filter():
     """A disk with a motor on its pendulum, pushed by torques that the filter is told; without noise it is the run."""
     arm = jaxball.planar_pendulum(0.5, 0.6, drive=jaxball.Motor(0.0))
@@ -229,6 +229,7 @@ def test_what_makes_no_filter_is_refused(change, error, words, no_type_checks):
         ErrorStateFilter.of(**given)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("change", "error", "words"),
     [

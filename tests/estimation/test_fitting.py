@@ -46,7 +46,7 @@ def fits():
     return found
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_truth_is_as_far_as_the_covariance_says(fits):
     """The sum of squares of errors over ten logs is χ² with ten times as many degrees, and so are the residuals."""
     squares, sums = 0.0, 0.0

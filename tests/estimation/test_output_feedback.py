@@ -35,6 +35,7 @@ def sensors(noise, **errors):
     }
 
 
+@pytest.mark.long
 def test_with_nearly_exact_sensors_it_is_feedback_of_the_state(track):
     """Of what the first reading tells, φ̇ and θ; the difference is of the size of the noise, times gains of up to 10."""
     start = {"phidot": 0.2, "theta": 0.1}
@@ -61,6 +62,7 @@ def test_a_robot_with_other_parameters_is_held(track):
     np.testing.assert_allclose(held.xi[-20:], exact.xi[-20:], rtol=0, atol=0.03)
 
 
+@pytest.mark.long
 def test_late_readings_are_taken_for_what_they_were(track):
     """At each sample it knows what the filter of a log knows, of which nothing has been read since.
 

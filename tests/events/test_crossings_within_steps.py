@@ -98,7 +98,7 @@ def test_every_crossing_is_found_in_order(tolerance):
     assert_every_crossing_is_found(PLACES, run(PLACES, tolerance, 40).events)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-10])
 def test_what_changes_too_quickly_is_said(tolerance):
     """Beside it, where all pieces are as small as can be, thousands of crossings of another function are found."""
@@ -181,6 +181,7 @@ def test_the_start_is_no_crossing(start):
     assert (run.events["here"].count, run.events["on"].count) == (0, 1)
 
 
+@pytest.mark.thorough
 def test_a_number_has_a_name_and_a_level():
     events = {"z": Event("z", level=0.75), "height": Event("geometric_centre[0]", level=0.75)}
     run = simulate(DISK, [0.0, END], START, events=events)
@@ -192,6 +193,7 @@ def with_observables(disk, t, state, observables):
     return observables.kinetic_energy - 0.5 * t
 
 
+@pytest.mark.thorough
 def test_a_function_may_take_the_observables():
     """T = ½ (d + m r²) φ̇² = 3/4, which t/2 reaches at t = 3/2."""
     run = simulate(DISK, [0.0, END], START, events={"energy": Event(with_observables)})
@@ -215,7 +217,7 @@ def test_the_name_of_no_number(name, sentence):
 SPEEDS = np.linspace(0.5, 1.5, 12)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("by", ["ensemble", "vmap"])
 def test_lanes_of_many_runs(by):
     """z = v t up to t = 2: ⌊80 v / π⌋ waves, and z = 1.5 where v > 3/4."""
@@ -234,7 +236,7 @@ def test_lanes_of_many_runs(by):
     assert np.all(np.isnan(found.events["half"].times[~ends]))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("mode", ["reverse", "forward"])
 def test_derivatives_of_rows_of_which_half_have_no_event(mode):
     """t = ℓ/v for the level ℓ; where z does not reach it, the time and its derivatives are NaN, and nowhere else."""

@@ -32,6 +32,7 @@ DOCUMENTS = [
     *(ROOT / "docs" / "reference" / name for name in ("index.md", "files.md", "keys.md", "scenario-files.md")),
 ]
 EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
+FIRST_PAGES = ("README.md", "index.md", "start.md")
 # Most of whose time is that of many solvers, of derivatives in both modes, or of long runs.
 LONG_PAGES = (
     "changing-the-paper.md",
@@ -70,11 +71,18 @@ LONG_EXAMPLES = (
 )
 
 
-def long_ones_slow(paths, long):
-    return [pytest.param(path, id=path.name, marks=[pytest.mark.slow] * (path.name in long)) for path in paths]
+def by_length(paths, long):
+    """README and the first pages for the default run, the ``long`` ones with the slow tests, the others in between."""
+
+    def marks(path):
+        if path.name in FIRST_PAGES:
+            return ()
+        return pytest.mark.slow if path.name in long else pytest.mark.thorough
+
+    return [pytest.param(path, id=path.name, marks=marks(path)) for path in paths]
 
 
-@pytest.mark.parametrize("document", long_ones_slow(DOCUMENTS, LONG_PAGES))
+@pytest.mark.parametrize("document", by_length(DOCUMENTS, LONG_PAGES))
 def test_blocks_run_and_print_what_the_page_shows(document, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("XLA_FLAGS", "EQX_ON_ERROR"):
@@ -127,7 +135,7 @@ def test_a_page_that_shows_something_else_is_found(text, tmp_path):
         [example.evaluate() for example in examples_of(page, followed=False)]
 
 
-@pytest.mark.parametrize("example", long_ones_slow(EXAMPLES, LONG_EXAMPLES))
+@pytest.mark.parametrize("example", by_length(EXAMPLES, LONG_EXAMPLES))
 def test_example_runs(example, tmp_path):
     done = subprocess.run([sys.executable, str(example)], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr

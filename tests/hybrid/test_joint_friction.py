@@ -43,7 +43,7 @@ def turns(count, kinetic=KINETIC, stiffness=STIFFNESS):
     return (-1.0) ** n * (START - 2 * n * kinetic / stiffness), n * np.pi * np.sqrt(MASS / stiffness)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_block_on_a_spring_loses_the_same_amplitude_in_each_half_swing():
     run = jaxball.simulate(block(), TIMES, moved(START), throw=True)
     places, times = turns(5)
@@ -80,7 +80,7 @@ def end(kinetic, stiffness, adjoint=None):
 END = (-16.0 / STIFFNESS, 16 * KINETIC / STIFFNESS**2)  # the derivatives: it sticks at the eighth stop
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_derivatives_of_where_the_block_sticks():
     reverse = jaxball.jit(jax.grad(end, argnums=(0, 1)))(KINETIC, STIFFNESS)
     np.testing.assert_allclose(reverse, END, atol=1e-8)
@@ -98,7 +98,7 @@ def ramp(t, theta, thetadot, state, rate):
     return rate * t
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("static", [0.3, 0.5])
 def test_a_block_under_a_growing_force_breaks_loose(static):
     """Without a drop of friction its velocity begins as t², and is 0 with its rate where the joint breaks loose."""
@@ -123,7 +123,7 @@ def robot(kinetic, static, shell=1.0, stribeck=1e9, viscous=0.0):
     return Disk(mass=shell, inertia=0.5 * shell, gravity=9.81, mechanisms=[pendulum])
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(("shell", "bound"), [(1.0, 1e-8), (1e10, 1e-8)], ids=["rolling", "in a stand"])
 def test_friction_takes_its_work_from_the_energy(shell, bound):
     """In a stand the pendulum stops where its weight is within friction, off its lowest point."""
@@ -199,6 +199,7 @@ def test_a_block_on_a_block_slips_sticks_and_stops_with_it():
     np.testing.assert_array_equal(run.state.theta[2:, 1], run.state.theta[2, 1])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("push", "first", "second", "expected"),
     [
@@ -261,7 +262,7 @@ def test_a_run_with_sticking_obeys_the_laws_of_mechanics():
     assert {row.law for row in report.rows if row.applies} >= {"energy", "momentum", "rolling", "error", "solvers"}
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_command_line_and_figures_show_a_run_with_sticking(tmp_path, capsys):
     """There is nothing to find between the saved times, where forces jump."""
     (tmp_path / "stuck.toml").write_text("""

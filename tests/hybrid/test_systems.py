@@ -68,6 +68,7 @@ def at_the_end(x, e, adjoint=None):
     return jnp.stack([run.state.x[-1], run.state.v[-1]])
 
 
+@pytest.mark.thorough
 def test_bounces_are_a_geometric_series():
     run = jaxball.simulate(Bouncing(), TIMES, dense=True, throw=True)
     times, speeds = bounces(1.0, 2.0, 0.8, 3), 2.0 * 0.8 ** np.arange(4)
@@ -84,6 +85,7 @@ def test_bounces_are_a_geometric_series():
     assert run.contact is None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("differentiate", "adjoint"), [(jax.jacfwd, diffrax.ForwardMode()), (jax.jacrev, None)], ids=["forward", "reverse"]
 )
@@ -141,6 +143,7 @@ def test_derivatives_of_many():
     np.testing.assert_allclose(jnp.diag(jax.jacfwd(ends)(e)), expected, rtol=0, atol=1e-11)
 
 
+@pytest.mark.thorough
 def test_bounces_without_end_are_a_status():
     """With e = 1/2 infinitely many bounces end at t = 3; the time of each of the last hundred is rounded."""
     run = jaxball.simulate(Bouncing(2.0, 0.5), TIMES)
@@ -189,6 +192,7 @@ class Latch(jaxball.AbstractSystem[Caught]):
         return Caught(jnp.ones_like(state.x), state.v, which + 1)
 
 
+@pytest.mark.thorough
 def test_modes_are_integers_that_only_resets_change():
     """The mass is on the spring for half a period, and goes back as fast as it came."""
     run = jaxball.simulate(Latch(), TIMES, throw=True)
@@ -275,6 +279,7 @@ class Box(jaxball.AbstractSystem[Plane]):
         return Plane(state.x, jnp.where(jnp.arange(2) == which, -state.v, state.v))
 
 
+@pytest.mark.thorough
 def test_two_guards_that_vanish_together_are_two_events():
     """In a corner both walls reflect; elsewhere each in its turn."""
     corner = jaxball.simulate(Box(), TIMES, Plane(), throw=True)
@@ -302,6 +307,7 @@ def test_a_reset_that_returns_something_else():
         jaxball.simulate(Wrong(), TIMES)
 
 
+@pytest.mark.thorough
 def test_a_smooth_system_has_no_switches():
     run = jaxball.simulate(jaxball.Disk(mass=1.0, inertia=0.5), TIMES)
     assert int(run.switches.count) == 0

@@ -50,6 +50,7 @@ def flight(request):
     return system, found
 
 
+@pytest.mark.long
 def test_masses_and_inertias_have_their_numbers(flight):
     system, found = flight
     model = found[0][0]
@@ -78,7 +79,7 @@ def test_sensors_read_what_mujoco_reads(flight):
             assert np.max(np.abs(data.sensor(name).data - expected - rise)) <= 100 * ROUNDING, name
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_prescribed_motions_take_no_other_forces_than_their_servos():
     """With our accelerations, mj_inverse finds no force on the shell and on free joints but the springs'."""
     system, rng = prescribed_ball(), np.random.default_rng(2)

@@ -93,6 +93,7 @@ BY_GEOMS = """
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("system", [free_ball, free_disk])
 def test_a_file_read_and_written_again_is_the_same(system):
     system = system()
@@ -167,6 +168,7 @@ def test_dry_friction_of_a_joint_comes_back():
         from_mjcf(exported.text, contact=True)
 
 
+@pytest.mark.thorough
 def test_a_body_that_starts_by_rolling_always_rolls():
     text = to_mjcf(load_scenario("three-rotors")).text
     assert from_mjcf(text).contact is None

@@ -110,6 +110,7 @@ def test_xla_by_name(compiled_natively):
     assert compiled_natively == []
 
 
+@pytest.mark.thorough
 def test_programs_of_the_library(compiled_natively, monkeypatch):
     """Natively, where that is their default and XLA is not asked for."""
     monkeypatch.setattr(choice, "DEFAULT", "native")
@@ -159,7 +160,7 @@ def test_arguments_that_are_no_arrays():
         np.testing.assert_array_equal(f(np.ones(2))["x"], [3, 3])
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_by_an_environment_variable():
     text = """if True:
         import jax, jaxball, numpy as np

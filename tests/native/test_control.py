@@ -168,6 +168,7 @@ def test_functions_that_stay_functions(length):
     agree(f, np.abs(numbers(length)), ulps=3 * 90 * 2)
 
 
+@pytest.mark.thorough
 def test_a_loop_within_a_function():
     @jax.jit
     def many(x, n):

@@ -183,6 +183,7 @@ def test_the_jacobian_of_a_map():
     agree(jax.jacfwd(mapped(lambda a: jnp.sin(a) * jnp.exp(a))), X, ulps=16)
 
 
+@pytest.mark.thorough
 def test_functions_that_stay_functions():
     """A long function that is called twice: where all lanes are at it, and where some are."""
 

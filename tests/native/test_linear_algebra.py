@@ -32,7 +32,7 @@ def near(f, *args, roundings=200):
         np.testing.assert_allclose(one, other, rtol=0, atol=roundings * eps * scale)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("shape", [(1, 1), (12, 12), (2, 3, 2, 2), (2, 0, 0), (0, 2, 2)])
 @pytest.mark.parametrize("dtype", TYPES)
 def test_square_matrices(dtype, shape):
@@ -130,6 +130,7 @@ def test_matrices_without_a_solution(number):
     near(lambda a: (jnp.linalg.solve(a, a[0]), lax.linalg.lu(a), jnp.linalg.cholesky(a @ a.T)), a)
 
 
+@pytest.mark.thorough
 def test_derivatives_and_loops():
     a = matrices("float64", 3, 3)
 

@@ -118,7 +118,7 @@ def handed_on(how, arrays, i):
     return [0.5 * (new + old) for new, old in zip(given_back, arrays[:2], strict=True)] + [arrays[2]]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @settings(max_examples=25)
 @given(steps(2), st.sampled_from([4, 70]), st.integers(0, 3))
 def test_programs_agree(program, length, i):
@@ -132,6 +132,7 @@ def test_programs_agree(program, length, i):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
 
 
+@pytest.mark.thorough
 @settings(max_examples=6)
 @given(steps(1, ("loop",)), st.sampled_from([4, 70]))
 def test_their_derivatives_agree(program, length):
@@ -163,19 +164,21 @@ def everything_in_lanes():
         yield
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @settings(max_examples=20)
 @given(steps(2), st.sampled_from([4, 70]))
 def test_programs_agree_in_lanes(everything_in_lanes, program, length):
     in_lanes(program, length)
 
 
+@pytest.mark.thorough
 @settings(max_examples=6)
 @given(steps(1), st.sampled_from([4, 70]))
 def test_small_programs_agree_in_lanes(everything_in_lanes, program, length):
     in_lanes(program, length)
 
 
+@pytest.mark.thorough
 @settings(max_examples=6)
 @given(steps(1), st.sampled_from([4, 70]))
 def test_quick_code_gives_the_same_bits(everything_in_lanes, program, length):

@@ -15,7 +15,7 @@ def numbers(*shape):
     return np.random.default_rng(2).uniform(0.5, 1.5, size=shape)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("shape", SHAPES)
 def test_over_dimensions(shape):
     x = numbers(*shape)

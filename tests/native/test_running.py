@@ -110,6 +110,7 @@ def test_a_handler_of_signals_may_run_a_program():
     assert np.sum(result) == 200_000_000
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "programs",
     [pytest.param(300, marks=pytest.mark.thorough), pytest.param(10_000, marks=pytest.mark.slow)],
@@ -153,6 +154,7 @@ def test_results_are_not_changed_by_later_calls():
     assert native(lambda x: x, jnp.arange(3.0)).tolist() == [0.0, 1.0, 2.0]
 
 
+@pytest.mark.thorough
 def test_llvmlite_is_imported_when_it_is_needed():
     text = "import sys, jaxball, jaxball.native; sys.exit('llvmlite' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", text], check=False).returncode == 0

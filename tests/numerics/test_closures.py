@@ -90,7 +90,7 @@ def root_mean_square(x):
     return jnp.sqrt(jnp.mean(x**2))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_function_that_is_written_again_is_not_compiled_again(monkeypatch):
     """Its numbers tell, and an array by being the same one."""
     compiled, natively = [], Lowered.natively
@@ -121,7 +121,7 @@ def place_of(height):
     return float(simulate(DISK, [0.0, 2.0], START, events=events).events["there"].times[0])
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_what_may_have_changed_is_looked_at_again(monkeypatch):
     """A variable of the module, an attribute, an array of NumPy, a list and a variable around the function."""
     robot, table, row, level = Robot(), np.array([1.0]), [1.0], 1.0
@@ -200,7 +200,7 @@ MAPS = {
 }
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("around", MAPS.values(), ids=MAPS)
 @pytest.mark.parametrize("derivative", [jax.grad, jax.jacfwd], ids=["reverse", "forward"])
 def test_the_level_of_an_event_in_its_function(around, derivative):
@@ -214,7 +214,7 @@ def test_the_level_of_an_event_in_its_function(around, derivative):
     np.testing.assert_allclose(around(jax.vmap(derivative(time)))(levels), 0.5 / jnp.sqrt(levels), rtol=1e-12)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_force_on_a_disk_that_slips():
     """m ẍ = F − μ m g up to rolling: a slip from rest under F = 6 μ m g never ends, z = (F/m − μ g) t²/2."""
 
@@ -239,7 +239,7 @@ class Hidden:
         return state.z - self.level
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_what_cannot_be_taken_out_has_rows_but_no_derivatives():
     def time(level):
         return simulate(DISK, [0.0, 2.0], START, events={"there": Event(Hidden(level))}).events["there"].times[0]

@@ -28,6 +28,7 @@ def test_inverses(compiler, count, n):
     np.testing.assert_allclose(found, exact, rtol=0, atol=1e-15 * n * condition * np.max(np.abs(exact)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("compiler", COMPILERS)
 @pytest.mark.parametrize(("count", "n"), [(1, 3), (3, 9), (7, 9), (12, 4), (1, 40)])
 def test_complex_inverses(compiler, count, n):
@@ -38,6 +39,7 @@ def test_complex_inverses(compiler, count, n):
     np.testing.assert_allclose(found, exact, rtol=0, atol=1e-15 * n * condition * np.max(np.abs(exact)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("compiler", COMPILERS)
 def test_matrices_whose_rows_stay_in_place(compiler):
     A = rng.normal(size=(7, 9, 9)) + 20 * np.eye(9)

@@ -10,6 +10,7 @@ import pytest
 from jaxball.numerics.vectors import length, norm, room, root
 
 
+@pytest.mark.thorough
 def test_derivatives_where_a_vector_vanishes():
     assert not np.any(jax.grad(norm)(jnp.zeros(3)))
     assert jax.grad(root)(0.0) == 0

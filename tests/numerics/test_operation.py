@@ -150,6 +150,7 @@ def test_numbers_below_the_smallest_normal_one_are_kept():
     assert np.all(np.asarray(jax.jit(jax.vmap(half))(jnp.full(100, smallest))) > 0)
 
 
+@pytest.mark.thorough
 def test_ctrl_c_ends_rows_as_typed():
     """Of which each would take minutes."""
     endless = programs.jit(lambda x: jax.lax.fori_loop(0, 10**10, lambda _, x: jnp.sin(x), x))
@@ -359,6 +360,7 @@ print("done")
 """
 
 
+@pytest.mark.thorough
 def test_on_several_devices():
     assert in_new_process(SEVERAL, XLA_FLAGS="--xla_force_host_platform_device_count=4").endswith("done\n")
 

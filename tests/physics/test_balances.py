@@ -66,7 +66,7 @@ def balances(kind):
     return balances_of_balls(*random_cases(kind, seed=21))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_energy_of_a_ball_changes_by_the_power_put_in(kind):
     (energy, rate, power), *_ = balances(kind)

@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 import jaxball
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_ball_rocks_about_rest_at_its_frequency(axis):
     """ω² = M g a / (d_j + M (r − a)²), the centre of mass a below the centre, about axis j.
@@ -56,6 +57,7 @@ def test_a_top_heavy_ball_stands_if_it_spins_fast_enough(ratio, stable):
     assert growth < 1e-6 if stable else growth > 1e-2
 
 
+@pytest.mark.thorough
 def test_a_static_disk_trades_height_for_speed():
     """φ̇² = 2 (E − V)/J(φ)."""
     m0, m1, d2, r, g = 1.0, 0.5, 0.6, 1.1, 9.8

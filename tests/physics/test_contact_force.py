@@ -43,7 +43,7 @@ def check(R, found, ratio):
     assert np.all(np.isinf(ratio[~held]))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["driven", "static"])
 def test_the_reaction_is_what_newtons_law_asks_of_the_plane(kind):
     """Two derivatives in space lose some digits to cancellation: 1e-11 of the largest force."""

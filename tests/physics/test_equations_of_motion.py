@@ -77,7 +77,7 @@ def direct_sums(system, state, masses, Fe):
     )
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_direct_sum_over_masses_gives_the_same_angular_acceleration(balls):
     system, state, masses, Fe, rates = balls
     assert np.max(relative(rates.Omega, direct_sums(system, state, masses, Fe))) < ROUNDING
@@ -94,6 +94,7 @@ def test_rates_of_orientation_and_path_are_those_of_the_rolling_constraint(balls
         np.testing.assert_allclose(rates.z[k], velocity[:2], atol=scaled(1e-14))
 
 
+@pytest.mark.thorough
 def test_a_fixed_mass_is_static_internal_structure():
     """``uncon_ball_eqns_static2``: the fixed mass moves the shell's centre of mass and its inertia."""
     system, t, state = random_cases("static")
@@ -165,6 +166,7 @@ def without_force(system):
     return eqx.tree_at(lambda ball: ball.force, system, None, is_leaf=lambda x: x is system.force)
 
 
+@pytest.mark.thorough
 def test_the_disk_is_the_scalar_equation_of_the_paper():
     system, t, state = random_disks()
     masses, Fe, rates = jax.tree.map(in_float64, sums_and_rates(system, t, state))

@@ -54,7 +54,7 @@ def several(make, count, seed):
     return D, slip * (np.array([1.0, 0.0, 1.0]) if make is flat else 1.0), mu, restitution
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("make", [contact, steep, flat])
 def test_the_process_is_that_of_another_integration(make):
     """Errors relative to the velocity before: of SciPy's integration 1e-12, and of where it ends a slip 1e-10."""
@@ -90,6 +90,7 @@ def test_no_impact_pulls_or_creates_energy(make):
     assert np.all(after[np.asarray(found.sticks), :2] == 0)
 
 
+@pytest.mark.thorough
 def test_limited_rebound_gives_back_the_work_of_compression():
     """Where friction drives the body up, Newton's e may ask for more; without friction it never does."""
     D, before, mu, restitution = several(steep, 300, 7)
@@ -159,6 +160,7 @@ def differences(function, h=1e-4):
     return (8 * (function(h) - function(-h)) - (function(2 * h) - function(-2 * h))) / (12 * h)
 
 
+@pytest.mark.thorough
 @differences_need_float64
 @pytest.mark.parametrize("make", [contact, steep, lambda rng: ISOTROPIC])
 def test_derivatives(make):
@@ -207,7 +209,7 @@ def impact_loss(ball, t, state, mu, restitution):
     )
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(2))
 def test_impulses_change_velocities_by_newton_and_eulers_laws(seed):
     """Accelerations are affine in the force of the plane, and velocities change by an impulse as they do by a force."""
@@ -235,6 +237,7 @@ def test_impulses_change_velocities_by_newton_and_eulers_laws(seed):
             np.testing.assert_allclose(after[2], -0.6 * slip[2], rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_the_energy_that_an_impact_takes():
     """ΔT = ½ I·(v_s⁺ + v_s⁻) of a ball with a free pendulum; nothing is prescribed, and the plane is at rest."""
     rng = np.random.default_rng(11)

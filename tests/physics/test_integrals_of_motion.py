@@ -42,7 +42,7 @@ def chaplygin():
     return jaxball.simulate(ball, TIMES, start, **TOLERANCES).raise_if_failed()
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_momentum_of_a_chaplygin_sphere_is_constant_while_masses_move(chaplygin):
     Pi, in_space, Gamma, _ = jax.tree.map(np.asarray, momenta(chaplygin))
     np.testing.assert_allclose(in_space, in_space[[0]].repeat(len(TIMES), axis=0), atol=1e-9)
@@ -59,6 +59,7 @@ def routh_sphere(d1, d2):
     return jaxball.simulate(ball, TIMES, start, **TOLERANCES).raise_if_failed()
 
 
+@pytest.mark.thorough
 def test_jellett_and_routh_are_constant_for_an_axisymmetric_sphere():
     trajectory = routh_sphere(0.5, 0.5)
     integrals = momenta(trajectory)[3]

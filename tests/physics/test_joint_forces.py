@@ -18,7 +18,7 @@ def force_at(force, t, theta=0.0, thetadot=0.0):
     return float(force(jnp.array(t), jnp.array(theta), jnp.array(thetadot), STATE))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("signal", [STEPS, RAMPS], ids=["steps", "ramps"])
 @pytest.mark.parametrize("prepared", [False, True])
 def test_the_impulse_is_the_integral_of_the_signal(signal, prepared):

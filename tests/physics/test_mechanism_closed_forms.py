@@ -197,6 +197,7 @@ class TestSphericalPendulum:
         assert spread(momentum) < 1e-11
         assert spread(np.cross(rho, rhodot)[:, 2]) < 1e-11
 
+    @pytest.mark.thorough
     def test_small_oscillations(self):
         """ω² = (g/l)(d + (m₀ + m) r²)/(d + m₀ r²), both ways; at 4e-6 rad the next order is 1e-10 of the motion."""
         amplitude = np.array([2e-6, -4e-6])
@@ -268,6 +269,7 @@ class TestPlanarPendulumOnASpring:
         pendulum = jaxball.planar_pendulum(self.m, self.l, pivot=self.h * E3, drive=jaxball.Spring(stiffness=stiffness))
         return body(offset=-self.a * E3, mechanisms=[pendulum], ground=None)
 
+    @pytest.mark.thorough
     def test_small_oscillations(self):
         """By the mass and the stiffness matrix; at 4e-6 rad the next order is 1e-10 of the motion."""
         m, l, h, a, spring = self.m, self.l, self.h, self.a, 0.7
@@ -461,7 +463,7 @@ def chebyshev(t, theta, thetadot, state, p):
     return jnp.sum(p["coefficients"] * jnp.cos(angle * jnp.arange(p["coefficients"].size, dtype=t.dtype)))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_efforts_of_a_prescribed_run_move_free_joints_alike():
     """Read off at 65 Chebyshev points, the efforts are known to 1e-11 between them."""
     until, rail = 3.0, jaxball.Circle(0.5, centre=(0.0, 0.0, -0.1))

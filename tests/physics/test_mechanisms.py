@@ -53,7 +53,7 @@ def of_branches(theta, _):
     )
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_branches_are_what_a_function_of_their_places_makes_of_them():
     """One of the branches has a law; derivatives of the function are automatic, those of the joints written out."""
     drives = [jaxball.Spring(1.0), None, jaxball.Damper(0.1), jaxball.Accelerated()]
@@ -110,7 +110,7 @@ def evaluated(cases):
     return [all_of(ball_of(*case[:3]).prepare(), jnp.array(0.0), state_of(case[2])) for case in cases]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_accelerations_and_efforts_are_those_of_two_other_formulations(cases, evaluated):
     for (robot, setting, moment, expected), (found, seen, *_) in zip(cases, evaluated, strict=True):
         for oracle in (expected, lagrange.solve(robot, setting, moment)):

@@ -96,7 +96,7 @@ def test_what_a_function_is_given_is_its_own_affair():
     assert jaxball.problems(Ball(**SHELL, masses=[PointMass(0.2, motion)])) == []
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("drive", "reached", "name"),
     [(Motor(ConstantSignal(NAN)), 0.0, "value"), (Motor(LATER), 1.0, "values[1][0]")],

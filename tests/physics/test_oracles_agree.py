@@ -67,7 +67,7 @@ def in_space(moment):
     return Rotation.from_quat(np.roll(moment.q, -1)).as_matrix()
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(20))
 def test_the_two_versions_agree(seed):
     case = random_case(seed)

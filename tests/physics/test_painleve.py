@@ -27,6 +27,7 @@ def rolling(dry, rate, place=(PLACE, 0.0, 0.0), end=1e-3):
     return jaxball.simulate(ball, [0.0, end], jaxball.BallState(Omega=(0.0, rate, 0.0)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("share", "solvable"), [(0.99, True), (1.01, False)])
 def test_what_has_no_solution_at_the_start_is_refused(share, solvable):
     run = rolling(share * critical(), 2.0)
@@ -46,7 +47,7 @@ def test_where_a_run_comes_to_have_no_solution_it_fails():
     assert "dry friction" in run.message
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_free_joints_have_a_part_in_it():
     """N(μ) = N(0) / (1 − μ / μ₀), from the normal force of two small μ, says where the start is refused."""
     start = jaxball.BallState(Omega=(0.0, 2.0, 0.0), theta=[0.4], thetadot=[0.5])

@@ -57,7 +57,7 @@ def test_the_disk_is_the_papers_disk(disk_trajectory):
     np.testing.assert_allclose(disk_trajectory.state.z, -expected[:, 8], atol=1e-11)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("make", "kind", "name", "tolerance", "bound"),
     [

@@ -114,7 +114,7 @@ def assert_answer(found, answer):
     assert_same(changes.V, np.append(answer.zddot, answer.rise))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_sliding_is_that_of_newton_and_euler_with_friction(cases, evaluated):
     for (robot, setting, moment, _, answer), found in zip(cases, evaluated, strict=True):
         assert_answer(found["sliding"], answer)

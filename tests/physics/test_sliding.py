@@ -85,7 +85,7 @@ def balanced(kind):
     return balances(system, t, state, mu), mu
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["scheduled", "driven"])
 def test_momenta_change_by_all_forces(kind):
     """Newton's and Euler's laws for the whole, of bodies with masses on rails, on the plane and in flight."""
@@ -267,7 +267,7 @@ def disks(disk, t, state, mu):
     return found
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_disk_slides_and_flies_as_the_ball_that_it_is_in():
     system, t, body = random_disks(seed=43)
     rng = np.random.default_rng(44)
@@ -301,6 +301,7 @@ def test_what_holds_a_disk_upright_takes_forces_across_it():
         np.testing.assert_allclose(x, y, atol=1e-15)
 
 
+@pytest.mark.thorough
 @differences_need_float64
 def test_derivatives_of_sliding():
     """Of the rates by V and μ, against differences over four points of 1e-3, with errors of about 1e-11."""

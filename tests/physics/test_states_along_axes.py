@@ -97,7 +97,7 @@ def test_the_states_of_a_trajectory_and_of_its_batch():
             np.testing.assert_allclose(found[k], getattr(one.laws, name), rtol=0, atol=1e-8)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_observables_of_an_ensemble_are_those_of_its_runs():
     times = np.linspace(0.0, 1.0, 3)
 
@@ -155,7 +155,7 @@ def test_what_is_of_one_trajectory_refuses_many():
             getattr(batch, name)()
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_batch_is_evaluated_within_vmap():
     ball, times = Ball(mass=1.0, inertia=(0.5, 0.6, 0.7)), np.array([0.0, 1.0])
     batch = jax.vmap(lambda q: simulate(ball, times, BallState(q=q, Omega=(1.0, 0.2, 0.1)), dense=True))(versors((2,)))

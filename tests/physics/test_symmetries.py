@@ -20,6 +20,7 @@ def case():
     return system, t, state, rates_of(system, t, state)
 
 
+@pytest.mark.thorough
 def test_the_versor_and_its_negative_are_one_orientation(case):
     system, t, state, rates = case
     turned = rates_of(system, t, eqx.tree_at(lambda x: x.q, state, -state.q))
@@ -50,6 +51,7 @@ def test_the_plane_is_the_same_everywhere(case):
         np.testing.assert_array_equal(found, expected)
 
 
+@pytest.mark.thorough
 def test_the_order_of_the_masses_does_not_matter():
     rng = np.random.default_rng(42)
     parameters, state = shell(rng), ball_state(rng)
@@ -85,6 +87,7 @@ def test_a_mass_of_nothing_changes_nothing():
     np.testing.assert_allclose(with_ghost.Omega, without.Omega, rtol=1e-14, atol=1e-15)
 
 
+@pytest.mark.thorough
 def test_a_static_ball_runs_back_the_way_it_came():
     """Tolerances of 1e-12 there and back: the start is found again to some hundred times that."""
     ball = jaxball.Ball(mass=1.0, inertia=(0.5, 0.6, 0.7), offset=(0.1, 0.05, -0.2))
@@ -99,6 +102,7 @@ def test_a_static_ball_runs_back_the_way_it_came():
     np.testing.assert_allclose(back.z, start.z, atol=1e-10)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("k", [0.25, 3.0])
 def test_froude_scaling_of_lengths_and_times(k):
     """Lengths times k and times times √k, at one g, give one motion on another scale."""

@@ -238,6 +238,7 @@ def test_ball_rolls_down_a_plane_that_is_not_too_steep(side):
     np.testing.assert_allclose(run.z[:, 0], 0.5 * linear * run.times**2, atol=ROUNDING)
 
 
+@pytest.mark.thorough
 def test_heights_of_bounces_are_those_of_restitution():
     """The height falls by e² each time, to the second order in the step."""
     e, first, errors = 0.7, 0.5, []
@@ -349,6 +350,7 @@ def test_converges_to_the_motion_by_newton_and_euler(contact, order):
     np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 2**order, rtol=0.1)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", SLOW_SEEDS)
 def test_plane_takes_the_energy_that_friction_and_impacts_take(seed):
     """ΔE is the work of the plane, which only takes energy, impacts by Routh's process included; to the second order.

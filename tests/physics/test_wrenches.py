@@ -53,7 +53,7 @@ def gusts(t, motion, strength):
     return Wrench(force, strength * (jnp.sum(motion.thetadot) * turned - motion.Lambda @ motion.Omega))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("v0", [1.5, -0.4])
 def test_quadratic_drag_slows_a_rolling_ball_as_one_over_the_time(v0):
     """(m + d/r²) v̇ = −c v |v|: v = v0 / (1 + k |v0| t), k = c / (m + d/r²), so that ∂v/∂c is known, too."""
@@ -100,7 +100,7 @@ def constant(t, motion, force):
     return force
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_constant_function_is_a_constant_force():
     force = (0.1, 0.0, -0.3)
     for body, start in ((Ball, BallState(Omega=(0.1, 0.5, 0.2))), (Disk, DiskState(phidot=0.5))):
@@ -127,7 +127,7 @@ def all_rates(ball, t, state):
     )
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 6))])
 def test_accelerations_are_those_of_newton_and_euler(seed):
     """What the function knows of the motion is the oracle's, and so is what the force that it makes of it does."""
@@ -169,6 +169,7 @@ def assert_close(found, expected):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * max(1.0, np.abs(expected).max()))
 
 
+@pytest.mark.thorough
 def test_a_magnet_turns_a_rolling_ball_as_a_pendulum():
     """(d + m r²) φ̈ = −m B sin φ from rest: sin(φ/2) = k cn(ωt)/dn(ωt) with k = sin(φ₀/2), ω² = m B / (d + m r²)."""
     moment, field, start = 0.7, 1.1, 1.2
@@ -185,7 +186,7 @@ def test_a_magnet_turns_a_rolling_ball_as_a_pendulum():
     np.testing.assert_allclose(run.state.z[:, 0], R * (2 * half - start), rtol=0, atol=1e-10)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_drag_on_a_ball_that_falls():
     """v = vₜ tanh(g t/vₜ) and h = h₀ − vₜ²/g ln cosh(g t/vₜ) with c vₜ² = m g."""
     c, height = 0.4, 9.0
@@ -233,7 +234,7 @@ def test_a_force_that_depends_on_the_velocity_leaves_a_sliding_ball_its_friction
     np.testing.assert_allclose(run.observables.friction[:, 0], -mu * M * G, rtol=1e-12)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_laws_of_mechanics_hold_under_wind_and_magnets():
     """Energy by its power, the momentum about the contact point by the force and the torque, in ``verify``."""
     ball = Ball(
@@ -252,7 +253,7 @@ def test_the_laws_of_mechanics_hold_under_wind_and_magnets():
     assert "a force acts" in report["chaplygin"].reason
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_runs_of_an_ensemble_are_single_runs():
     c = jnp.linspace(0.0, 0.8, 5)
     start = BallState(Omega=(0.1, 1.0, 0.0))
@@ -271,7 +272,7 @@ def in_plane(t, motion, p):
     return Wrench(jnp.array([0.1, 0.0, 0.2]), jnp.array([0.0, 0.3, 0.0]))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_what_is_beside_the_plane_of_a_disk_is_taken_by_what_holds_it_upright():
     runs = [
         jaxball.simulate(

@@ -85,7 +85,7 @@ def test_a_gif_lasts_as_long_as_it_should(disk_trajectory, tmp_path, fps):
     assert max(durations) - min(durations) <= 10
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("body", ["ball", "disk"])
 def test_a_gif_is_small(body, request, tmp_path):
     trajectory = request.getfixturevalue(f"{body}_trajectory")
@@ -184,6 +184,7 @@ def test_an_ffmpeg_that_fails_is_quoted(disk_trajectory, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == [broken]
 
 
+@pytest.mark.thorough
 def test_without_ffmpeg_a_gif(bare_trajectory, tmp_path, monkeypatch):
     monkeypatch.setattr(FFMpegWriter, "isAvailable", classmethod(lambda cls: False))
     path = plot.animate(bare_trajectory, tmp_path / "bare", fps=1, dpi=30)

@@ -25,7 +25,7 @@ def loops(track):
     return {name: closed_loop(one, {"phi": 0.3}) for name, one in (("without", without), ("with", track))}
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_gains_are_drawn_but_those_that_are_zero(track):
     """z has weight 0, and no gain."""
     lines = {line.get_label(): line.get_ydata() for line in plot.gains(track).lines}

@@ -96,6 +96,7 @@ def test_the_colours_of_masses_on_one_rail_are_all_seen():
     assert (one.get_linestyle(), other.get_linestyle()) == ("-", "--")
 
 
+@pytest.mark.thorough
 def test_a_driven_mass_is_drawn_as_the_law_drives_it():
     mass = jaxball.PointMass(1.0, jaxball.OnRail(jaxball.Circle(0.5), jaxball.Pulse(0.3)))
     ball, angles = jaxball.with_integrated_angles(jaxball.Ball(mass=1.0, inertia=(1, 1, 1), masses=[mass]))
@@ -225,6 +226,7 @@ def test_a_mass_has_one_colour_in_every_figure(disk_trajectory):
         assert len(colours) == 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("heading", [0.0, 2.0, -1.0])
 def test_downhill_is_where_a_ball_at_rest_begins_to_roll(heading):
     slope = jaxball.Ground(angle=0.2, heading=heading)

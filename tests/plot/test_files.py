@@ -52,7 +52,7 @@ def test_a_ball_without_masses_has_no_figure_of_a_dot(bare_trajectory, thrown_tr
         assert names & {"acceleration", "mass_angles", *QUANTITIES} == set(QUANTITIES) - without
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_figures_of_another_run_stay(disk_trajectory, ball_trajectory, tmp_path):
     first = plot.figures(disk_trajectory, tmp_path, name="my run")
     assert {path.name.partition("_")[0] for path in first} == {"my-run"}
@@ -67,6 +67,7 @@ def test_figures_of_another_run_stay(disk_trajectory, ball_trajectory, tmp_path)
     assert all(path.read_bytes() != kept[path] for path in first)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("suffix", ["png", "pdf", "svg"])
 def test_a_file_says_of_which_run_it_is_in_every_format(suffix, ball_trajectory, tmp_path):
     path = tmp_path / f"figure.{suffix}"
@@ -88,6 +89,7 @@ def test_text_of_pdf_is_truetype_and_that_of_svg_is_text_if_asked_for(ball_traje
     assert ("<text" in outlines, "<text" in text) == (False, True)
 
 
+@pytest.mark.thorough
 def test_the_overview_is_one_page_of_six_panels(ball_trajectory, tmp_path):
     figure = plot.overview(ball_trajectory)
     assert len(figure.axes) == 6

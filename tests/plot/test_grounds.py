@@ -35,6 +35,7 @@ def lines(figure, **look):
     return [np.column_stack(line.get_data_3d() if hasattr(line, "get_data_3d") else line.get_data()) for line in shown]
 
 
+@pytest.mark.thorough
 def test_gravity_points_down_on_the_page_and_the_ground_moves(ball_on_a_ground):
     """The page is the plane turned about its level line by the tilt, after its displacement."""
     page = Rotation.from_rotvec(ANGLE * np.array([-np.sin(HEADING), np.cos(HEADING), 0.0]))
@@ -77,6 +78,7 @@ def test_the_texts_of_a_scene_with_a_ground_are_apart(run, request):
         assert overlaps(figure) == []
 
 
+@pytest.mark.thorough
 def test_the_velocity_over_a_plane_that_vibrates_is_relative_to_it():
     """V is that of rolling, rω × e3, along a plane that moves but does not turn."""
     shaken = Oscillating(HarmonicSeries((0.0, 0.0, 0.0), [(0.5, 0.0, 0.0)], [2.0]))

@@ -34,7 +34,7 @@ def figure_of(drawn):
     return drawn if isinstance(drawn, Figure) else drawn.figure
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", ROLLING)
 def test_names_of_masses_hide_nothing(name):
     scenario = load_scenario(name)
@@ -59,7 +59,7 @@ CROWDED = {
 }
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("motions", CROWDED.values(), ids=CROWDED.keys())
 def test_names_of_crowded_masses_are_apart(motions):
     ball = Ball(mass=1.0, inertia=(0.6, 0.6, 0.6), masses=[PointMass(0.1, motion) for motion in motions])
@@ -69,7 +69,7 @@ def test_names_of_crowded_masses_are_apart(motions):
     assert not [pair for pair in overlaps(figure) if pair[0] in names and (pair[1] in names or "page" in pair[1])]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("radius", [0.1085, 1.0, 12.75])
 def test_numbers_at_the_corner_of_a_cube_are_apart(radius):
     ball = Ball(mass=1.0, inertia=(0.4 * radius**2,) * 3, radius=radius, offset=(0.0, 0.0, -0.1 * radius))
@@ -130,7 +130,7 @@ def test_a_constant_lies_between_two_numbers(value):
     assert (ticks[0], ticks[-1]) == (low, high)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("draw", [*STANDARD, plot.overview])
 @pytest.mark.parametrize("body", ["ball", "disk"])
 def test_texts_of_the_paper_s_runs_are_apart(body, draw, request):

@@ -54,12 +54,13 @@ def landed(history):
     return float(history.switches.times[slides]), float(history.switches.times[rolls])
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_run_has_every_mode(history, landed):
     assert set(np.asarray(history.mode)) == set(Mode)
     assert 1.0 < landed[0] < landed[1] < 11.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("draw", OVER_TIME)
 def test_bands_and_lines_are_where_the_modes_are(draw, thrown_trajectory, history, landed):
     ax = draw(thrown_trajectory)
@@ -165,7 +166,7 @@ def test_modes_after_the_last_switch_that_is_kept_are_those_of_the_saved_times(t
     np.testing.assert_array_less(0.0, modes.changes - landed)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_page_has_a_row_for_the_contact_and_names_its_bands_once(thrown_trajectory, ball_trajectory, tmp_path):
     page = plot.overview(thrown_trajectory)
     assert len(page.axes) == 8

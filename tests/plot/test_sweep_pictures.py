@@ -54,6 +54,7 @@ def kept(values):
     return np.where(values > HEAVY, np.nan, values)
 
 
+@pytest.mark.thorough
 def test_a_slice_is_at_the_middle_of_other_axes():
     ax = plot.sweep_slice(disks(), "phi", OVER_MASS)
     np.testing.assert_allclose(ax.lines[0].get_xydata(), np.column_stack([m, kept(m)]), rtol=1e-15)
@@ -85,6 +86,7 @@ def test_a_curve_for_each_point_of_another_axis():
     assert texts(ax)[1:] == ["$g$ = 0.5", "$g$ = 1", "$g$ = 2", "MAX_STEPS (4)"]
 
 
+@pytest.mark.thorough
 def test_no_line_joins_the_points_of_a_design():
     ax = plot.sweep_slice(disks(DESIGN), "steps", OVER_MASS)
     assert ax.lines[0].get_linestyle() == "None"
@@ -180,6 +182,7 @@ def counted(ax):
     return [np.sum(stack.values - stack.baseline) for stack in stacks]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("count", [7, 41, 100])
 def test_a_grid_has_a_bar_for_each_of_its_points(count):
     """Bars over a part of the points would have now one of them, now two: a comb."""
@@ -220,7 +223,7 @@ def test_a_store_says_what_its_study_finds(tmp_path):
     assert "finds" not in layout_of(study(tmp_path, MASSES, ""))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(
     "draw",
     [

@@ -78,6 +78,7 @@ def test_a_hostile_title_is_shown_as_it_is(page):
     assert page.find_elements(By.TAG_NAME, "img") == []
 
 
+@pytest.mark.thorough
 def test_a_script_that_is_not_jaxballs_does_not_run(page):
     """The negative control of the policy: with another, the element would run."""
     page.execute_script(
@@ -138,6 +139,7 @@ def choose(page, text):
     page.find_element(By.XPATH, f"//label[contains(., '{text}')]/input").click()
 
 
+@pytest.mark.thorough
 def test_graphs_follow_and_lead_the_time(page):
     plots = page.find_elements(By.CSS_SELECTOR, ".plot > canvas")
     assert len(plots) == 5
@@ -177,6 +179,7 @@ def hex_of(text):
     return "#" + "".join(f"{int(part):02x}" for part in re.findall(r"\d+", text)[:3])
 
 
+@pytest.mark.thorough
 def test_axes_and_arrows_have_names(page):
     go_to(page, 7.0)
     assert {"N", "N + f", "m₁", "m₂", "m₃"} <= set(shown_names(page))
@@ -188,6 +191,7 @@ def test_axes_and_arrows_have_names(page):
         choose(page, layer)
 
 
+@pytest.mark.thorough
 def test_graphs_and_the_scene_have_roles_and_keys(page):
     graph = page.find_elements(By.CSS_SELECTOR, ".plot > canvas")[1]
     assert (graph.get_attribute("role"), graph.get_attribute("tabindex")) == ("slider", "0")
@@ -219,7 +223,7 @@ def test_keys_step_and_play(page):
     assert "playing" not in page.find_element(By.ID, "play").get_attribute("class")
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_layers_and_theme_change_what_is_seen(page):
     go_to(page, 7.0)
     before = picture(page)
@@ -358,7 +362,7 @@ def pose(page, body):
     return page.execute_script("return jaxball.pose(arguments[0])", body)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_each_body_has_the_pose_of_its_run_at_its_own_time(several, ball_trajectory, others):
     """The last time of a body stays when the clock goes on; the smaller balls are on the plane of the first."""
     assert several.execute_script("return jaxball.bodies()") == ["row 3", HOSTILE, "row 4"]

@@ -56,7 +56,7 @@ def pose(page, body=0):
     return page.execute_script("return jaxball.pose(arguments[0])", body)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_top_has_the_pose_of_its_state(browser, top_run, tmp_path):
     plot.write_view({"a": top_run, "b": top_run}, tmp_path / "tops.html")
     browser.get((tmp_path / "tops.html").as_uri())
@@ -88,7 +88,7 @@ def test_in_its_frame_a_top_is_at_rest(browser, top_run, tmp_path):
     assert np.mean(np.any(np.abs(picture(browser) - there) > 64, axis=-1)) < 1e-3
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_particle_is_where_its_state_is(browser, particle_run, tmp_path):
     browser.get(particle_run.view(tmp_path / "particle.html").save(tmp_path / "particle.html").as_uri())
     state = particle_run.state

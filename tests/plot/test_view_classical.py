@@ -103,6 +103,7 @@ def test_the_ellipsoid_of_a_free_body_is_in_proportion(semi_axes, moments):
     np.testing.assert_array_equal((shape.centre, shape.turn.diagonal()), ((0, 0, 0), (1, 1, 1)))
 
 
+@pytest.mark.thorough
 def test_a_suslov_problem_has_its_vector_across_the_angular_velocity():
     xi = HarmonicAxis((0.5, -0.4, 0.7), [(0.3, 0.0, -0.2)], [1.3])
     start = RigidBodyState(Omega=(0.4, 0.5, 0.0))

@@ -54,6 +54,7 @@ def test_masses_are_on_their_rails_at_the_angles_of_the_pulse(ball_document):
         np.testing.assert_allclose(np.linalg.norm(arrays[f"rail_{j}"], axis=-1), radius, rtol=1e-6)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("run", "weight"), [("ball_trajectory", 4.0), ("disk_on_a_slope", 1.0)])
 def test_heights_on_the_page_are_those_of_the_potential_energy(run, weight, request):
     """V = M g z of the centre of mass, of shell and masses: the third axis of the page points against gravity."""
@@ -143,6 +144,7 @@ def test_positions_along_tubes_are_no_angles_and_a_disk_turns_at_one_rate(disk_t
     np.testing.assert_allclose(arrays_of(document)["turning"], disk_trajectory.state.phidot, rtol=1e-6, atol=1e-7)
 
 
+@pytest.mark.thorough
 def test_bodies_are_on_one_plane_and_equal_arrays_are_once(ball_trajectory, ball_document):
     """A ball of half the radius is half a radius lower; two runs of one ball take hardly more room than one."""
     same = view_document({"before": ball_trajectory, "after": ball_trajectory})

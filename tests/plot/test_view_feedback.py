@@ -41,6 +41,7 @@ def arrays(document, name):
     return np.frombuffer(base64.b64decode(told["data"]), dtype=told["type"]).reshape(told["shape"])
 
 
+@pytest.mark.thorough
 def test_the_ghost_is_the_motion_and_the_estimate_lies_on_the_plane(run):
     """To the millionth of a radius to which positions are packed."""
     document = run.view().document

@@ -43,6 +43,7 @@ def test_a_run_that_failed_early_is_drawn_as_far_as_it_came(failed_trajectory):
     assert drawn(plot.energies(failed_trajectory), "$T$")[-1, 0] == 6.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("draw", [*FIGURES, plot.overview])
 def test_a_reduced_trajectory_is_refused_in_a_sentence(draw, reduced_trajectory):
     with pytest.raises(ValueError, match=r"need the full state, .* simulate with a BallState\.$"):
@@ -74,6 +75,7 @@ def test_a_graph_needs_plane_axes(draw, ball_trajectory):
         draw(ball_trajectory, Figure().add_subplot(projection="3d"))
 
 
+@pytest.mark.thorough
 def test_no_mass_with_an_angle_means_no_acceleration(bare_trajectory):
     with pytest.raises(ValueError, match=r"^Argument `source` must have a mass with a schedule, .* neither;"):
         plot.acceleration(bare_trajectory)

@@ -103,6 +103,7 @@ def test_the_lemniscate_has_the_foci_of_bernoulli():
     np.testing.assert_allclose(distances[0] * distances[1], a**2 / 2, atol=scaled(1e-14))
 
 
+@pytest.mark.thorough
 def test_the_spline_is_scipys_periodic_cubic():
     points = np.random.default_rng(71).uniform(-0.6, 0.6, (7, 3))
     rail = jaxball.SplineRail(points)
@@ -122,6 +123,7 @@ JITTED = [jax.jit(lambda theta, rail=rail: rail.prepare().derivatives(theta)) fo
 angles = st.floats(-20, 20, allow_subnormal=False)
 
 
+@pytest.mark.thorough
 @given(st.sampled_from(range(len(EVERY))), angles)
 def test_a_closed_rail_repeats_itself_after_its_period(index, theta):
     rail, at = EVERY[index], JITTED[index]

@@ -40,7 +40,7 @@ def at_rest(t, y, args):
     return jnp.stack([jnp.zeros_like(y[0]), y[0] - y[1]])
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("backwards", [False, True])
 @pytest.mark.parametrize("stages", [3, 5, 7])
 @pytest.mark.parametrize("mass", [None, (1.0, 0.0)], ids=["ODE", "DAE"])
@@ -71,6 +71,7 @@ def rocking_ball():
     )
 
 
+@pytest.mark.thorough
 def test_adaptive_steps_of_a_ball(rocking_ball):
     """Accepted or rejected, every step after the first keeps its first stage."""
     counter = Counter()

@@ -22,7 +22,7 @@ def reproduction(tmp_path_factory):
     return out, lines, measured
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_disk_is_reproduced_to_eleven_digits(reproduction):
     """At the paper's tolerance of 1e-12, from the first saved time to the last."""
     _, _, (row,) = reproduction

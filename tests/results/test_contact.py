@@ -90,7 +90,7 @@ def test_a_table_has_the_modes(disk, tmp_path):
     assert not [name for name in data.dtype.names if name.startswith("switch")]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("suffix", [".nc", ".npz"])
 def test_a_run_without_a_switch_and_one_with_too_many(disk, tmp_path, suffix):
     """A ball that rolls all the time has none, and a law may keep fewer than there were."""
@@ -115,6 +115,7 @@ def test_a_run_that_failed_has_no_mode_where_it_did_not_come(disk, tmp_path):
     assert_same(run, failed)
 
 
+@pytest.mark.thorough
 def test_a_run_without_a_law_has_no_contact(tmp_path):
     run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0], DiskState(phidot=-1.0), rtol=1e-6, atol=1e-6)
     assert load_run(run.save(tmp_path / "run.npz")).contact is None

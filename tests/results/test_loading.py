@@ -75,6 +75,7 @@ def test_the_scenario_of_a_run_can_be_simulated_again(ball, tmp_path):
     np.testing.assert_array_equal(again.state.z, trajectory.state.z)
 
 
+@pytest.mark.thorough
 def test_a_trajectory_saves_itself_with_its_system(tmp_path):
     """Its file says the system, the initial state and the times, and that nothing is known of the solver."""
     scenario = read_scenario(DISK)
@@ -111,6 +112,7 @@ def test_what_a_transformation_returns_has_no_scenario():
     assert jax.tree.map(lambda leaf: 2 * leaf, run).scenario is None
 
 
+@pytest.mark.thorough
 def test_a_file_without_a_scenario_needs_the_system(tmp_path):
     def helix(theta, parameters):
         return 0.5 * jnp.stack([jnp.cos(theta), jnp.sin(theta), 0.1 * theta])
@@ -126,7 +128,7 @@ def test_a_file_without_a_scenario_needs_the_system(tmp_path):
     assert_same(load_run(path, ball), trajectory)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_run_is_drawn_as_the_trajectory_was(disk_trajectory, tmp_path):
     run = load_run(disk_trajectory.save(tmp_path / "run.nc"))
     pictures = [plot.figures(one, tmp_path / name) for name, one in (("new", run), ("old", disk_trajectory))]
@@ -135,6 +137,7 @@ def test_a_run_is_drawn_as_the_trajectory_was(disk_trajectory, tmp_path):
     assert len(run.plot().axes) == 6
 
 
+@pytest.mark.thorough
 def test_figures_in_other_formats(disk_trajectory, tmp_path, monkeypatch):
     monkeypatch.setattr(report, "STANDARD", report.STANDARD[:2])
     paths = plot.figures(disk_trajectory, tmp_path, formats=("pdf", "svg"))

@@ -32,6 +32,7 @@ def stopped():
     return scenario, scenario.simulate(max_steps=4)
 
 
+@pytest.mark.thorough
 def test_netcdf(ball, tmp_path):
     scenario, trajectory = ball
     path = save(trajectory, tmp_path / "run.nc", scenario)
@@ -118,7 +119,7 @@ place = [0.0, 0.0, -0.5]
 )
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_joints_have_one_name_in_runs_and_in_stores(tmp_path, recwarn):
     """Along `driven` and along `joint`; in Zarr as an attribute, because not every library reads texts from it."""
     scenario = read_scenario(ROBOT)
@@ -147,6 +148,7 @@ def test_joints_have_one_name_in_runs_and_in_stores(tmp_path, recwarn):
     assert metadata["attributes"]["names"] == ["mechanisms[0].joints[1]"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("suffix", [".nc", ".npz", ".csv"])
 def test_failed_solve_is_marked(stopped, tmp_path, suffix):
     scenario, trajectory = stopped
@@ -169,12 +171,14 @@ def test_failed_solve_is_marked(stopped, tmp_path, suffix):
     np.testing.assert_array_equal(np.isnan(ratio), np.isnan(z))
 
 
+@pytest.mark.thorough
 def test_disk():
     data = to_dataset(read_scenario(DISK).simulate())
     assert data["phi"].dims == data["z"].dims == ("time",)
     assert "theta" not in data
 
 
+@pytest.mark.thorough
 def test_reduced_trajectory_has_its_state_only():
     scenario = read_scenario(BALL)
     data = to_dataset(simulate(scenario.system, scenario.times, ReducedState()))

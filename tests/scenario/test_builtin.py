@@ -70,7 +70,7 @@ def test_titles_are_those_of_the_documents(name):
     assert builtin_title(name) == tomllib.loads(builtin_text(name))["title"]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 def test_runs_and_stays_on_the_plane(runs, name):
     trajectory, seen = runs(name)
@@ -112,6 +112,7 @@ def test_disk_in_ball_rolls_as_the_disk(runs):
     np.testing.assert_allclose(ball.Omega[:, 1], -disk.phidot, rtol=0, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_routh_sphere_conserves_energy_and_jellett(runs):
     """Jellett's integral by its formula for masses on E3; both hold to the solver's tolerance of 1e-10."""
     trajectory, seen = runs("routh-sphere")
@@ -132,6 +133,7 @@ def test_chaplygin_sphere_keeps_its_centre_of_mass(runs):
     assert np.ptp(seen.kinetic_energy + seen.potential_energy) > 1e-2
 
 
+@pytest.mark.thorough
 def test_chaplygin_top_conserves_energy_and_rolls_over(runs):
     """Γ3 takes both signs, as no motion near rest would have it."""
     _, seen = runs("chaplygin-top")

@@ -157,7 +157,7 @@ def test_traced_numbers_make_the_law_and_the_start():
     assert {path for path, holds in hold.items() if not holds} == {"contact.sliding", "initial.height"}
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_scenario_slides_as_its_law_says():
     """A ball with J = 2/5 m r² that starts to slide at V rolls at 5/7 V, from t = 2 V / (7 μ g) on."""
     scenario = read_scenario(

@@ -247,6 +247,7 @@ def test_rail_too_large():
         read_scenario(with_rail('{ kind = "circle", radius = 1.25 }'))
 
 
+@pytest.mark.thorough
 def test_balance_without_solution():
     heavy = with_rail(
         '{ kind = "circle", radius = 0.1 }', edited("gravity = 1.0", "gravity = 1.0\noffset = [0, 0.5, 0]")

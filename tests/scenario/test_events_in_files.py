@@ -102,14 +102,14 @@ def test_a_rolling_disk_passes_each_level_when_it_gets_there():
     np.testing.assert_array_equal(np.isnan(run.state.z), run.times > 2.4 / SPEED)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(("direction", "count"), [("rising", 1), ("falling", 0), ("both", 1)])
 def test_directions_are_those_of_the_number(direction, count):
     run = simulated(ROLLING, f'[events.near]\nof = "z"\nlevel = 0.75\ndirection = "{direction}"')
     assert run.events["near"].count == count
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_thrown_ball_passes_a_height_twice():
     up, down = (
         f'[events.{name}]\nof = "height"\nlevel = 1.0\ndirection = "{name}"\n' for name in ("rising", "falling")
@@ -121,12 +121,13 @@ def test_a_thrown_ball_passes_a_height_twice():
     assert run.events["rising"].count == run.events["falling"].count == 1
 
 
+@pytest.mark.thorough
 def test_a_classical_system_has_events_of_its_coordinates():
     run = simulated(PARTICLE, '[events.post]\nof = "x"\nlevel = 1.0')
     np.testing.assert_allclose(run.events["post"].times[0], 2.0, rtol=1e-10)  # straight along x, where y is 0
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_kinds_end_a_run_where_rolling_does():
     wheel = WHEEL.replace("phidot = 1.0", "phidot = 4.0")
     run = read_scenario(wheel + '[events.lift]\nkind = "detachment"').simulate()

@@ -34,7 +34,7 @@ def robot(mass):
     return jaxball.Disk(mass=mass, inertia=0.5, gravity=2.0, mechanisms=[pendulum])
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_run_is_the_closed_loop_that_the_file_describes(run):
     """The regulator and the filter know another mass; both solve with the same tolerances, in another program."""
     motion = jaxball.simulate(robot(0.9), np.linspace(0.0, 1.0, 21))

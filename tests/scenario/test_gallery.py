@@ -20,7 +20,7 @@ def run(name):
     return trajectory, np.asarray(trajectory.times), trajectory.observables
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_three_rotors_roll_the_ball_from_rest_to_rest():
     """Ω = −(K + M r² Γ(Γ·K) / (D − C)) / (D − C + M r²), with K_a the impulse of motor a so far.
 

@@ -107,7 +107,7 @@ FORCES = {
 }
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(("drive", "force"), FORCES.values(), ids=FORCES.keys())
 def test_forces_on_joints(drive, force):
     joint = Hinge((0.0, 1.0, 0.0), drive=force, on=-1 if force is None else None)
@@ -271,7 +271,7 @@ def test_round_trip(text):
     assert write_scenario(again) == written
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_balance_counts_the_masses_of_mechanisms():
     """0.6 · 0.5 cos θ = −0.5 · 0.3 at θ = 2π/3, which is nearer to 3 than −2π/3 is."""
     joint = PENDULUM.replace("[0, 0, -0.6]", "[0.3, 0, -0.4]")
@@ -315,6 +315,7 @@ def traced_and_read(text, changes):
     return jax.tree.leaves(structure.build(values)[:2]), jax.tree.leaves((scenario.system, scenario.state)), structure
 
 
+@pytest.mark.thorough
 def test_traced_numbers_make_what_files_make():
     traced, read, structure = traced_and_read(SLOPE, CHANGED)
     for ours, theirs in zip(traced, read, strict=True):
@@ -377,6 +378,7 @@ def test_what_shapes_a_mechanism_cannot_change(path):
         jaxball.scenario.paths.check_number(tomllib.loads(corpus.EVERY_MECHANISM), path)
 
 
+@pytest.mark.thorough
 def test_a_disk_on_a_slope():
     """It rolls as a ball does: z = ½ t² g sin a / (1 + k), with the moment 1 of a disk of mass 1."""
     empty = DISK[: DISK.index("[[masses]]")] + "[ground]\nangle = 0.1\n" + TIMES

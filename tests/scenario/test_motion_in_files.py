@@ -16,7 +16,7 @@ DOCUMENTATION = Path(__file__).parents[2] / "docs" / "reference" / "scenario-fil
 DOCUMENTED = re.findall(r"^```toml\n(.*?)^```", DOCUMENTATION.read_text(), flags=re.DOTALL | re.MULTILINE)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("text", DOCUMENTED)
 def test_documented_files_run(text):
     scenario = read_scenario(text)
@@ -33,6 +33,7 @@ def test_balance_finds_the_papers_angles():
     np.testing.assert_allclose(found, [0.0, 2.03688467177819188, 0.704424483412206587], rtol=0, atol=1e-10)
 
 
+@pytest.mark.thorough
 def test_integrated_angles_give_the_same_run():
     prescribed = read_scenario(DISK).simulate()
     integrated = read_scenario(DISK + '[actuation]\nform = "integrated"\n').simulate()
@@ -40,6 +41,7 @@ def test_integrated_angles_give_the_same_run():
     np.testing.assert_allclose(integrated.state.phi, prescribed.state.phi, rtol=0, atol=1e-8)
 
 
+@pytest.mark.thorough
 def test_servo_closes_the_gap():
     """With stiffness 4 and damping 4 a gap of 1 decays as (1 + 2t) exp(−2t)."""
     servo = '[actuation]\nform = "servo"\nstiffness = [4.0]\ndamping = [4.0]\n[initial]\ntheta = [1.7]\n'
@@ -64,6 +66,7 @@ def test_a_law_that_carries_a_mass_out():
         scenario.simulate(throw=True)
 
 
+@pytest.mark.thorough
 def test_settings_can_be_changed_for_one_run():
     scenario = read_scenario(DISK)
     assert int(scenario.simulate(max_steps=1).status) == Status.MAX_STEPS

@@ -90,7 +90,7 @@ def test_a_file_with_the_class_is_read_and_written_as_it_was(name):
     assert write_scenario(read_scenario(written)) == written
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_friction_of_a_saved_run_is_read_back(tmp_path):
     run = read_scenario(text_of("stribeck")).simulate(throw=True)
     again = jaxball.load_run(run.save(tmp_path / "run.npz"))
@@ -98,6 +98,7 @@ def test_the_friction_of_a_saved_run_is_read_back(tmp_path):
     assert "Stribeck" in repr(run.contact.law)
 
 
+@pytest.mark.thorough
 def test_a_resistance_of_a_file_slows_a_ball():
     """(d + m r²) ω̇ = −c ω², so that ω = 1 / (1 + c t / (d + m r²))."""
     scenario = read_scenario(text_of("grass"))
@@ -145,6 +146,7 @@ def test_an_objective_and_a_constraint_of_a_problem_file():
     assert (float(level.height), float(level.weight), float(slow.most)) == (-0.2, 10.0, 1.5)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "contact", [None, pytest.param(Contact(0.4), marks=pytest.mark.thorough)], ids=["rolling", "sliding"]
 )

@@ -11,7 +11,7 @@ def run(name):
     return trajectory, np.asarray(trajectory.times), trajectory.contact.switches
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_hoop_comes_back():
     """v̇ = −μ g and r φ̈ = −μ g / k with k = 1, until the slip V + r φ̇ of 4 is used up at 4 / (2 μ g)."""
     trajectory, times, switches = run("hoop-with-backspin")

@@ -229,7 +229,7 @@ def assert_says_the_same(written, document, path=""):
 
 
 # Without shrinking, which takes minutes at some 50 ms an example.
-@pytest.mark.thorough
+@pytest.mark.long
 @settings(max_examples=30, deadline=None, phases=[Phase.explicit, Phase.reuse, Phase.generate])
 @given(documents())
 def test_random_scenarios(document):

@@ -36,7 +36,7 @@ def error(name, columns):
     return np.max(np.abs(np.concatenate(columns, axis=1) - expected[:, known:]))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("solver", "tolerance", "bound"),
     [

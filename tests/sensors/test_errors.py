@@ -61,6 +61,7 @@ def test_a_share_of_the_readings_is_lost(long):
     np.testing.assert_array_equal(np.isnan(found), lost[:, None] * np.ones(3, bool))  # a reading as a whole
 
 
+@pytest.mark.thorough
 def test_readings_arrive_late_and_at_their_rate(run):
     """Of a position that grows in proportion to time, so that a reading tells when it was taken."""
     exact = readings(run, Position())

@@ -85,6 +85,7 @@ def test_a_file_has_the_sensors_that_python_has_and_is_written_with_them(robot):
             np.testing.assert_array_equal(values, expected[name])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("suffix", [".nc", ".npz", ".csv"])
 def test_saved_runs_have_what_was_read(robot, suffix, tmp_path):
     scenario, run = robot

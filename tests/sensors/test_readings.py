@@ -98,7 +98,7 @@ def modes(rng, robot, setting, moment):
         yield moved, contact, Contact(0.3, static=0.3 if contact else 1e6), start
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("seed", SEEDS)
 def test_readings_are_those_of_newton_and_euler_in_every_mode(seed):
     rng, robot, setting, moment = case(100 + seed)
@@ -183,6 +183,7 @@ def test_masses_carry_sensors_too():
 M, D, R, G = 1.3, 0.6, 0.9, 2.0
 
 
+@pytest.mark.thorough
 def test_at_rest_every_sensor_reads_g_upwards_and_no_turning():
     q = np.array([0.6, 0.2, -0.4, 0.3])
     q /= np.linalg.norm(q)
@@ -194,6 +195,7 @@ def test_at_rest_every_sensor_reads_g_upwards_and_no_turning():
     np.testing.assert_array_equal(found["turned"], 0.0)
 
 
+@pytest.mark.thorough
 def test_a_ball_that_rolls_down_a_slope_feels_less_than_g_along_it():
     """At its centre a − g is −g sin a k/(1 + k) along the slope, with k = d/(m r²), and g cos a across."""
     angle, k = 0.3, D / (M * R**2)
@@ -227,6 +229,7 @@ def test_in_free_flight_the_centre_of_mass_feels_nothing():
     assert np.min(np.linalg.norm(found["centre"], axis=1)) > 0.1
 
 
+@pytest.mark.thorough
 def test_a_turntable_that_carries_a_ball_is_felt():
     """A homogeneous ball circles on a steady turntable at W k/(1 + k), k = d/(m r²), at constant speed."""
     W, k = 0.8, D / (M * R**2)
@@ -240,6 +243,7 @@ def test_a_turntable_that_carries_a_ball_is_felt():
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), np.hypot(G, sideways), rtol=1e-11)
 
 
+@pytest.mark.thorough
 def test_a_plane_that_shakes_is_felt():
     amplitude, rate = 0.3, 4.0
     shaking = jaxball.Oscillating(jaxball.HarmonicSeries((0.0, 0.0, 0.0), [(0.0, 0.0, amplitude)], [rate]))
@@ -311,6 +315,7 @@ def test_what_cannot_be_measured_is_told(sensors, error, words, no_type_checks):
         run.measured(sensors)
 
 
+@pytest.mark.thorough
 def test_sensors_need_a_body_whose_place_is_known(no_type_checks):
     ball = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4))
     reduced = jaxball.simulate(ball, [0.0, 0.1], jaxball.ReducedState())

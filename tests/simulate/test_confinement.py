@@ -81,7 +81,7 @@ NOT_AT_THE_START = {
 }
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(("body", "sentence"), NOT_AT_THE_START.values(), ids=NOT_AT_THE_START.keys())
 def test_what_no_body_can_have_is_named(body, sentence):
     run = simulate(body, TIMES)
@@ -123,6 +123,7 @@ def test_a_mass_that_leaves_the_shell_does_so_at_its_time(motion, when, furthest
     assert simulate(body, TIMES[when > TIMES]).ok
 
 
+@pytest.mark.thorough
 def test_a_driven_mass_is_looked_at_at_the_start_and_in_every_step():
     law = jaxball.FunctionLaw(accelerate, jnp.asarray(0.5))
     body = ball(jaxball.Driven(jaxball.Tube((0.0, 0.0, 1.0))), law=law)
@@ -219,6 +220,7 @@ def test_numbers_too_large_for_the_arithmetic_are_named():
     assert "range of float64, but it is 1e+300." in run.message
 
 
+@pytest.mark.thorough
 def test_a_motion_that_gives_no_place_is_named():
     body = ball(jaxball.Free(outward, jnp.asarray(jnp.nan)))
     run = simulate(body, TIMES)

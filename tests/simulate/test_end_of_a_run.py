@@ -65,7 +65,7 @@ def end_of(observables, name):
     return np.asarray(getattr(observables, name))[-1]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_the_end_is_that_of_a_run_that_ends_a_little_earlier(name):
     system, start, jumping = SYSTEMS[name]

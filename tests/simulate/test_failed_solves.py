@@ -45,7 +45,7 @@ def test_too_many_steps_keep_what_was_computed():
     np.testing.assert_allclose(saved[~beyond], whole[~beyond], atol=1e-12)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_field_that_is_not_finite_is_found_with_its_time(broken):
     run = jaxball.simulate(broken, TIMES)
     assert run.status == Status.NOT_FINITE
@@ -60,6 +60,7 @@ def test_an_exception_is_raised_where_asked_for(broken):
         jaxball.simulate(broken, TIMES, throw=True)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "value"),
     [
@@ -85,6 +86,7 @@ def test_parameters_that_no_body_can_have(name, value):
         run.raise_if_failed()
 
 
+@pytest.mark.thorough
 def test_a_point_mass_that_no_body_can_have():
     masses = [jaxball.PointMass(m, jaxball.Fixed([0.0, 0.0, 0.1])) for m in (0.5, -0.5)]
     ball = jaxball.Ball(**SHELL, masses=masses)
@@ -96,6 +98,7 @@ def test_nothing_is_wrong_with_the_papers_ball():
     assert jaxball.problems(paper_ball()) == []
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("state", "sentence"),
     [
@@ -115,6 +118,7 @@ def test_an_initial_state_that_cannot_be(state, sentence):
     assert any(found.startswith(sentence) for found in jaxball.problems(ball, state))
 
 
+@pytest.mark.thorough
 def test_a_failed_run_does_not_spoil_its_batch():
     masses = jnp.asarray([1.0, -1.0, 2.0])
     base = jaxball.Ball(**SHELL, offset=(0.1, 0.0, -0.1))

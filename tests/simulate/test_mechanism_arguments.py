@@ -83,7 +83,7 @@ def ball(drive=None, **parts):
     return jaxball.Ball(**SHELL, mechanisms=[Mechanism([hinge(drive=drive)], [BOB])], **parts)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("system", "sentence"),
     [
@@ -103,12 +103,13 @@ def test_numbers_that_cannot_be(system, sentence):
         run.raise_if_failed()
 
 
+@pytest.mark.thorough
 def test_what_is_allowed_if_it_is_said():
     system = ball(jaxball.Damper(-0.1, negative=True), resistance=jaxball.Resistance(rolling=-0.1, negative=True))
     assert jaxball.problems(system, SWINGING) == []
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_joints_whose_inertia_is_singular_are_named():
     on_the_axis = Mechanism([hinge()], [CarriedMass(0.5, (0.0, 0.3, 0.0))])
     (problem,) = jaxball.problems(jaxball.Ball(**SHELL, mechanisms=[on_the_axis]), SWINGING)
@@ -138,7 +139,7 @@ def test_a_reduced_ball_knows_no_ground():
     np.testing.assert_allclose(found.Omega, full.Omega, rtol=0, atol=1e-9)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_mass_that_a_force_pushes_out_is_told():
     pushed = jaxball.Ball(**SHELL, mechanisms=[jaxball.mass_in_tube(0.5, (1.0, 0.0, 0.0), drive=jaxball.Motor(1.0))])
     run = jaxball.simulate(pushed, np.linspace(0.0, 1.0, 11), jaxball.BallState(theta=[0.9], thetadot=[0.0]))
@@ -164,6 +165,7 @@ def test_a_prescribed_joint_is_looked_at_between_saved_times():
     assert first <= run.reached <= first + np.pi / 256
 
 
+@pytest.mark.thorough
 def test_a_disk_turns_in_its_plane():
     aside = jaxball.Disk(mass=1.0, inertia=0.5, mechanisms=[jaxball.planar_pendulum(0.5, 0.6, axis=(1.0, 0.0, 0.0))])
     still = jaxball.DiskState(theta=[0.0], thetadot=[0.0])
@@ -179,7 +181,7 @@ def sideways(t, parameters):
     return jnp.stack([jnp.zeros_like(t), jnp.sin(t), jnp.zeros_like(t)])
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_disk_with_mechanisms_rolls_like_the_ball_in_which_it_is_embedded():
     disk = jaxball.Disk(
         mass=1.0,

@@ -44,7 +44,7 @@ class TestOneRun:
     def run(solver):
         return simulate(BALL, TIMES, solver=solver, dense=True, throw=True)
 
-    @pytest.mark.thorough
+    @pytest.mark.long
     def test_agrees_with_a_run_by_dopri8(self, solver):
         other = simulate(BALL, TIMES, rtol=1e-12, atol=1e-12, step_to_times=True, throw=True)
         bound = 5e-9 * ERRORS[solver]
@@ -52,7 +52,7 @@ class TestOneRun:
             lambda a, b: np.testing.assert_allclose(a, b, rtol=0, atol=bound), self.run(solver).state, other.state
         )
 
-    @pytest.mark.thorough
+    @pytest.mark.long
     def test_the_steps_are_those_of_diffrax(self, solver):
         packing, t = Packing.of(BALL.prepare(), BallState()), jnp.asarray(TIMES)
         controller = by_tolerances(jnp.asarray(1e-10), jnp.asarray(1e-10), solver)
@@ -80,7 +80,7 @@ class TestOneRun:
         for i, time in enumerate(t):
             np.testing.assert_allclose(self.run(solver).at(time).q, other.q[i + 1], rtol=0, atol=5e-9 * ERRORS[solver])
 
-    @pytest.mark.thorough
+    @pytest.mark.long
     def test_contact_extremes(self, solver):
         ours, theirs = (jaxball.contact_extremes(run) for run in (self.run(solver), simulate(BALL, TIMES, dense=True)))
         np.testing.assert_allclose(ours.least_normal_force, theirs.least_normal_force, rtol=1e-7 * ERRORS[solver])
@@ -98,7 +98,7 @@ def test_events_happen_when_they_do_in_another_run(solver):
     np.testing.assert_allclose(times[0], times[1], rtol=0, atol=1e-8 * ERRORS[solver])
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_projection(solver):
     state = simulate(BALL, TIMES[[0, -1]], solver=solver, project=True, throw=True).state
     np.testing.assert_allclose(np.linalg.norm(state.q, axis=1), 1.0, rtol=0, atol=5e-16)
@@ -125,7 +125,7 @@ def test_derivatives_agree_with_those_of_dopri8(solver, differentiate):
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-8 * ERRORS[solver])
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_batches(solver):
     """Each run takes its own orders and steps."""
 
@@ -164,7 +164,7 @@ class Cautious(diffrax.Tsit5):
     approach = 0.02
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_solver_says_how_near_to_the_end_of_a_slip_a_step_may_come():
     """It takes at most a fiftieth of the time until then at once, and so more steps, to the same end."""
     assert approach_of(ADAMS) == approach_of(Projected(ADAMS, lambda x: x)) < approach_of(DOPRI8)

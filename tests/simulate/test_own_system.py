@@ -87,6 +87,7 @@ def test_derivatives(differentiate, adjoint):
     np.testing.assert_allclose(jax.jit(differentiate(last))(jnp.array(1.0)), 3 / 4 - np.log(4), rtol=1e-8)
 
 
+@pytest.mark.thorough
 def test_many_at_once():
     c = np.array([0.5, 1.0, 2.0])
     many = simulate_ensemble(Reeled(c), TIMES, Turning(jnp.zeros(3), jnp.ones(3))).trajectory
@@ -115,6 +116,7 @@ class Attracted(jaxball.AbstractSystem[Pointing]):
         return Pointing(up - state.n[2] * state.n)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "settings", [{"project": True}, {"dae": True, "solver": RadauIIA(stages=5)}], ids=["project", "dae"]
 )

@@ -4,11 +4,13 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from jaxball import simulate
 from jaxball.classical import FreeRigidBody, RigidBodyState
 
 
+@pytest.mark.thorough
 def test_the_derivative_of_a_projected_run_is_that_of_differences():
     def end(w):
         start = RigidBodyState(Omega=jnp.stack([w, jnp.full_like(w, 0.1), jnp.full_like(w, 1.5)]))

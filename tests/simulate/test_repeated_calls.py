@@ -25,7 +25,7 @@ def ball(mass=1.0, radius=0.5, rate=1.0, gravity=1.0):
     return jaxball.Ball(mass=mass, inertia=(0.5, 0.6, 0.7), gravity=gravity, masses=[jaxball.PointMass(0.4, motion)])
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_other_numbers_do_not_trace_again():
     start = jaxball.BallState(Omega=[0.1, 0.2, 0.3])
     first = jaxball.simulate(ball(), TIMES, start)
@@ -78,7 +78,7 @@ def batch():
     return run(masses, radii, Omega), systems, states
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_batch_equals_its_members(batch):
     """Lanes take their own steps; what differs is rounding in another order, which the motion amplifies."""
     (states, status), systems, starts = batch
@@ -95,6 +95,7 @@ def dense():
     return jaxball.simulate(paper_ball(), TIMES, dense=True, max_steps=256)
 
 
+@pytest.mark.thorough
 def test_dense_output_at_saved_times_is_what_was_saved(dense):
     found = dense.at(TIMES)
     np.testing.assert_allclose(found.q, dense.state.q, atol=1e-14)
@@ -117,6 +118,7 @@ def test_dense_output_between_is_a_solution(dense):
     np.testing.assert_allclose(dense.at(0.77).q, found.q[3], atol=1e-15)
 
 
+@pytest.mark.thorough
 def test_dense_output_must_be_asked_for():
     run = jaxball.simulate(paper_ball(), TIMES)
     with pytest.raises(ValueError, match=r"call simulate\(..., dense=True\)"):
@@ -130,7 +132,7 @@ def test_a_run_says_what_it_is():
     assert "reached t = 2" in text
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_versor_matrix_and_reduced_runs_are_one_motion():
     """Three sets of variables, one motion: they differ by the tolerance of 1e-12, amplified."""
     base, start = ball(), jaxball.BallState(Omega=[0.1, -0.2, 0.3])

@@ -16,6 +16,7 @@ def run():
     return simulate(BODY, TIMES, START, dense=True, solver=diffrax.Tsit5(), rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_a_run_of_more_steps_than_the_first_room(run):
     assert run.steps > 256
     assert run.status == Status.SUCCESS

@@ -79,7 +79,7 @@ def assert_as_exact_as_steps(system, times, state, exact, of_state, solver, tole
         assert within < FACTOR * max(at_ends, 0.1 * tolerance)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("solver", [EIGHTH, *FIFTHS], ids=names([EIGHTH, *FIFTHS]))
 def test_the_papers_disk(solver):
     """Beside the 30 digits of its reference; diffrax's interpolation was off by 90 tolerances at 1e-12."""
@@ -96,7 +96,7 @@ def test_the_papers_ball(solver):
     assert_as_exact_as_steps(paper_ball(), SECONDS, None, exact, lambda state: state, solver)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("solver", [EIGHTH, *(pytest.param(s, **SLOW) for s in FIFTHS)], ids=names([EIGHTH, *FIFTHS]))
 def test_a_mechanism_on_a_vibrating_plane(solver, tmp_path):
     path = tmp_path / "shaken.toml"
@@ -219,7 +219,7 @@ def test_forward_derivatives_of_states_between_steps():
     np.testing.assert_allclose(of_time, rate, rtol=0, atol=2e-10)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_reverse_derivatives_of_states_between_steps():
     adjoint = diffrax.RecursiveCheckpointAdjoint()
     found = jaxball.jit(jax.grad(lambda mass, t: saved_angle(mass, t, adjoint), (0, 1)))(MASS, BETWEEN)

@@ -50,7 +50,7 @@ def test_names_are_short_and_every_entry_has_a_robot(extensions):
         assert entry.robot in names or (not entry.robot and entry.make is not None), entry.name
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["bowling-ball", "disk", "heavy-top", "vakonomic-particle"])
 def test_a_thumbnail_is_filled_by_what_it_shows(name, extensions, tmp_path):
     """A body that rolled far is not a dot at the end of its path."""
@@ -66,7 +66,7 @@ def test_a_thumbnail_is_filled_by_what_it_shows(name, extensions, tmp_path):
     assert words.split()[0].lower() == scenario.system.described().split()[0]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_panels_are_named_in_the_words_of_an_overview(extensions, tmp_path):
     run = load_scenario("slipping-ball").simulate(throw=True)
     extensions.thumbnails.write_overview(run, "A title", tmp_path)

@@ -65,7 +65,7 @@ class TestDetest:
             evaluations = sum(self.run(name, tolerance)[1] for name in detest.NAMES)
             assert 0.9 < evaluations / sum(published) < 1.15
 
-    @pytest.mark.thorough
+    @pytest.mark.long
     @pytest.mark.parametrize("name", ["B5", "C1", "D1", "D3", "E2"])
     def test_fewer_evaluations_than_dopri8(self, name):
         y0, counter = jnp.asarray(detest.start(name)), Counter()
@@ -96,6 +96,7 @@ class TestOneRun:
     def solution():
         return eqx.filter_jit(lambda: solve(oscillator, 20.0, START, saveat=diffrax.SaveAt(steps=True)))()
 
+    @pytest.mark.thorough
     def test_starts_with_short_steps_that_double(self):
         lengths = np.diff(self.solution().ts[:8], prepend=0.0)
         assert lengths[0] < 1e-4
@@ -113,6 +114,7 @@ class TestOneRun:
         jax.effects_barrier()
         assert len(count) == 2 * solution.stats["num_steps"]
 
+    @pytest.mark.thorough
     def test_with_one_point(self):
         """It is the method of Heun then."""
         loose = AdamsController(rtol=1e-6, atol=1e-6)

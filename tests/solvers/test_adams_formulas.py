@@ -53,6 +53,7 @@ def polynomial_step(state, t0, t1, y0, coefficients):
     return y1, error, jax.vmap(between.evaluate)(t0 + FRACTIONS * (t1 - t0))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize(("times", "length"), [(UNEVEN, 0.17), (UNEVEN, 0.017), (2.0 + 0.1 * EVEN, 0.1)])
 def test_exact_where_the_slope_is_a_polynomial_of_the_order(order, times, length):
@@ -85,6 +86,7 @@ def test_error_is_that_of_the_prediction_corrected_without_extrapolation():
         np.testing.assert_allclose(error, size, rtol=1e-7)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("order", ORDERS)
 def test_integrals_for_equal_steps_give_the_coefficients_of_bashforth_and_moulton(order):
     """They are weights of backward differences, and those are ∇ʲf = Σ (−1)ⁱ (j over i) f_{n−i}."""
@@ -184,6 +186,7 @@ def errors_of(order, args, pattern, ends):
     return np.linalg.norm(y - rotating.exact(ends[-1], args)), estimate
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("pattern", PATTERNS)
 def test_one_step_at_each_order(order, pattern):

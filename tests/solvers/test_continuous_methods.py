@@ -41,6 +41,7 @@ METHODS = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("solver", "order", "lengths"), METHODS)
 def test_orders_of_local_errors(solver, order, lengths):
     lengths = np.geomspace(*lengths, 4)
@@ -73,6 +74,7 @@ def test_a_step_in_which_nothing_is_asked_for_has_its_ends():
         np.testing.assert_allclose(line.evaluate(t), y, rtol=0, atol=1e-15)
 
 
+@pytest.mark.thorough
 def test_the_field_is_evaluated_within_the_step_alone():
     times = []
 

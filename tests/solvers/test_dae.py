@@ -74,7 +74,7 @@ def balanced(kinks):
 
 
 class TestClosedSolutions:
-    @pytest.mark.thorough
+    @pytest.mark.long
     def test_singular_matrix_that_is_not_diagonal(self):
         u, v = np.exp(-2.0), np.sin(2.0)
         x = at_end(solve(MIXED, [0.5, 0.5], 2.0))
@@ -96,6 +96,7 @@ class TestClosedSolutions:
         np.testing.assert_allclose(at_end(searched)["y"], np.exp(-3.0), rtol=0, atol=1e-9)
         assert searched.stats["num_steps"] > 2 * stepped.stats["num_steps"]
 
+    @pytest.mark.thorough
     def test_regular_matrix(self):
         """M ẋ = A x is ẋ = M⁻¹A x, whose solution is exp(M⁻¹A t) x₀."""
         random = np.random.default_rng(44)
@@ -110,6 +111,7 @@ class TestClosedSolutions:
         x = at_end(solve(MassMatrixTerm(field, M), x0, 3.0))
         np.testing.assert_allclose(x, expected, rtol=0, atol=1e-10)
 
+    @pytest.mark.thorough
     def test_diagonal_of_any_structure(self):
         """Masses 2 and 4 with forces −6p and −4q decay at the rates 3 and 1; leaves broadcast.
 
@@ -136,7 +138,7 @@ ORDER_TWO = [Trapezoidal(), TRBDF2()]
 class TestMethodsOfOrderTwo:
     """With first stages that are explicit, which the equations without a derivative do not have."""
 
-    @pytest.mark.thorough
+    @pytest.mark.long
     def test_singular_matrix_that_is_not_diagonal(self, solver):
         u, v = np.exp(-2.0), np.sin(2.0)
         x = at_end(solve(MIXED, [0.5, 0.5], 2.0, solver=solver, tolerance=1e-8))

@@ -82,7 +82,7 @@ def shortest_step_at_the_passing(solution):
 SLOW_STAGES = [pytest.param(stages, marks=pytest.mark.slow) for stages in (3, 7)]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("stages", [5, *SLOW_STAGES])
 def test_the_papers_run_in_the_papers_form(stages):
     """Sensitivities to the initial state reach 30."""
@@ -115,7 +115,7 @@ def test_the_first_component_throughout(stages):
             assert np.max(errors) < 1e7 * tolerance
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("stages", "tolerance", "bound", "left"), [(5, 1e-12, 5e-9, 2e-14), (0, 1e-8, 2e-3, 1e-8)], ids=["radau 5", "ndf"]
 )

@@ -125,14 +125,14 @@ def gradient(name, adjoint, steps):
     return np.asarray(jax.jit(jax.grad(lambda p, steps: jnp.sum(WEIGHTS * through(p, steps))))(P, steps))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow if n in SLOW else ()) for n in SOLVERS])
 def test_forward_mode(name):
     _, _, bound = SOLVERS[name]
     np.testing.assert_allclose(jacobian(name)(P, CHOSEN), differences(), rtol=0, atol=bound)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "adjoint"), REVERSE + [pytest.param(*case, marks=pytest.mark.slow) for case in REVERSE_SLOW]
 )

@@ -36,7 +36,7 @@ def cotangents(like):
     return jax.tree.map(lambda x: jnp.asarray(random.normal(size=x.shape)), like)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("fresh", [False, True])
 @pytest.mark.parametrize("solver", METHODS, ids=lambda solver: type(solver).__name__)
 def test_all_cotangents_are_those_of_the_step(solver, fresh):

@@ -95,7 +95,7 @@ def failed(solver, name):
 
 @pytest.mark.parametrize("solver", SOLVERS)
 class TestAdaptiveSteps:
-    @pytest.mark.thorough
+    @pytest.mark.long
     def test_field_that_is_not_a_number(self, solver):
         reached, _, sentence = failed(solver, "not a number")
         assert NOT_FINITE in sentence
@@ -121,6 +121,7 @@ class TestAdaptiveSteps:
         assert reached < 1.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("solver", FIXED_POINT)
 def test_fixed_point_iteration_on_a_stiff_problem(solver):
     reached, _, sentence = failed(solver, "stiff")
@@ -134,6 +135,7 @@ class TestConstantSteps:
 
     tolerances = {"rtol": 1e-10, "atol": 1e-10, "norm": optimistix.max_norm}  # noqa: RUF012
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize("make", [RadauIIA, Trapezoidal, TRBDF2])
     def test_newtons_iteration(self, make):
         solver = make(root_finder=SimplifiedNewton(**self.tolerances))
@@ -215,6 +217,7 @@ class TestMassMatrices:
 
         return run
 
+    @pytest.mark.thorough
     def test_each_names_its_cause(self):
         for index, (name, (_, x0, sentence)) in enumerate(self.cases.items()):
             result = self.program(index, jnp.asarray(x0))
@@ -244,6 +247,7 @@ class TestSimulate:
         np.testing.assert_allclose(run.reached, 1.3, atol=1e-6)
         np.testing.assert_array_equal(np.isfinite(run.state.q[:, 0]), self.times < 1.3)
 
+    @pytest.mark.thorough
     def test_too_few_steps(self):
         run = jaxball.simulate(self.ball(), self.times, solver=Gauss(8), max_steps=8)
         assert run.status == Status.MAX_STEPS

@@ -85,7 +85,7 @@ GAUSS = [
 ]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("solver", GAUSS)
 @pytest.mark.parametrize("steps", [40, 80, 400])
 def test_gauss_keeps_the_norm_at_any_step_size(solver, steps):

@@ -105,7 +105,7 @@ KINKS = {
 EACH = pytest.mark.parametrize("kinks", KINKS.values(), ids=KINKS.keys())
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @EACH
 @pytest.mark.parametrize("solver", [DOPRI8, GAUSS, ADAMS], ids=["Dopri8", "Gauss", "Adams"])
 @pytest.mark.parametrize(("start", "end"), [(START, END), (END, START)], ids=["forwards", "backwards"])
@@ -118,6 +118,7 @@ def test_result_is_the_closed_form(kinks, solver, start, end):
     assert error < (6e-8 if solver is ADAMS else 2e-9)
 
 
+@pytest.mark.thorough
 @EACH
 def test_result_does_not_depend_on_the_value_at_the_kinks(kinks):
     """Nor does the number of steps, unless the run starts at a kink."""
@@ -127,6 +128,7 @@ def test_result_does_not_depend_on_the_value_at_the_kinks(kinks):
         assert abs(steps - measure(to_kinks, kinks)[1]) <= 2
 
 
+@pytest.mark.thorough
 @EACH
 def test_as_accurate_as_diffrax_in_no_more_steps(kinks):
     error, steps = measure(to_kinks, kinks)
@@ -141,6 +143,7 @@ def test_far_fewer_steps_than_without():
     assert steps_without > 10 * steps
 
 
+@pytest.mark.thorough
 def test_no_stage_at_the_end_of_a_step_is_past_the_kink():
     """y' jumps from 0 to 1, so that no step has an error. For some of these kinks t0 + (t1 - t0) is past t1."""
     for kink in (3.25, 3.7530809568010897, 4.0, 4.151022309110887):
@@ -150,6 +153,7 @@ def test_no_stage_at_the_end_of_a_step_is_past_the_kink():
         assert abs(float(y) - (6.0 - kink)) < 1e-13
 
 
+@pytest.mark.thorough
 def test_gauss_steps_over_a_jump_unseen_without():
     """No node is at the end of a step, so a jump after the last one is in no estimate of the error."""
     error, _ = measure(to_kinks, WITHIN, solver=GAUSS)
@@ -183,7 +187,7 @@ def test_kink_at_time_zero():
         assert steps_at_zero <= steps + 4
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(
     "solver",
     [
@@ -219,6 +223,7 @@ def test_derivative_with_respect_to_the_times_of_kinks_forward_mode(solver):
         np.testing.assert_allclose(jax.jacfwd(end)(*at), truth, rtol=0, atol=1e-7 * np.max(np.abs(truth)))
 
 
+@pytest.mark.thorough
 def test_derivative_is_zero_without_stepping_to_the_kinks():
     """The field depends on the times of its kinks by comparisons alone, which have no derivative."""
     derivative = jax.grad(lambda kinks: solve(plain, kinks, jnp.asarray(START), jnp.asarray(END))[0])

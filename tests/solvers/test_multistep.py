@@ -66,7 +66,7 @@ def one_run(method):
 
 
 class TestOneRun:
-    @pytest.mark.thorough
+    @pytest.mark.long
     def test_a_state_may_have_parts(self, method):
         solution = one_run(method)
         t = solution.ts[np.isfinite(solution.ts)]
@@ -90,7 +90,7 @@ class TestOneRun:
         y = solve(method, oscillator, -3.0, START).ys["y"][0]
         np.testing.assert_allclose(y, [np.cos(3.0), -np.sin(3.0)], rtol=0, atol=1e-9 * method.errors)
 
-    @pytest.mark.thorough
+    @pytest.mark.long
     def test_goes_on_where_another_run_ended(self, method):
         """With the states of solver and controller the second run does not start anew."""
         kept = {"solver_state": True, "controller_state": True}
@@ -103,7 +103,7 @@ class TestOneRun:
         np.testing.assert_allclose(second.ys["y"][0], truth, rtol=0, atol=3e-9 * method.errors)
         assert second.stats["num_steps"] < anew.stats["num_steps"] - 10
 
-    @pytest.mark.thorough
+    @pytest.mark.long
     def test_fewer_steps_the_higher_the_order(self, method):
         solvers = (method.solver(method.highest // 2 + 1), method.solver())
         steps = [int(solve(method, oscillator, 20.0, START, solver=s).stats["num_steps"]) for s in solvers]
@@ -135,7 +135,7 @@ class TestJumps:
         )
         assert solution.stats["num_steps"] < 2.5 * told.stats["num_steps"]
 
-    @pytest.mark.thorough
+    @pytest.mark.long
     @pytest.mark.parametrize("gap", [1e-3, 1e-6, 1e-9, 1e-12])
     def test_steps_that_are_cut_off_very_short_do_no_harm(self, method, gap):
         """As points, they would have differences of rounding errors: at 1e-12, hundreds of steps were rejected."""
@@ -182,7 +182,7 @@ class TestDerivatives:
         end = self.end(method, self.Y0)
         np.testing.assert_allclose(slope, TURNS @ end, rtol=0, atol=1e-8 * method.errors)
 
-    @pytest.mark.thorough
+    @pytest.mark.long
     def test_where_all_errors_are_zero_derivatives_are_finite(self, method):
         """Norms have none there. They are not accurate, because nothing but errors chooses the steps."""
         assert np.all(np.isfinite(jax.grad(lambda y: jnp.sum(self.end(method, y)))(jnp.zeros(2))))
@@ -223,7 +223,7 @@ class TestPairing:
 
 
 class TestInDiffrax:
-    @pytest.mark.thorough
+    @pytest.mark.long
     def test_vmap_takes_the_steps_of_each_run(self, method):
         """Until the last ends; which is later for faster turns."""
 
@@ -238,7 +238,7 @@ class TestInDiffrax:
             np.testing.assert_allclose(ends[i], end, rtol=0, atol=1e-11 * method.errors)
             assert abs(int(steps[i]) - int(alone)) <= 2
 
-    @pytest.mark.thorough
+    @pytest.mark.long
     def test_float32(self, method):
         y0 = jnp.array([1.0, 0.0], jnp.float32)
         times = jnp.asarray(0.0, jnp.float32), jnp.asarray(5.0, jnp.float32)
@@ -248,7 +248,7 @@ class TestInDiffrax:
         assert end.dtype == jnp.float32
         np.testing.assert_allclose(end, [np.cos(5.0), -np.sin(5.0)], rtol=0, atol=1e-3)
 
-    @pytest.mark.thorough
+    @pytest.mark.long
     def test_event(self, method):
         event = diffrax.Event(lambda t, y, args, **_: y["y"][0], optx.Newton(1e-12, 1e-12))
         solution = solve(method, oscillator, 3.0, START, event=event)
@@ -260,13 +260,13 @@ class TestInDiffrax:
         jax.effects_barrier()
         assert "100.00%" in capfd.readouterr().out
 
-    @pytest.mark.thorough
+    @pytest.mark.long
     def test_longest_step(self, method):
         controller = method.controller(1e-3, 1e-3, dtmax=0.01)
         solution = solve(method, oscillator, 1.0, START, controller, saveat=diffrax.SaveAt(steps=True))
         assert np.max(np.diff(solution.ts[np.isfinite(solution.ts)])) < 0.010001
 
-    @pytest.mark.thorough
+    @pytest.mark.long
     def test_shortest_step(self, method):
         controller = method.controller(1e-10, 1e-10, dtmin=1e-2)
         solution = solve(method, lambda t, y, args: -1e3 * y, 1.0, jnp.array(1.0), controller, throw=False)

@@ -70,7 +70,7 @@ def factorisations(monkeypatch):
     return count
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", STIFF)
 def test_fewer_factorisations_than_radau(name, factorisations):
     """Calls are compared, one of Radau IIA being of a real and a complex matrix."""
@@ -86,7 +86,7 @@ def test_fewer_factorisations_than_radau(name, factorisations):
         assert 0 < calls[NDF, rtol] < 0.9 * calls[RadauIIA, rtol]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", STIFF)
 @pytest.mark.parametrize("rtol", TOLERANCES)
 def test_as_many_steps_and_as_accurate_as_the_bdf_of_scipy(name, rtol):
@@ -137,7 +137,7 @@ def turning(start, t1, tolerance):
 
 
 class TestAlgebraicVariables:
-    @pytest.mark.thorough
+    @pytest.mark.long
     def test_another_component_becomes_algebraic_without_a_restart(self):
         """Five times in a run, which takes no more steps than the equation without algebraic variables."""
         start, end, tolerance = jnp.array([1.0, 0.0]), 7.0, 1e-9
@@ -206,7 +206,7 @@ class TestAlgebraicVariables:
         _, mass = MassMatrixTerm(lambda t, x, args: x, M).at_step(0.0, jnp.zeros(3), None)
         np.testing.assert_allclose(mass.rates(jnp.array([3.0, 0.0, 5.0])), [2.0, -1.0, 0.0], rtol=0, atol=1e-15)
 
-    @pytest.mark.thorough
+    @pytest.mark.long
     def test_inconsistent_start_and_index_two(self):
         for field, x0, sentence in (
             (lambda t, x: [-x[0] + x[1], x[0] + x[1] - jnp.sin(t)], [0.0, 1.0], "initial values do not satisfy"),
@@ -225,6 +225,7 @@ class TestAlgebraicVariables:
             assert sentence in explain(solution.result)
 
 
+@pytest.mark.thorough
 def test_by_fixed_point_iteration():
     """Where the problem is not stiff, no Jacobian is needed."""
     solution = diffrax.diffeqsolve(
@@ -240,6 +241,7 @@ def test_by_fixed_point_iteration():
     np.testing.assert_allclose(solution.ys[0], truth, rtol=0, atol=1e-6)
 
 
+@pytest.mark.thorough
 def test_float32_on_a_stiff_problem():
     with jax.enable_x64(False):
         solution = diffrax.diffeqsolve(

@@ -205,7 +205,7 @@ OMEGA = 3.0
 COUNTS = {1: (150, 200, 300), 2: (60, 90, 120), 3: (40, 60, 80), 4: (40, 60, 80), 5: (40, 60, 80)}
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("kappa", KAPPAS)
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize(("term", "exact"), [(ODE, rotating.exact), (DAE, rotating.exact_with_algebraic)])

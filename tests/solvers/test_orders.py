@@ -48,7 +48,7 @@ AT_ENDS = [
 ]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(("solver", "order", "omega", "steps"), AT_ENDS)
 @pytest.mark.parametrize("drive", [AUTONOMOUS, DRIVEN])
 def test_error_at_the_end_has_the_order_of_the_method(solver, order, omega, steps, drive):
@@ -108,6 +108,7 @@ def test_methods_of_order_two_have_it_in_algebraic_variables_too(solver, compone
     assert observed_order(lengths, [e.end for e in errors]) == pytest.approx(2, abs=0.1)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("components", [[0], [1, 2]], ids=["algebraic", "differential"])
 @pytest.mark.parametrize(
     ("stages", "steps"),

@@ -101,13 +101,14 @@ def error(name, solver, tolerance, *, dae=False, step_to_times=True):
     return np.max(np.abs(columns(trajectory.state) - expected(name)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "solver", "dae", "bound"), COLLOCATION)
 def test_collocation(name, solver, dae, bound):
     for tolerance in (1e-6, 1e-8, 1e-10, 1e-12):
         assert error(name, solver, tolerance, dae=dae) < bound * tolerance
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("step_to_times", [False, True], ids=["dense output", "to times"])
 @pytest.mark.parametrize(("name", "tolerance", "bound"), ADAMS)
 def test_adams(name, tolerance, bound, step_to_times):
@@ -115,7 +116,7 @@ def test_adams(name, tolerance, bound, step_to_times):
     assert error(name, "adams", tolerance, step_to_times=step_to_times) < bound * tolerance
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("step_to_times", [False, True], ids=["dense output", "to times"])
 @pytest.mark.parametrize(("name", "dae", "tolerance", "bound"), NDFS)
 def test_ndf(name, dae, tolerance, bound, step_to_times):

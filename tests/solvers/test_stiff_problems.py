@@ -152,7 +152,7 @@ def error(solver, name, rtol):
     return ALL[name].error(x)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(("solver", "name"), HIGH_ORDER)
 def test_end_state_at_a_loose_tolerance(solver, name):
     assert error(solver, name, LOOSE) < LOOSE_BOUNDS[name]
@@ -164,14 +164,14 @@ def test_end_state_at_a_tight_tolerance(solver, name):
     assert error(solver, name, TIGHT[solver]) < TIGHT_BOUNDS[solver]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("rtol", [1e-5, 1e-7])
 @pytest.mark.parametrize(("solver", "name"), SECOND_ORDER)
 def test_end_state_by_methods_of_order_two(solver, name, rtol):
     assert error(solver, name, rtol) < FACTORS[name] * rtol ** (2 / 3)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8])
 @pytest.mark.parametrize("solver", ["ndf", "bdf"])
 @pytest.mark.parametrize("name", ODES)
@@ -187,7 +187,7 @@ def test_methods_that_damp_nothing_say_so(solver, name):
     assert "has taken all its steps" in sentence
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("solver", ["radau 3", "radau 5", "radau 7", "ndf"])
 def test_robertsons_algebraic_equation(solver):
     problem = ALL["robertson-dae"]

@@ -62,7 +62,7 @@ class TestBatches:
         )
         return solution.ys[0], solution.stats["num_accepted_steps"], solution.result == diffrax.RESULTS.successful
 
-    @pytest.mark.thorough
+    @pytest.mark.long
     @pytest.mark.parametrize(
         "solver",
         [
@@ -148,7 +148,7 @@ class TestSaving:
             ),
         )
 
-    @pytest.mark.thorough
+    @pytest.mark.long
     def test_at_given_times(self, name):
         *_, bound, _ = SOLVERS[name]
         ts, ys = self.solution(name).ts[0], self.solution(name).ys[0]
@@ -197,6 +197,7 @@ def test_event(name):
     np.testing.assert_allclose(solution.ys["place"][-1], 0.0, rtol=0, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_mass_matrix_backward_in_time():
     """ẋ = −z with 0 = z − x (2 + cos t) from t = 2 to 0: x = exp(−2t − sin t)."""
     term = MassMatrixTerm(
@@ -216,6 +217,7 @@ def test_mass_matrix_backward_in_time():
     np.testing.assert_allclose([solution.ys["x"][0], solution.ys["z"][0]], [1.0, 3.0], rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_progress_meter(capfd):
     diffrax.diffeqsolve(
         OSCILLATOR,
@@ -262,7 +264,7 @@ def relaxed(solver, start, algebraic=False):
 
 
 class TestFloat32:
-    @pytest.mark.thorough
+    @pytest.mark.long
     @pytest.mark.parametrize(
         "solver",
         [RadauIIA(3), Gauss(8), Gauss(8, root_finder=SimplifiedNewton()), Trapezoidal(), TRBDF2()],
@@ -273,13 +275,14 @@ class TestFloat32:
         assert x.dtype == jnp.float32
         np.testing.assert_allclose(x, relaxation(2.0), rtol=0, atol=1e-4)
 
+    @pytest.mark.thorough
     def test_mass_matrix_where_it_is_the_default(self):
         with jax.enable_x64(False):
             x = relaxed(RadauIIA(5), jnp.asarray(0.0), algebraic=True)
         assert x.dtype == jnp.float32
         np.testing.assert_allclose(x, relaxation(2.0), rtol=0, atol=1e-4)
 
-    @pytest.mark.thorough
+    @pytest.mark.long
     @pytest.mark.parametrize("solver", [RadauIIA(3), Gauss(8, root_finder=SimplifiedNewton()), TRBDF2()])
     def test_beside_float64(self, solver):
         x = relaxed(solver, jnp.asarray(0.0, jnp.float32))

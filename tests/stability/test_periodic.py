@@ -67,7 +67,7 @@ def tangent(Gamma, *more):
     return np.linalg.svd(np.stack([normal, *more]))[2][1 + len(more) :]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(("speed", "rolling", "spinning"), [(1.5, 0.3, 0.3), (3.0, 0.3, 0.3), (2.0, 0.1, 0.0)], ids=str)
 def test_a_symmetric_body_has_the_exponents_of_its_steady_motion(speed, rolling, spinning):
     """In axes that turn with the pendulum, steady rolling is an equilibrium of Newton's and Euler's laws.
@@ -105,7 +105,7 @@ def wobbling():
     return case, periodic_motion(*robot(*case), period=3.0)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_an_unequal_body_has_the_multipliers_of_newton_and_euler(wobbling):
     """SciPy solves the two laws over a turn, from states at ±h on either side of the motion.
 
@@ -132,7 +132,7 @@ def test_an_unequal_body_has_the_multipliers_of_newton_and_euler(wobbling):
     assert motion.message == f"The motion is unstable, a saddle: deviations grow as exp({motion.growth:.6g} t)."
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_product_of_the_multipliers_is_liouvilles(wobbling):
     """exp ∫ tr f′ along the motion; those along Γ and along the motion are 1."""
     case, motion = wobbling
@@ -151,7 +151,7 @@ def test_the_product_of_the_multipliers_is_liouvilles(wobbling):
     assert np.prod(motion.multipliers).real == pytest.approx(product, rel=1e-7)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_rolling_in_circles_has_the_exponents_of_its_eigenvalues():
     """Ω and Γ of a Routh sphere turn about E3, after whose turn they come back: a motion that `stability` knows."""
     masses = [jaxball.PointMass(m, jaxball.Fixed([0.0, 0.0, h])) for m, h in ((0.5, 0.6), (0.3, -0.2))]
@@ -201,7 +201,7 @@ def test_a_shaken_disk_is_at_the_border_where_mathieus_functions_have_it(border,
     assert "t), changing sign each period." in inside.message
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_shaken_ball_of_the_gallery_grows_as_hills_equation_says():
     """About both axes; SciPy solves φ¨ + ω₀² (1 − sin νt ν²/g) φ = 0 over a period of the plane."""
     scenario = jaxball.load_scenario("vibrating-plane")
@@ -255,7 +255,7 @@ def test_a_free_disk_has_the_period_of_a_quadrature(phi, phidot, turns):
     assert motion.kind == "centre"
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_what_is_not_found_is_said():
     disk = jaxball.Disk(mass=1.0, inertia=DISK, offset=(0.0, 0.0, -LOW))
     rolling = jaxball.DiskState(phidot=1.2)

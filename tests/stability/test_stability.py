@@ -58,6 +58,7 @@ def lopsided():
     return jaxball.Ball(mass=1.0, inertia=(0.3, 0.45, 0.6), offset=(0.12, 0.2, 0.1))
 
 
+@pytest.mark.thorough
 def test_equilibria_are_two_and_known(lopsided):
     """Γ = ∓χ/|χ|: a stable one below and an unstable one above."""
     below, above = permanent_rotations(lopsided)
@@ -89,6 +90,7 @@ def routh():
     return jaxball.Ball(mass=1.0, inertia=(0.5, 0.5, 0.7), offset=(0.0, 0.0, -0.15), gravity=2.0, masses=masses)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("inclination", "precession"), [(0.4, 1.3), (2.2, -0.8), (1.2, 0.3)])
 def test_routh_spheres_roll_steadily(inclination, precession):
     """The state is steady in the equations of motion, which know nothing of the balance that gave the spin."""
@@ -98,6 +100,7 @@ def test_routh_spheres_roll_steadily(inclination, precession):
     assert abs(found.turning) > 0.01
 
 
+@pytest.mark.thorough
 def test_a_routh_sphere_rolls_in_a_circle():
     """A run keeps the inclination, and the geometric centre stays on a circle of radius r |σ sin ϑ / P|."""
     inclination, precession = 0.4, 1.3

@@ -45,7 +45,7 @@ def growth(times, deviations):
     return np.log(np.max(np.abs(np.roots([1.0, *-coefficients[::-1]])))) / (times[1] - times[0])
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_runs_grow_where_the_chart_says_and_as_fast(chart):
     """From 1e-5 beside steady rolling, in the full state, whose rate is known to two per cent from twenty turns.
 

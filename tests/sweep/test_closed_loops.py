@@ -56,6 +56,7 @@ def agree(store, rows, data):
             assert float(own["nees_per_direction"]) == pytest.approx(nees, rel=1e-5)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "text",
     [pytest.param(FEEDFORWARD, marks=pytest.mark.thorough), pytest.param(OF_STATE, marks=pytest.mark.slow)],
@@ -129,7 +130,7 @@ errors = { noise = 0.01, missing = 0.3, seed = 1 }
 """
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("save", ["end", "times"])
 def test_rows_have_the_readings_of_their_runs(tmp_path, save):
     axes = together(**{"body.mass": [1.0, 2.0], "sensors.imu.at[0]": [0.1, 0.3], "sensors.imu.errors.seed": [1, 2]})

@@ -27,7 +27,7 @@ def study(folder, settings=""):
     return read_study(f'format = 1\nscenario = "thrown.toml"\n{settings}\n{AXES}', folder)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_rows_slide_as_far_as_their_friction_says(tmp_path):
     """A disk with J = m r²/2 loses μ g of its speed until it has lost a third, and friction takes V²/6 then."""
     sweep(study(tmp_path), tmp_path / "s.zarr")

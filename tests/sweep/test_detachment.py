@@ -60,7 +60,7 @@ def solved(folder, settings):
     return whole, xarray.open_zarr(folder / "s.zarr").load()
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_rows_end_where_the_normal_force_is_zero(tmp_path):
     _, data = solved(tmp_path, "")
     np.testing.assert_array_equal(data["status"], np.where(DETACHED, Status.DETACHED, Status.SUCCESS))

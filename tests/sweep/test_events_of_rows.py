@@ -47,7 +47,7 @@ def solved(folder, settings="", axes=AXES, scenario=ROLLING):
     return whole, open_dataset(folder / "s.zarr").load()
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_rows_have_the_counts_and_first_times_of_their_events(tmp_path):
     _, data = solved(tmp_path, 'find = ["distance"]')
     np.testing.assert_array_equal(data["status"], np.where(ENDS, Status.EVENT, Status.SUCCESS))
@@ -78,7 +78,7 @@ def test_a_row_without_an_event_of_its_own_is_the_same_run(tmp_path):
     np.testing.assert_array_equal(np.isnan(data["z"][0]), [False, False, False, True, True])
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_events_and_detachment_end_rows_together(tmp_path):
     thrown = """
 [events.half]
@@ -110,7 +110,7 @@ def test_rooms_and_names_that_do_not_fit_are_refused(tmp_path):
         sweep(taken, tmp_path / "taken.zarr")
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_rows_that_are_read_one_by_one_have_their_levels(tmp_path):
     """Those where angles of `balance` may change, which cannot be traced."""
     event = '[events.late]\nof = "tests.sweep.test_events_of_rows:clock"\nlevel = 0.1\n'

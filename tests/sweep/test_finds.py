@@ -19,7 +19,7 @@ def height(system, t, state):
 OWN = '{ name = "furthest", maximum = "tests.sweep.test_finds:height" }'
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_what_is_found_stands_in_the_store_and_the_table(tmp_path):
     found = study(tmp_path, settings=f'save = "times"\nfind = ["distance", {OWN}]')
     sweep(found, tmp_path / "s.zarr")

@@ -85,6 +85,7 @@ def test_numbers_that_change_together_lie_along_one_axis(tmp_path):
     assert float(swapped["body.radius"].sel({"body.mass": 1.0})) == 4.0
 
 
+@pytest.mark.thorough
 def test_a_store_without_points_that_counts_from_one_is_opened_and_drawn(tmp_path):
     """As stores were before everything was counted from 0."""
     found = study(tmp_path, scenario=BALL)

@@ -25,7 +25,7 @@ sys.exit(main())"""
 MANY = '[[axes]]\npath = "body.mass"\nlinear = { from = 1.0, to = 2.0, count = 600 }\n'
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_run_that_is_killed_at_random_moments_leaves_the_same_files(tmp_path):
     folders = [tmp_path / name for name in ("killed", "whole")]
     for folder in folders:
@@ -66,7 +66,7 @@ def test_the_second_ctrl_c_stops_at_once_and_its_workers_too(tmp_path):
     assert not list(tmp_path.rglob(".part-*"))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="this system does not show its processes")
 @pytest.mark.parametrize("name", ["SIGKILL", "SIGQUIT"])
 def test_workers_end_with_their_parent_however_it_ends(tmp_path, name):

@@ -67,7 +67,7 @@ def test_rows_that_end_there_have_the_flag_and_are_not_counted_again(tmp_path):
     assert "left_plane" not in describe(tmp_path / "s.zarr")
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_rows_of_a_rattleback_have_the_flag(tmp_path):
     """Thrown from ten degrees at a high spin; at rest or slow it only rocks."""
     whole = study(tmp_path, axes=SPINS, settings="contact = true", scenario=STONE.replace("step = 0.02", "saves = 2"))
@@ -77,6 +77,7 @@ def test_rows_of_a_rattleback_have_the_flag(tmp_path):
     np.testing.assert_array_equal(data["left_plane"], (data["least_normal_force"] <= 0).astype(int))
 
 
+@pytest.mark.thorough
 def test_the_flag_is_in_the_store_the_table_and_the_grid(tmp_path):
     """In chunks of four rows, of which the last of each fails after it has left the plane."""
     whole, store = store_of(tmp_path)

@@ -142,7 +142,7 @@ def compare_numbers(found, wanted, tame):
         assert a.tobytes() == np.asarray(b, dtype=float).tobytes()
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", DOCUMENTS)
 def test_rows_are_their_documents(name):
     paths, rng = changeable(name), np.random.default_rng(len(name))
@@ -256,6 +256,7 @@ def test_what_does_not_change_takes_no_room(tmp_path):
     assert batch.rows == found.chunk
 
 
+@pytest.mark.thorough
 def test_balance_is_read_row_by_row_where_it_may_change(tmp_path, monkeypatch):
     text = with_rail('{ kind = "circle", radius = 0.9 }') + "[initial]\nbalance = { masses = [0] }\n"
     found = study(tmp_path, '[[axes]]\npath = "body.mass"\nvalues = [1.0, 2.0, -1.0]\n', scenario=text)

@@ -47,7 +47,7 @@ def possible(data):
     return np.flatnonzero((data["body.mass"] > 0) & (data["masses[0].rail.radius"] < 1))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_rows_are_single_runs(disks, data):
     assert list(possible(data)) == [0, 2, 8, 10]
     for row in possible(data):

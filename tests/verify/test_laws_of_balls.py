@@ -91,6 +91,7 @@ def test_chaplygins_integral_is_found_to_apply_where_the_masses_balance():
     assert not report["routh"].applies
 
 
+@pytest.mark.thorough
 def test_a_ball_that_would_lift_off_is_not_trusted():
     """The centre of mass, 0.114 from the centre, needs more than its weight to turn at 8 radians a unit of time."""
     report = verify(sphere(Omega=(8.0, 0.0, 0.0)), laws=["contact", "energy"])
@@ -125,6 +126,7 @@ def thousandth_wrong(monkeypatch):
         yield
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("thousandth_wrong")
 def test_a_term_that_is_wrong_by_a_thousandth_breaks_the_laws():
     report = verify(sphere(), laws=["energy", "momentum", "jellett-rate", "jellett", "routh", "norm", "rolling"])

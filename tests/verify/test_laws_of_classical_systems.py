@@ -20,6 +20,7 @@ def particle():
     return verify(classical.NonholonomicParticle(), TIMES, START, quick=True)
 
 
+@pytest.mark.thorough
 def test_a_particle_keeps_its_laws_and_its_closed_form():
     report = particle()
     assert report.ok
@@ -43,6 +44,7 @@ def test_the_growth_of_deviations_is_at_most_that_of_the_closed_form():
     assert 1 < particle().trust.growth < 3 * bound
 
 
+@pytest.mark.thorough
 def test_lagranges_integral_applies_to_symmetric_tops_only():
     start = classical.RigidBodyState(Omega=[0.3, 0.2, 2.0])
     for inertia, chi, applies in (
