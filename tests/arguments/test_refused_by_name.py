@@ -91,6 +91,7 @@ def test_flags_of_a_run(name, value):
         run(**{name: value})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("make", "name"),
     [
@@ -153,6 +154,7 @@ def of_one_joint():
     return BallState(theta=[0.1], thetadot=[0.0])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("use", "name"),
     [

@@ -196,6 +196,7 @@ def test_an_interruption_keeps_the_problems_that_were_finished(out):
     assert not list(out.glob(".jaxball-*"))
 
 
+@pytest.mark.thorough
 def test_peers_that_are_not_installed_are_left_out_with_a_line(out, monkeypatch):
     for package in ("numba", "numbalsoda", "heyoka", "casadi"):
         monkeypatch.setitem(sys.modules, package, None)

@@ -51,6 +51,7 @@ def assert_same(found, expected):
 
 @pytest.mark.parametrize(("problem", "piece"), CASES)
 class TestSameEverywhere:
+    @pytest.mark.thorough
     def test_jax(self, problem, piece, random):
         field = jax.jit(translate.jax_field(problem.right_hand_side(piece)))
         for t, x, p, expected in points(problem, piece, random):

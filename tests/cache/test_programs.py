@@ -136,6 +136,7 @@ def test_a_program_is_compiled_once_and_found_by_the_next_process(in_process, co
     assert len(store.found) == 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "change",
     [

@@ -145,6 +145,7 @@ def test_equal_functions_are_equal_wherever_they_are_written(transformed, usual)
     assert digest(transformed(usual["loss"])) == digest(transformed(lower["loss"]))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", CHANGES)
 def test_whatever_changes_a_result_is_seen(name, usual):
     other = functions(**{name: CHANGES[name][1]})

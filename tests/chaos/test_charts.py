@@ -48,6 +48,7 @@ def test_cells_at_rest_have_the_growth_rate_of_falling(charted):
     np.testing.assert_allclose(dataset["least_normal_force"][0, :2], 1.0, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_cells_that_leave_the_plane_are_masked(charted):
     """Over the top N = M (g − ℓ Ω²) and less, which is negative for Ω = 5 and ℓ = 0.05 and more."""
     dataset, _ = charted
@@ -57,6 +58,7 @@ def test_cells_that_leave_the_plane_are_masked(charted):
     assert np.all(dataset["status"][1, :2] == 0)
 
 
+@pytest.mark.thorough
 def test_cells_that_fail_are_visible(charted):
     dataset, _ = charted
     assert np.all(dataset["status"][:, 2] == jaxball.Status.IMPOSSIBLE)
@@ -64,6 +66,7 @@ def test_cells_that_fail_are_visible(charted):
     assert "3 IMPOSSIBLE" in dataset.attrs["statuses"]
 
 
+@pytest.mark.thorough
 def test_cells_lie_over_both_parameters_and_progress_is_told(charted):
     dataset, seen = charted
     assert dataset["exponent"].dims == ("spin", "height")
@@ -72,6 +75,7 @@ def test_cells_lie_over_both_parameters_and_progress_is_told(charted):
     assert seen == [(4, 6), (6, 6)]
 
 
+@pytest.mark.thorough
 def test_the_figure_marks_what_left_the_plane_and_what_failed(charted):
     dataset, _ = charted
     ax = chaos_chart(dataset)
@@ -163,6 +167,7 @@ def test_the_rolling_robot_is_chaotic_where_its_orbit_is_wide():
     assert np.isnan(exponent[1, 2])
 
 
+@pytest.mark.thorough
 def test_cells_are_rows_of_a_native_program(monkeypatch):
     """XLA took 40 s for such a chart where diffrax checked the first step by a callback to Python."""
     reached = []

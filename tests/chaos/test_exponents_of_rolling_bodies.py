@@ -57,6 +57,7 @@ def test_a_disk_with_its_centre_of_mass_above():
     np.testing.assert_allclose(spectrum(disk, 120.0).exponents, [rate, 0.0, -rate], atol=1e-7)
 
 
+@pytest.mark.thorough
 def test_a_chaplygin_sphere_has_no_exponent_but_zero():
     """Its motion is integrable (Chaplygin 1903): deviations grow linearly, means tend to zero as log(t) / t."""
     found = spectrum(CHAPLYGIN, 400.0, LEANING)

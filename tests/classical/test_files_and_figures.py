@@ -19,6 +19,7 @@ def body():
     return jaxball.simulate(classical.FreeRigidBody(inertia=(1.0, 1.6, 2.1)), TIMES, start)
 
 
+@pytest.mark.thorough
 def test_netcdf_holds_the_state_and_the_laws(body, tmp_path):
     with xarray.open_dataset(jaxball.save(body, tmp_path / "run.nc")) as data:
         assert dict(data.sizes) == {"time": 41, "component": 4, "axis": 3}
@@ -38,12 +39,14 @@ def test_the_place_of_what_rolls_has_directions(tmp_path):
         np.testing.assert_array_equal(data["z"], run.state.z)
 
 
+@pytest.mark.thorough
 def test_csv_has_a_column_for_each_number(body, tmp_path):
     header = jaxball.save(body, tmp_path / "run.csv").read_text().splitlines()[0]
     laws = "energy,spatial_momentum[0],spatial_momentum[1],spatial_momentum[2],momentum_squared,versor_squared"
     assert header == f"time,q[0],q[1],q[2],q[3],Omega[0],Omega[1],Omega[2],{laws},status"
 
 
+@pytest.mark.thorough
 def test_figures_draw_the_numbers(body, tmp_path):
     ax = plot.classical_motion(body)
     drawn = np.stack([line.get_ydata() for line in ax.get_lines()[:3]], axis=1)
@@ -66,12 +69,14 @@ def check_laws(figure, laws):
         assert 1 <= np.max(np.abs(drawn)) < 10
 
 
+@pytest.mark.thorough
 def test_a_law_that_did_not_change_says_so(body):
     still = eqx.tree_at(lambda run: run.state, body, jax.tree.map(lambda leaf: 0 * leaf + leaf[:1], body.state))
     for ax in plot.law_errors(still).axes:
         assert ax.get_title(loc="left").endswith(": no change")
 
 
+@pytest.mark.thorough
 def test_a_ball_is_drawn_by_other_functions(body):
     ball = jaxball.Ball(mass=1.0, inertia=(1.0, 1.0, 1.0))
     rolling = eqx.tree_at(lambda run: (run.system, run.state), body, (ball, jaxball.BallState()))

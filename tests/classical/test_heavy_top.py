@@ -45,6 +45,7 @@ def test_steady_precession():
     np.testing.assert_allclose(Lambda, expected, rtol=0, atol=4e-9)
 
 
+@pytest.mark.thorough
 def test_integrals_of_the_symmetric_top(lagrange):
     for name, value in lagrange.laws._asdict().items():
         np.testing.assert_allclose(value, value[0], rtol=0, atol=5e-9, err_msg=name)

@@ -90,6 +90,7 @@ def suslov_problems(inertia, xi, angles, rates, t):
     )
 
 
+@pytest.mark.thorough
 def test_suslovs_problem_in_eulers_angles():
     accelerations, multipliers, constraint = suslov_problems(*random_bodies(2))
     for found, expected in (accelerations, multipliers):

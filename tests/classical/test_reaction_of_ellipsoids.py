@@ -154,6 +154,7 @@ def test_the_derivative_of_the_least_normal_force():
     np.testing.assert_allclose(slopes[1], expected, rtol=1e-3)
 
 
+@pytest.mark.thorough
 def test_a_saved_run_has_the_forces(run, tmp_path):
     data = jaxball.to_dataset(run)
     np.testing.assert_array_equal(data["normal_force"], run.plane_reaction.normal)

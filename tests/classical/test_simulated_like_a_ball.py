@@ -26,6 +26,7 @@ def top():
     return jaxball.simulate(classical.HeavyTop(**TOP), TIMES, START, rtol=1e-12, atol=1e-12, dense=True)
 
 
+@pytest.mark.thorough
 def test_a_top_at_rest_stands_by_default():
     run = jaxball.simulate(classical.HeavyTop(**TOP), TIMES, dense=True)
     assert run.ok

@@ -47,6 +47,7 @@ def tilt_rates(body, n):
     return jax.jacfwd(rates)(jnp.zeros(4))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("n", [2.0, -2.0, 12.0])
 def test_a_rattlebacks_growth_rates_are_those_of_its_characteristic_polynomial(n):
     """Rounding is magnified by the inverse of the smallest inertia, of 1e-4, and by roots that lie close together.
@@ -175,6 +176,7 @@ def test_a_wobble_grows_where_the_moment_about_the_axle_is_the_smaller():
     assert abs(growth / sigma - 1) < 0.05
 
 
+@pytest.mark.thorough
 def test_the_balance_of_energy_is_verified():
     """As for the laws of other systems, whose rates are 0."""
     body = RollingEllipsoid(

@@ -49,6 +49,7 @@ def test_a_platform_that_is_not_there_is_a_sentence():
     assert told.endswith("leave it out, or set it to cpu.")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "value", "must"),
     [

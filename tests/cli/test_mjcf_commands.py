@@ -31,6 +31,7 @@ def robot(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.thorough
 def test_a_robot_goes_to_mujoco_and_back(robot, capsys):
     assert main(["export", "robot.toml", "--to", "mjcf", "--out", "robot.xml", "--controls", "controls.csv"]) == 0
     said = capsys.readouterr().out

@@ -68,6 +68,7 @@ def test_a_ball_that_lands_without_a_rebound_stays_where_it_lands():
     assert float(run.contact.impact_loss[-1]) == pytest.approx(0.5 * M, rel=CLOSE)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("mu", [0.0, 0.1, 0.5])
 def test_an_oblique_landing_slips_or_sticks(mu):
     after, omega, sticks = after_impact(mu, 0.0)

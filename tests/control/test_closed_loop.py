@@ -138,12 +138,14 @@ def test_bad_input_gets_a_sentence(track, options, sentence):
         closed_loop(track, **options)
 
 
+@pytest.mark.thorough
 def test_a_robot_with_other_coordinates_is_refused(track):
     two = [jaxball.double_pendulum((0.3, 0.2), (0.3, 0.2), drives=(jaxball.Motor(0.0), None))]
     with pytest.raises(ValueError, match="must be a disk whose state holds mechanisms"):
         closed_loop(track, system=jaxball.Disk(mass=1.0, inertia=0.5, mechanisms=two))
 
 
+@pytest.mark.thorough
 def test_starts_of_other_shapes_are_refused(track):
     with pytest.raises(ValueError, match=r"must be of shape \(runs, 5\), a column for each of phi"):
         basin(track, np.zeros((3, 4)))

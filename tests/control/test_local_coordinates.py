@@ -20,6 +20,7 @@ directions = st.tuples(*[st.floats(0.1, 1.0)] * 3)
 RANDOM = np.random.default_rng(2)
 
 
+@pytest.mark.thorough
 @given(sizes, directions)
 def test_the_exponential_is_that_of_rotations(size, direction):
     vector = size * np.array(direction) / np.linalg.norm(direction)

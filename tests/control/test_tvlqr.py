@@ -30,6 +30,7 @@ def test_small_oscillations_have_the_flow_of_the_matrix_exponential(hanging):
     np.testing.assert_allclose(track.linear.c, 0, atol=10 * TOLERANCE)
 
 
+@pytest.mark.thorough
 def test_a_long_horizon_has_the_stationary_gain(hanging):
     """z, which follows φ, has weight 0, and so SciPy's equation is that of the other four.
 

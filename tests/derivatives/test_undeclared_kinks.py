@@ -277,6 +277,7 @@ class Moved(jaxball.AbstractSystem[Point]):
         return Point(jnp.where(t < self.end, F, 0.0) + 0.0 * state.x)
 
 
+@pytest.mark.thorough
 def test_a_system():
     """x = F p."""
     slope = jaxball.jit(jax.grad(lambda p: jaxball.simulate(Moved(p), (0.0, T)).state.x[-1]))(P)
@@ -312,6 +313,7 @@ def test_a_warning_where_times_are_not_known():
     assert "give the times in `kink_times`" in str(warning.message)
 
 
+@pytest.mark.thorough
 def test_no_warning_where_times_are_given():
     pushed(jaxball.FunctionForce(periodic, 0.1, kink_times=[jnp.arcsin(0.1), jnp.pi - jnp.arcsin(0.1)]), max_steps=500)
 

@@ -118,6 +118,7 @@ def hock_schittkowski_71():
     return HockSchittkowski71()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", METHODS)
 def test_constrained_problem_71_of_hock_and_schittkowski(method):
     settings = Settings(

@@ -119,6 +119,7 @@ def test_the_pendulum_obeys_pontryagin(pendulum):
     np.testing.assert_allclose(u[:, 0], found.sol(t)[2], atol=1e-4)
 
 
+@pytest.mark.thorough
 def test_the_pendulum_is_at_a_minimum(pendulum):
     assert control.least_curvature(pendulum) > 0.1
 

@@ -106,6 +106,7 @@ def begun(request):
     return first, control.sharpened(first)
 
 
+@pytest.mark.thorough
 def test_the_optimum_on_its_boundary(begun):
     """The guess at rest keeps no end condition, and that of Bryson and Denham violates the inequality."""
     found = begun[1]
@@ -118,6 +119,7 @@ def test_the_optimum_on_its_boundary(begun):
     assert np.max(found.errors) <= 1e-6
 
 
+@pytest.mark.thorough
 def test_the_barrier_costs_at_most_what_it_is(begun):
     """In a convex problem with one inequality, the cost is above the least by at most µ: the gap of duality."""
     first = begun[0]
@@ -126,6 +128,7 @@ def test_the_barrier_costs_at_most_what_it_is(begun):
     assert np.max(control.violations(first.collocation, first.path, 0.0)) == 0
 
 
+@pytest.mark.thorough
 def test_the_curvature_along_the_boundary(begun):
     """It is that of u², whatever the inequality."""
     assert abs(control.least_curvature(begun[1]) - 2) < 1e-3
@@ -144,6 +147,7 @@ class Away(Limited):
         return (1 - u**2) / 2
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("u", "minimum"), [(1.5, True), (0.0, False)])
 def test_a_boundary_makes_a_minimum(u, minimum):
     """With L = −u² − σ g the curvature is σ − 2, and the barrier's σ² / µ is added where g = 0, σ = 2."""

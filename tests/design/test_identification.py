@@ -111,6 +111,7 @@ def test_a_path_of_another_length_is_told():
         identify(DesignSpace(document, [Variable(("masses[0].mass",))]), np.zeros((3, 2)))
 
 
+@pytest.mark.thorough
 def test_the_first_place_of_a_path_that_is_not_known_is_told():
     document, *_ = recorded()
     path = np.zeros((201, 2))

@@ -70,6 +70,7 @@ def test_all_numbers_are_arguments():
         np.testing.assert_array_equal(a, b)
 
 
+@pytest.mark.thorough
 def test_what_is_no_number_distinguishes():
     solver = {**PROBLEM, "scenario": {**PROBLEM["scenario"], "solve": {"solver": "tsit5"}}}
     longer = {**PROBLEM, "scenario": {**PROBLEM["scenario"], "time": {"start": 0.0, "end": 2.0, "saves": 7}}}

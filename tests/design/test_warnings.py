@@ -78,6 +78,7 @@ def test_what_could_not_be_done_is_told(words):
     assert sum(words in warning for warning in told(1e-9, 1e-6)) == 1
 
 
+@pytest.mark.thorough
 def test_a_gradient_that_is_not_finite_is_told():
     assert "The gradient at the best design is not finite" in told(np.nan, 1e-6)[-1]
 

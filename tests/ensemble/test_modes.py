@@ -131,6 +131,7 @@ def test_bounces_end_in_a_finite_time():
     np.testing.assert_allclose(switches.lost[0, :3], lost, rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_a_slip_ends_when_friction_has_made_it_roll():
     """A sphere that slides with V loses 2/7 of it until 2 V/(7 μ g), whatever the time at which it starts."""
     V = np.array([1.0, 2.0, 3.0])
@@ -155,6 +156,7 @@ def test_what_rows_share_may_be_given_once():
         np.testing.assert_allclose(a[0], b[0], rtol=0, atol=5e-8)
 
 
+@pytest.mark.thorough
 def test_a_row_that_fails_harms_no_other():
     rows, many = random_ensemble()
     offset, law, start = jax.tree.map(np.copy, rows)

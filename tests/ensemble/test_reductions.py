@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball import contact_extremes
-from jaxball.ensemble import REDUCTIONS, Drift, Integral, Maximum, Minimum, simulate_ensemble
+from jaxball import Disk, DiskState, contact_extremes
+from jaxball.ensemble import REDUCTIONS, Drift, Integral, Maximum, Minimum, program, simulate_ensemble
 from jaxball.solvers.dense.steps import lobatto_weights, sampling
 
 from .test_runs import disks, single
@@ -61,6 +61,7 @@ def test_extremes_lie_between_the_steps(found):
     np.testing.assert_allclose(found["apart"], 2, rtol=0, atol=1e-8)
 
 
+@pytest.mark.thorough
 def test_energy_does_not_drift(found):
     assert np.all(found["energy_drift"] < 1e-8)
     assert np.all(found["energy_drift"] > 0)
@@ -78,6 +79,7 @@ def test_integrals_are_those_of_the_trajectories(found, trajectories):
         np.testing.assert_allclose(found["distance"][k], distance, rtol=2e-2)
 
 
+@pytest.mark.thorough
 def test_the_largest_angular_speed_is_that_at_the_bottom(found, trajectories):
     for k, trajectory in enumerate(trajectories):
         fine = np.abs(np.asarray(trajectory.at(np.linspace(*SPAN, 4001)).phidot)).max()
@@ -110,3 +112,23 @@ def test_derivatives_of_reductions():
     _, (most, least) = jax.jvp(highest, (jnp.ones(()),), (jnp.ones(()),))
     np.testing.assert_allclose(most, 1, rtol=0, atol=1e-6)
     np.testing.assert_allclose(least, -1, rtol=0, atol=1e-6)
+
+
+@pytest.mark.thorough
+def test_a_quantity_that_is_written_anew_is_known_again():
+    """It moves at a constant speed: the largest place is twice the speed, times the factor that the quantity holds."""
+    disk, states = Disk(mass=1.0, inertia=0.5), DiskState(phidot=jnp.array([-1.0, -2.0]))
+    states = jax.tree.map(lambda x: jnp.broadcast_to(x, (2, *x.shape)) if x.shape[:1] != (2,) else x, states)
+
+    def largest(factor):
+        quantity = Maximum(lambda system, t, state: factor * state.z)
+        runs = simulate_ensemble(disk, [0.0, 2.0], states, in_axes=(None, 0), reductions={"most": quantity})
+        return runs.reductions["most"]
+
+    np.testing.assert_allclose(largest(1.0), [2.0, 4.0], rtol=1e-12)
+    compiled = program._compiled.cache_info().misses
+    np.testing.assert_allclose(largest(1.0), [2.0, 4.0], rtol=1e-12)
+    assert program._compiled.cache_info().misses == compiled
+    np.testing.assert_allclose(largest(3.0), [6.0, 12.0], rtol=1e-12)
+    slopes = jax.jacfwd(largest)(3.0)
+    np.testing.assert_allclose(slopes, [2.0, 4.0], rtol=1e-9)

@@ -225,6 +225,7 @@ def test_runs_that_are_computed_together_wait_for_the_longest(compiler):
     assert_same(found, 200, single(system, state, 200, times=times[200]), 1e-11)
 
 
+@pytest.mark.thorough
 def test_a_run_that_fails_harms_no_other():
     masses = np.linspace(0.5, 2.0, 12)
     system, state = disks(masses)

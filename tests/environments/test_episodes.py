@@ -120,6 +120,7 @@ def test_lanes_are_single_episodes(environment, begun, taken, actions):
         np.testing.assert_allclose(taken[0].reward[j], single.reward, rtol=0, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_an_episode_that_is_over_is_followed_by_another_and_its_last_observation_is_kept(taken):
     for k in range(4):
         assert not np.any(taken[k].terminated | taken[k].truncated)
@@ -136,6 +137,7 @@ def test_an_episode_that_is_over_is_followed_by_another_and_its_last_observation
     assert not np.any(np.isin(last.episode.parameters["mass"], taken[3].episode.parameters["mass"]))
 
 
+@pytest.mark.thorough
 def test_draws_have_the_distributions_that_were_asked_for(many):
     """Means and deviations of 4000 draws, within four of their standard errors; bounds exactly."""
     episodes, n = many[0], 4000
@@ -159,6 +161,7 @@ def test_draws_have_the_distributions_that_were_asked_for(many):
     np.testing.assert_array_equal(episodes.state.phi, 0.0)
 
 
+@pytest.mark.thorough
 def test_a_failed_solve_ends_the_episode_with_its_status_where_it_was(step, begun):
     """The lane whose action is no number, and acts at once, is observed as before; the others go on."""
     episodes, seen = begun

@@ -50,6 +50,7 @@ def test_every_solution_is_found_and_is_one(paper):
         np.testing.assert_allclose(centre[:2], 0, atol=1e-13)
 
 
+@pytest.mark.thorough
 def test_only_below_when_asked():
     found = balance(paper_ball(), free=[1, 2], above=False)
     assert found.found
@@ -85,6 +86,7 @@ def test_a_tube_balances_inside_the_shell_only():
     assert not balance(ball(0.2), free=[0]).found
 
 
+@pytest.mark.thorough
 def test_the_angle_of_a_driven_mass():
     ball = Ball(
         mass=1.0,

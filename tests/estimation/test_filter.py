@@ -160,6 +160,7 @@ def test_a_delay_only_delays():
     np.testing.assert_array_less(found[0.0].deviations["z"][count:], found[0.3].deviations["z"][count:])
 
 
+@pytest.mark.thorough
 def test_without_readings_it_predicts(free_disk):
     disk, sensors, run = free_disk
     readings = {name: np.full_like(values, np.nan) for name, values in run.measured(sensors).items()}

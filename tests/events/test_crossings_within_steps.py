@@ -200,6 +200,7 @@ def test_a_function_may_take_the_observables():
     np.testing.assert_allclose(run.events["energy"].times[0], 1.5, rtol=0, atol=1e-13)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [

@@ -93,11 +93,13 @@ def test_every_crossing_is_found_and_the_start_is_none(runs):
     np.testing.assert_allclose(np.abs(found.state.Omega[: len(expected), 0]), 0.4, atol=1e-8)
 
 
+@pytest.mark.thorough
 def test_a_tighter_solver_makes_times_more_accurate(runs):
     found, expected = runs["gauss"].events["middle"], zeros()
     np.testing.assert_allclose(found.times[: len(expected)], expected, rtol=0, atol=3e-12)
 
 
+@pytest.mark.thorough
 def test_directions_take_turns(runs):
     events, expected = runs["sections"].events, zeros()
     np.testing.assert_allclose(events["up"].times[: len(expected) // 2], expected[1::2], atol=2e-8)
@@ -105,6 +107,7 @@ def test_directions_take_turns(runs):
     np.testing.assert_allclose(events["down"].times, expected[:3:2], atol=2e-8)
 
 
+@pytest.mark.thorough
 def test_two_crossings_close_together_are_both_found(runs):
     found = runs["sections"].events["between"]
     assert found.count == 2
@@ -126,6 +129,7 @@ def test_sentences(runs):
     )
 
 
+@pytest.mark.thorough
 def test_a_terminal_event_ends_the_run(runs):
     run, first = runs["ended"], zeros()[0]
     assert run.status == Status.EVENT

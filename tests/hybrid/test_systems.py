@@ -153,6 +153,7 @@ def test_bounces_without_end_are_a_status():
     assert "more, which a larger `max_switches` of the system would keep" in repr(run.switches)
 
 
+@pytest.mark.thorough
 def test_a_guard_that_only_touches_zero_grazes():
     """Under a ceiling at the height that the point just reaches, |slope| at the event is that of rounding."""
 
@@ -315,6 +316,7 @@ def test_a_smooth_system_has_no_switches():
     assert run.history.lines == []
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("suffix", ["npz", "nc"])
 def test_switches_are_saved_and_read_back(suffix, tmp_path):
     run = jaxball.simulate(Bouncing(), TIMES)

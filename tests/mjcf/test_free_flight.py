@@ -62,6 +62,7 @@ def test_masses_and_inertias_have_their_numbers(flight):
     assert np.array_equal(model.body("shell").inertia, np.broadcast_to(np.asarray(system.inertia), 3))
 
 
+@pytest.mark.thorough
 def test_accelerations_are_those_of_mujoco(flight):
     system, found = flight
     for _, data, rates, _ in found:
@@ -69,6 +70,7 @@ def test_accelerations_are_those_of_mujoco(flight):
         assert np.max(np.abs(data.qacc - expected)) <= ROUNDING * np.max(np.abs(expected))
 
 
+@pytest.mark.thorough
 def test_sensors_read_what_mujoco_reads(flight):
     system, found = flight
     for _, data, _, read in found:

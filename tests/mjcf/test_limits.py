@@ -58,6 +58,7 @@ def _asked(actuator):
     return read_document(with_numbers(document, {path: signal}))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("actuator", CASES.values(), ids=CASES)
 def test_a_saturated_motor_has_the_force_of_mujoco(actuator):
     _, data = _of_mujoco(actuator)

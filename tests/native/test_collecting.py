@@ -18,6 +18,7 @@ def pythons_own():
     gc.set_threshold(*before)
 
 
+@pytest.mark.thorough
 def test_while_a_program_is_made_and_not_while_it_runs():
     seen = []
 

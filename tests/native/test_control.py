@@ -88,6 +88,7 @@ def test_scans(length):
     agree(jax.grad(lambda x: jnp.sum(f(x)[0][1][0] ** 2)), numbers(length), ulps=1000)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("length", LENGTHS)
 @pytest.mark.parametrize("which", [-3, 0, 1, 2, 9])
 def test_branches(length, which):

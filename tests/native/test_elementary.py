@@ -134,6 +134,7 @@ SPECIAL = signed(
 )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("lanes", LANES)
 @pytest.mark.parametrize("name", ARGUMENTS)
 def test_accuracy(name, lanes):

@@ -112,6 +112,7 @@ def test_powers_angles_and_neighbours(dtype):
     agree(*each({"next": lax.nextafter}, *pairs(dtype)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("dtype", INTEGERS)
 def test_integers(dtype):
     agree(*each(PAIRS | COMPARISONS | BITS, *pairs(dtype)))
@@ -154,6 +155,7 @@ def test_complex_arithmetic(dtype):
         assert np.max(error) < 64 * np.finfo(dtype).eps, name
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("source", [*FLOATS, *INTEGERS, *COMPLEX, "bool"])
 def test_conversions(source):
     x = special(source)

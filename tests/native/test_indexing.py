@@ -16,6 +16,7 @@ def numbers(*shape):
     return np.random.default_rng(1).normal(size=shape)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("length", LENGTHS)
 @pytest.mark.parametrize("dtype", ["float64", "int8", "complex128", "bool"])
 def test_reading(length, dtype):
@@ -42,6 +43,7 @@ def test_slices_that_move(length):
         agree(slices, x, np.int8(i), np.int8(1))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("length", LENGTHS)
 @pytest.mark.parametrize("mode", ["drop", "clip"])
 def test_writing(length, mode):

@@ -54,6 +54,7 @@ def test_square_matrices(dtype, shape):
     near(solved, a, positive, right, roundings=2000)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "options", [{"lower": True}, {"transpose_a": True}, {"unit_diagonal": True, "left_side": True}]
 )
@@ -65,6 +66,7 @@ def test_triangular_solutions(dtype, options):
     near(lambda a, b: lax.linalg.triangular_solve(a, b, conjugate_a=True, **options), a, b)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape", [(5, 3), (2, 1, 3)])
 @pytest.mark.parametrize("dtype", TYPES)
 def test_factors_give_the_matrix(dtype, shape):
@@ -123,6 +125,7 @@ def test_tridiagonal_equations(dtype):
     near(lambda *d: lax.linalg.tridiagonal_solve(*d, d[0][..., None] + 1), low, middle + 5, high)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("number", [np.nan, np.inf, 0.0])
 def test_matrices_without_a_solution(number):
     a = matrices("float64", 3, 3)

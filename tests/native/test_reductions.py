@@ -97,6 +97,7 @@ def test_derivatives_of_windows(shape, padding):
     agree(lambda x: (jax.grad(largest)(x, (2, 3), (2, 3)), jax.grad(largest)(x, (3, 2), (1, 1))), x, ulps=10)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("n", [1, 3, 12, 40])
 @pytest.mark.parametrize("dtype", ["float64", "float32", "int32", "complex128"])
 def test_products(n, dtype):
@@ -113,6 +114,7 @@ def test_products_of_batches():
     agree(lambda a: (jnp.zeros((3, 0)) @ jnp.zeros((0, 2)), a[:, :0] @ a[:, :0].swapaxes(1, 2)), a)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("length", [1, 2, 3, 16, 17, 70, 257])
 def test_sorting(length):
     x = np.random.default_rng(4).normal(size=(2, length)).round(1)
@@ -120,6 +122,7 @@ def test_sorting(length):
     agree(lambda x: (jnp.sort(x), jnp.sort(x, 0), jnp.argsort(x), jnp.sort(x, descending=True)), x)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("length", [5, 70])
 def test_sorting_several_together(length):
     rng = np.random.default_rng(5)

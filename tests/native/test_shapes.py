@@ -55,6 +55,7 @@ def test_concatenation_and_padding(shape):
     agree(joined, numbers(shape))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("dtype", ["float64", "float32", "int32", "uint8", "complex128", "bool"])
 @pytest.mark.parametrize("length", [4, 70])
 def test_types(dtype, length):

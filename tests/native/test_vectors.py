@@ -46,6 +46,7 @@ def test_reductions_keep_or_take_the_first_axis():
     agree(f, X, ulps=100)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("count", [3, 4, 6, 8, 11, 16])
 def test_products_of_rows(count):
     rng = np.random.default_rng(5)
@@ -208,6 +209,7 @@ def test_a_table_that_is_kept_as_it_was_before_a_short_loop():
     agree(f, rng.normal(size=(8, 20)), ulps=2)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("count", [5, 6, 7, 9, 12, 13, 16])
 def test_a_first_axis_that_does_not_fill_its_vectors(count):
     """Carried by a loop, chosen by a branch, in another order of the lanes, and combined over the first axis."""
@@ -227,6 +229,7 @@ def test_a_first_axis_that_does_not_fill_its_vectors(count):
     agree(f, rng.normal(size=(count, columns)), rng.normal(size=(count, columns)), ulps=1e5)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("count", [8, 9, 10, 17])
 def test_tangents_in_many_directions(count):
     """Of vectors and matrices within a loop and a function of its own."""

@@ -19,6 +19,7 @@ def matrices(count, n):
     return A
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("compiler", COMPILERS)
 @pytest.mark.parametrize(("count", "n"), [(1, 1), (1, 2), (1, 9), (3, 9), (7, 2), (7, 9), (2, 20), (1, 40)])
 def test_inverses(compiler, count, n):

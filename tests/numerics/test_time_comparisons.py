@@ -168,6 +168,7 @@ def test_a_state_is_compared_without_a_time():
     assert _with_state(lambda t, p, x: jnp.where(t < x[0], 1.0, 0.0)).unresolved == ("<",)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("comparison", [jnp.less, jnp.less_equal, jnp.greater, jnp.greater_equal])
 def test_the_time_is_where_rounding_puts_the_change(comparison):
     """One floating-point number before it and one after it, the function is on its own sides."""

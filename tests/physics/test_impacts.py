@@ -190,6 +190,7 @@ def test_derivatives(make):
     assert len(kinds) > 1 or make is contact
 
 
+@pytest.mark.thorough
 def test_derivatives_are_numbers_where_nothing_slips_before():
     for slip in ((0.0, 0.0, -1.0), (0.3, 0.2, 0.0), (0.0, 0.0, 0.0)):
         found = jacobian(jnp.asarray(ISOTROPIC), jnp.asarray(slip), jnp.asarray(0.3), jnp.asarray(0.5))

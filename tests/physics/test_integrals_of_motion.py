@@ -69,6 +69,7 @@ def test_jellett_and_routh_are_constant_for_an_axisymmetric_sphere():
     assert np.ptp(trajectory.state.Omega[:, 2]) > 0.01
 
 
+@pytest.mark.thorough
 def test_only_the_energy_is_constant_where_the_moments_differ():
     trajectory = routh_sphere(0.5, 0.6)
     integrals = momenta(trajectory)[3]

@@ -33,6 +33,7 @@ def test_the_impulse_is_the_integral_of_the_signal(signal, prepared):
         np.testing.assert_allclose(float(signal.impulse(jnp.array(t))), integral, rtol=0, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_what_is_integrated_and_what_is_not_make_up_the_force():
     motor = jaxball.Motor(STEPS)
     force = motor + jaxball.Spring(2.0) + jaxball.Motor(RAMPS, limit=1.0)

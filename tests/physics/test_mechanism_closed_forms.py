@@ -80,6 +80,7 @@ class TestHomogeneousBall:
         np.testing.assert_allclose(plane(seen.friction), -np.exp(1j * b) * K / (1 + K) * M * G * np.sin(a), atol=1e-12)
         np.testing.assert_allclose(seen.normal_force, M * G * np.cos(a), atol=1e-12)
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize("angle", [0.0, 0.2])
     def test_circles_and_drifts_on_a_turntable(self, angle):
         """A circle at k/(1 + k) W, whose centre drifts across the slope at e3 × g/(k W)."""
@@ -118,6 +119,7 @@ class TestHomogeneousBall:
         omega = in_space(rotations(done.state), done.state.Omega)
         np.testing.assert_allclose(omega[:, 2], Omega[2] * np.exp(-(c_s + c_w) / D * t), atol=1e-11)
 
+    @pytest.mark.thorough
     def test_lags_behind_a_ground_that_is_shaken(self):
         swing = np.array([0.3, -0.2, 0.1])
         state = jaxball.BallState(Omega=(0.5, -0.4, 0.8))
@@ -147,6 +149,7 @@ class TestDryFriction:
         np.testing.assert_allclose(plane(omega) / y, plane(Omega), atol=1e-11)
         np.testing.assert_allclose(omega[:, 2], Omega[2], atol=1e-11)
 
+    @pytest.mark.thorough
     def test_smoothed_it_lets_the_ball_creep_on_a_slope(self):
         """At ω = ε s/√(1 − s²), with s = tan a/μ; what is left of the start decays e³⁰ times in this run."""
         mu, epsilon, s = 0.2, 0.05, 0.5
@@ -208,6 +211,7 @@ class TestSphericalPendulum:
         expected = rho[0, :2] * np.cos(frequency * done.times)[:, None]
         np.testing.assert_allclose(rho[:, :2], expected, rtol=0, atol=1e-9 * np.max(np.abs(amplitude)))
 
+    @pytest.mark.thorough
     def test_conical(self):
         """At the angle a it circles at w² = g (m + m_c)/(l m_c cos a)."""
         m, l, sled, a = self.m, self.l, self.sled, 0.7
@@ -306,6 +310,7 @@ class TestPlanarPendulumOnASpring:
         solved = solve_ivp(rates, times[[0, -1]], [phi, 0.0], t_eval=times, method="DOP853", rtol=1e-12, atol=1e-12)
         return solved.y[0]
 
+    @pytest.mark.thorough
     def test_a_stiff_spring_holds_the_mass(self):
         """The error falls with one over the stiffness, to 4 % between these two."""
         errors = []
@@ -363,6 +368,7 @@ class TestRotors:
         expected = -(given + rolling / rest * Gamma * along) / (rest + rolling)
         np.testing.assert_allclose(done.state.Omega, expected, atol=1e-11)
 
+    @pytest.mark.thorough
     def test_a_horizontal_one_rolls_the_ball_straight(self):
         """(D − C + M r²) φ̈ = −Q about its axis E2; the others, without torque, keep still in the ball."""
         on = (0.0, 1.0, 0.0)

@@ -105,6 +105,7 @@ def test_efforts_of_given_joints_move_free_ones_alike(solve):
         assert_same(found, expected)
 
 
+@pytest.mark.thorough
 @by_each
 def test_accelerating_axes_are_a_change_of_gravity(solve):
     for seed in range(5):

@@ -39,6 +39,7 @@ def test_what_has_no_solution_at_the_start_is_refused(share, solvable):
     assert (jaxball.problems(run.system, run.start) == []) == solvable
 
 
+@pytest.mark.thorough
 def test_where_a_run_comes_to_have_no_solution_it_fails():
     """The mass starts above the contact point, where friction does not change N, and comes ahead of it."""
     run = rolling(1.2 * critical(), 4.0, (0.0, 0.0, PLACE), end=1.0)

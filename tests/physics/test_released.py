@@ -147,6 +147,7 @@ def test_the_contact_matrix_is_what_unit_forces_of_the_plane_do(cases, evaluated
         assert np.all(np.linalg.eigvalsh(found["contact"]) > 0)
 
 
+@pytest.mark.thorough
 def test_rolling_is_what_it_was(cases, evaluated):
     """The equations of rolling, which know of no slip, to rounding."""
     for found in evaluated:
@@ -157,6 +158,7 @@ def test_rolling_is_what_it_was(cases, evaluated):
         assert_same(interaction.R, np.append(seen.friction, seen.normal_force), 1e-12)
 
 
+@pytest.mark.thorough
 def test_the_energy_changes_by_the_power_of_all_that_acts(cases, evaluated):
     """Ė = F·V + Σ Q θ̇ + T·ω + R·(v_s + u) − Ẍ·P; of it, friction has f·v_s."""
     for (robot, setting, moment, _, answer), found in zip(cases, evaluated, strict=True):
@@ -173,6 +175,7 @@ def test_the_energy_changes_by_the_power_of_all_that_acts(cases, evaluated):
         assert_same(rate, power, 1e-10)
 
 
+@pytest.mark.thorough
 def test_a_slip_begins_along_its_own_acceleration(cases, evaluated):
     """Where friction cannot hold, and with the friction of this direction, by the other formulation."""
     begun = 0

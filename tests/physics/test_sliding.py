@@ -156,6 +156,7 @@ def test_a_state_with_a_rotation_matrix_slides_alike():
         np.testing.assert_allclose(x, y, atol=1e-14)
 
 
+@pytest.mark.thorough
 def test_ball_on_a_slope_rolls_if_friction_is_more_than_k_over_1_plus_k_of_the_tangent():
     """And slides down with g (sin a − μ cos a) if it is less."""
     a, b = 0.4, 0.7
@@ -203,6 +204,7 @@ def begun(S, R, mu):
     return first, first.sigma[0] * pull[1] - first.sigma[1] * pull[0], friction.margin(R, mu)
 
 
+@pytest.mark.thorough
 def test_a_slip_can_begin_just_where_friction_cannot_hold():
     """At any contact, coupled as it may be: one of the two goes on, and never both."""
     rng, count = np.random.default_rng(45), 500

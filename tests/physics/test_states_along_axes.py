@@ -43,6 +43,7 @@ def agrees(found, expected, within=1e-14):
     np.testing.assert_allclose(found, expected, rtol=0, atol=within)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape", AXES)
 @pytest.mark.parametrize("kind", [BallState, RigidBodyState])
 def test_versors(kind, shape):
@@ -53,6 +54,7 @@ def test_versors(kind, shape):
     agrees(kind(q=3 * q, Omega=state.Omega).projected().q, q)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape", AXES)
 def test_rotation_matrices(shape):
     expected = rotations(versors(shape))
@@ -64,6 +66,7 @@ def test_rotation_matrices(shape):
     agrees(nearby.projected().Lambda, expected)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape", AXES)
 def test_angles_of_disks(shape):
     phi, phidot = random(*shape), random(*shape) + 1
@@ -147,6 +150,7 @@ def test_what_is_of_a_place_refuses_a_state_that_knows_none():
         observe(Ball(mass=1.0, inertia=(0.5, 0.6, 0.7)), jnp.array(0.0), ReducedState())
 
 
+@pytest.mark.thorough
 def test_what_is_of_one_trajectory_refuses_many():
     body, times = FreeRigidBody(inertia=(1.0, 2.0, 3.0)), np.linspace(0.0, 1.0, 4)
     batch = jax.vmap(lambda q: simulate(body, times, RigidBodyState(q=q)))(versors((1,)))  # of one alone, too
@@ -165,6 +169,7 @@ def test_a_batch_is_evaluated_within_vmap():
     assert halfway.Lambda.shape == (2, 3, 3)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "state", [BallState(), RotationState(), ReducedState((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)), DiskState()]
 )

@@ -29,6 +29,7 @@ def test_the_versor_and_its_negative_are_one_orientation(case):
     np.testing.assert_array_equal(turned.q, -rates.q)
 
 
+@pytest.mark.thorough
 def test_a_turn_about_the_vertical_turns_the_motion(case):
     system, t, state, rates = case
     turn = versor.from_axis_angle(jnp.asarray([0.0, 0.0, 1.0]), jnp.asarray(1.1))
@@ -44,6 +45,7 @@ def test_a_turn_about_the_vertical_turns_the_motion(case):
     np.testing.assert_allclose(turned.q, jax.vmap(lambda q: versor.product(turn, q))(rates.q), atol=1e-13)
 
 
+@pytest.mark.thorough
 def test_the_plane_is_the_same_everywhere(case):
     system, t, state, rates = case
     moved = rates_of(system, t, eqx.tree_at(lambda x: x.z, state, state.z + 100.0))

@@ -251,6 +251,7 @@ def test_heights_of_bounces_are_those_of_restitution():
     assert errors[-1] < 0.15 * errors[0]
 
 
+@pytest.mark.thorough
 def test_accumulating_bounces_end_at_rest_in_finite_time():
     """t = √(2h/g) (1 + e)/(1 − e), to a few steps, in which the smallest bounces are left out."""
     e, first = 0.5, 0.5
@@ -260,6 +261,7 @@ def test_accumulating_bounces_end_at_rest_in_finite_time():
     np.testing.assert_allclose(run.height[-1], 0.0, atol=1e-6)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("process", [True, False])
 def test_slow_impacts_have_no_rebound(process):
     """From a height of 1/2 it comes down at 1, is back at 0.7, and stays."""

@@ -67,6 +67,7 @@ def test_a_gif_shows_the_first_and_the_last_pose(disk_film, disk_trajectory, k):
     assert np.max(np.abs(pictures[k] - drawn)) < 90
 
 
+@pytest.mark.thorough
 def test_what_has_moved_on_leaves_nothing_behind(disk_film):
     """Frames are drawn as changes of those before, so a mistake in one would be seen in all that follow."""
     pictures, _ = frames_of(disk_film)
@@ -75,6 +76,7 @@ def test_what_has_moved_on_leaves_nothing_behind(disk_film):
     assert np.count_nonzero(inked) < 0.6 * np.count_nonzero(ever_inked)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("fps", [4, 7, 20, 30])
 def test_a_gif_lasts_as_long_as_it_should(disk_trajectory, tmp_path, fps):
     """Its frames last whole hundredths of a second, and so not all of them the same time."""
@@ -95,6 +97,7 @@ def test_a_gif_is_small(body, request, tmp_path):
         assert path.stat().st_size < A_SECOND_APART * LARGEST / IN_ALL * film.n_frames
 
 
+@pytest.mark.thorough
 def test_frames_differ_where_the_body_moves(disk_film):
     pictures, _ = frames_of(disk_film)
     for before, after in itertools.pairwise(pictures):

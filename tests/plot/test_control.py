@@ -45,6 +45,7 @@ def test_paths_are_those_of_the_loops_and_of_the_motion(track, loops):
         plot.held_paths({})
 
 
+@pytest.mark.thorough
 def test_inputs_are_steps_within_lines_at_their_limits(loops):
     ax = plot.held_inputs(loops)
     steps = {patch.get_label(): patch.get_data() for patch in ax.patches}
@@ -64,6 +65,7 @@ def test_a_map_shows_which_starts_come_back(track):
         plot.basin_map(apart)
 
 
+@pytest.mark.thorough
 def test_an_estimate_shows_normalised_squares_with_their_bounds():
     """Of one error that is four standard deviations large, and of innovations of two readings or of none."""
     count = 3

@@ -33,6 +33,7 @@ def travelled(t):
     return np.where(t <= 0.1, held, np.where(t <= 0.2, falling, after))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("draw", "body", "kind"),
     [
@@ -204,6 +205,7 @@ def test_the_largest_friction_ratio_is_marked(ball_trajectory):
     assert rf"$\mu_{{\min}} = {mark.get_ydata()[0]:.4g}$" in mark.get_label()
 
 
+@pytest.mark.thorough
 def test_a_ball_that_would_leave_the_plane_has_no_ratio_there(bare_trajectory):
     ax = plot.friction_ratio(bare_trajectory)
     lifted = np.asarray(bare_trajectory.observables.normal_force) <= 0

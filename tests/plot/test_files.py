@@ -77,6 +77,7 @@ def test_a_file_says_of_which_run_it_is_in_every_format(suffix, ball_trajectory,
         check_others([path], scenario_mark("another"), "")
 
 
+@pytest.mark.thorough
 def test_text_of_pdf_is_truetype_and_that_of_svg_is_text_if_asked_for(ball_trajectory, tmp_path):
     ax = plot.energies(ball_trajectory)
     for name in ("figure.pdf", "figure.svg"):

@@ -61,6 +61,7 @@ def test_gravity_points_down_on_the_page_and_the_ground_moves(ball_on_a_ground):
         np.testing.assert_allclose((outward[0] + 1j * outward[1]) / np.linalg.norm(outward), turned, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_the_trail_of_a_disk_falls_with_the_slope(disk_on_a_slope):
     figure, show = scene(disk_on_a_slope, record(disk_on_a_slope))
     show(20)
@@ -70,6 +71,7 @@ def test_the_trail_of_a_disk_falls_with_the_slope(disk_on_a_slope):
     np.testing.assert_allclose(trail[-1] - trail[0], distance * np.array([np.cos(ANGLE), -np.sin(ANGLE)]), atol=1e-12)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("run", ["ball_on_a_ground", "disk_on_a_slope"])
 def test_the_texts_of_a_scene_with_a_ground_are_apart(run, request):
     figure, show = scene(request.getfixturevalue(run), record(request.getfixturevalue(run)))

@@ -1,6 +1,7 @@
 """Names are placed where they hide nothing."""
 
 import numpy as np
+import pytest
 from matplotlib.figure import Figure
 
 from jaxball.plot.labels import name_points, places
@@ -66,6 +67,7 @@ def crowded(size, dpi):
     return ax.figure
 
 
+@pytest.mark.thorough
 def test_names_are_placed_anew_when_the_figure_has_another_size():
     figure = crowded((4.0, 4.0), 100)
     assert overlaps(figure) == []

@@ -155,6 +155,7 @@ def test_texts_of_every_scenario_are_apart(name):
             assert overlaps(figure) == [], draw
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", DRAWN)
 def test_texts_of_designs_are_apart(name):
     ax = DRAWN[name]()

@@ -73,6 +73,7 @@ def test_bands_and_lines_are_where_the_modes_are(draw, thrown_trajectory, histor
     assert overlaps(ax.figure) == []
 
 
+@pytest.mark.thorough
 def test_height_is_that_of_a_fall(thrown_trajectory):
     t, h = line_of(plot.height(thrown_trajectory)).T
     falls = t < 1
@@ -132,6 +133,7 @@ def test_one_coefficient_is_one_line(thrown_trajectory):
     assert drawn(plot.friction_ratio(alike), r"$\mu_s = \mu = 0.3$")[0, 1] == 0.3
 
 
+@pytest.mark.thorough
 def test_the_path_has_a_line_for_each_mode_and_marks_at_switches(thrown_trajectory, history):
     ax = plot.centre_path(thrown_trajectory)
     count = int(history.switches.count)

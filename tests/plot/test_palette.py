@@ -53,6 +53,7 @@ def test_lines_of_one_panel_are_told_apart(draw, thrown_trajectory, ball_traject
         assert nearest(looks(draw(run)))[0] > APART
 
 
+@pytest.mark.thorough
 def test_lines_of_one_graph_of_a_view_are_told_apart(thrown_trajectory, ball_trajectory):
     for run in (thrown_trajectory, ball_trajectory):
         for graph in view_document(run)["plots"]:
@@ -78,6 +79,7 @@ def test_lines_that_coincide_on_paper_have_interleaved_dashes(thrown_trajectory)
     assert b.get_zorder() > a.get_zorder()
 
 
+@pytest.mark.thorough
 def test_rounding_is_drawn_as_zero(ball_trajectory):
     from jaxball.plot.over_time import Series, over_time
 

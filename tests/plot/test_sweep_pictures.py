@@ -404,6 +404,7 @@ def test_what_a_study_finds_by_itself_has_a_unit():
     assert [label_of(data, name) for name in data] == ["distance (length)", "largest angular speed (rad/time)", "own"]
 
 
+@pytest.mark.thorough
 def test_the_command_draws_standard_results_of_one_number(command, tmp_path, capsys):
     store(tmp_path, MASSES, engine=pretend)
     assert command("s.zarr", "--out", "figures", "--against", OVER_MASS) == 0
@@ -411,6 +412,7 @@ def test_the_command_draws_standard_results_of_one_number(command, tmp_path, cap
     assert written == [f"slice_{name}_body.mass.png" for name in ("phi", "phidot", "steps", "z")]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [

@@ -71,6 +71,7 @@ def test_nothing_fails_and_nothing_is_asked_for(page):
     assert page.execute_script("return performance.getEntriesByType('resource').length") == 0
 
 
+@pytest.mark.thorough
 def test_a_hostile_title_is_shown_as_it_is(page):
     assert page.execute_script("return document.getElementById('title').textContent") == HOSTILE
     assert page.title.startswith('</script><img src=x onerror="window.hacked = 1"><!-- <script>')
@@ -88,6 +89,7 @@ def test_a_script_that_is_not_jaxballs_does_not_run(page):
     assert "violates the following Content Security Policy" in page.get_log("browser")[0]["message"]
 
 
+@pytest.mark.thorough
 def test_the_scene_shows_the_pose_of_the_run(page, ball_trajectory):
     seen = ball_trajectory.observables
     for k in (0, 7, 20):
@@ -158,6 +160,7 @@ def test_graphs_follow_and_lead_the_time(page):
     assert time(page) == 20.0
 
 
+@pytest.mark.thorough
 def test_coloured_numbers_can_be_read_on_light_and_dark(page):
     """The contrast that WCAG asks for, AA, of every text beside a graph and in the scene."""
     for _ in range(2):
@@ -210,6 +213,7 @@ def test_graphs_and_the_scene_have_roles_and_keys(page):
     np.testing.assert_array_equal(picture(page), before)
 
 
+@pytest.mark.thorough
 def test_keys_step_and_play(page):
     body = page.find_element(By.TAG_NAME, "body")
     body.send_keys(Keys.ARROW_RIGHT * 3, Keys.ARROW_LEFT)

@@ -66,6 +66,7 @@ def test_the_half_axes_are_those_of_the_ellipse_of_95_percent():
     np.testing.assert_allclose(half_axes(np.array([[[0.25]]]))[0], [[0.5 * 1.959963984540054, 0, 0], [0, 0, 0]])
 
 
+@pytest.mark.thorough
 def test_graphs_show_deviations_and_innovations_with_their_bounds(run):
     """Deviations are those of the history. Bounds are the quantiles of as many squared normal numbers as are read."""
     estimate = dataclasses.replace(

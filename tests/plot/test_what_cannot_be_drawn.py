@@ -21,6 +21,7 @@ FIGURES = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("draw", FIGURES)
 def test_rows_that_are_not_finite_are_not_drawn(draw, failed_trajectory, ball_trajectory):
     some, whole = draw(failed_trajectory), draw(ball_trajectory)
@@ -50,6 +51,7 @@ def test_a_reduced_trajectory_is_refused_in_a_sentence(draw, reduced_trajectory)
         draw(reduced_trajectory)
 
 
+@pytest.mark.thorough
 def test_a_refused_trajectory_leaves_no_file(reduced_trajectory, tmp_path):
     with pytest.raises(ValueError, match="need the full state"):
         plot.figures(reduced_trajectory, tmp_path / "figures")

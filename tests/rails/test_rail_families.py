@@ -77,6 +77,7 @@ def symbolic(formula):
     return found
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("family", sorted(FAMILIES))
 def test_a_rail_and_its_derivatives_are_those_of_its_formula(family):
     """Rounding of sines and of sums of a few terms: 1e-13."""
@@ -134,6 +135,7 @@ def test_a_closed_rail_repeats_itself_after_its_period(index, theta):
         np.testing.assert_allclose(later, now, atol=scaled(1e-11))
 
 
+@pytest.mark.thorough
 @differences_need_float64
 @given(st.sampled_from(range(len(EVERY))), angles)
 def test_slopes_are_those_of_chords(index, theta):

@@ -60,6 +60,7 @@ def test_the_counterpart_of_ode45_solves_the_disk(comparison):
     assert 0 < row.measurement.error <= 1e-11
 
 
+@pytest.mark.thorough
 def test_printed_table_is_aligned(comparison):
     _, lines, _ = comparison
     assert lines[0].startswith("Measuring 1 row, ")
@@ -68,11 +69,13 @@ def test_printed_table_is_aligned(comparison):
     assert all(len(line) <= 120 for line in lines[3].splitlines())
 
 
+@pytest.mark.thorough
 def test_last_line_states_the_largest_error(comparison):
     _, lines, (row,) = comparison
     assert lines[-1].endswith(f"the largest error of all counterparts is {row.measurement.error:.1e} for the disk.")
 
 
+@pytest.mark.thorough
 def test_it_says_what_the_authors_did_not_publish_and_where_their_times_are_from(comparison):
     out, lines, _ = comparison
     for text in (lines[3], (out / "solvers.md").read_text(encoding="utf-8")):
@@ -81,6 +84,7 @@ def test_it_says_what_the_authors_did_not_publish_and_where_their_times_are_from
         assert "on a machine that is not named. So it cannot be compared directly with the times here" in words
 
 
+@pytest.mark.thorough
 def test_markdown_has_the_same_row(comparison):
     out, lines, _ = comparison
     table = (out / "solvers.md").read_text(encoding="utf-8").splitlines()[:4]
@@ -90,6 +94,7 @@ def test_markdown_has_the_same_row(comparison):
     assert table[3] == ""
 
 
+@pytest.mark.thorough
 def test_json_has_every_number_and_where_the_times_are_from(comparison):
     out, _, (row,) = comparison
     content = json.loads((out / "solvers.json").read_text(encoding="utf-8"))

@@ -17,6 +17,7 @@ def decay(t, y, args):
     return -y
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("solver", "count"),
     [

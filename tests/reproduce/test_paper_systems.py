@@ -13,6 +13,7 @@ from jaxball.scenario import load_scenario
 START = jnp.asarray(0.0)
 
 
+@pytest.mark.thorough
 def test_the_balls_mass_is_nearly_above_its_centre():
     """Section 5; θ_a is rounded to four digits, which leaves Σ m χ off the axis by some 1e-5."""
     seen = jax.jit(observe)(paper.ball(), START, jaxball.BallState())
@@ -21,6 +22,7 @@ def test_the_balls_mass_is_nearly_above_its_centre():
     np.testing.assert_allclose(seen.energy, 0.68321332, rtol=0, atol=6e-9)
 
 
+@pytest.mark.thorough
 def test_the_disks_masses_hang_below_its_centre():
     """Section 4; the heights are -.9, -.63..., -.36... and -.1."""
     seen = jax.jit(observe)(paper.disk(), START, jaxball.DiskState())

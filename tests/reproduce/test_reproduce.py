@@ -40,6 +40,7 @@ def test_evaluations_are_those_of_the_tableau(reproduction):
     assert 1 + 6 * steps + kinks <= row.evaluations <= 1 + 6 * steps + kinks + row.rejected
 
 
+@pytest.mark.thorough
 def test_markdown_has_a_row_for_each_solver(reproduction):
     out, _, (row,) = reproduction
     lines = (out / "table.md").read_text(encoding="utf-8").splitlines()
@@ -56,6 +57,7 @@ def test_markdown_has_a_row_for_each_solver(reproduction):
     assert lines[3] == ""
 
 
+@pytest.mark.thorough
 def test_json_has_every_number_and_the_versions(reproduction):
     out, _, (row,) = reproduction
     content = json.loads((out / "table.json").read_text(encoding="utf-8"))
@@ -63,6 +65,7 @@ def test_json_has_every_number_and_the_versions(reproduction):
     assert {"python", "jaxball", "diffrax", "jax"} <= content["versions"].keys()
 
 
+@pytest.mark.thorough
 def test_printed_table_is_aligned(reproduction):
     _, lines, _ = reproduction
     heading, rule = lines[0].splitlines()
@@ -70,12 +73,14 @@ def test_printed_table_is_aligned(reproduction):
     assert len(rule) <= 110
 
 
+@pytest.mark.thorough
 def test_last_line_states_the_largest_error(reproduction):
     _, lines, (row,) = reproduction
     assert lines[-1].strip().startswith("Agreement with the paper's runs:")
     assert lines[-1].endswith(f"of Dopri5 is {row.error:.1e} for the disk.")
 
 
+@pytest.mark.thorough
 def test_figures_are_named_by_the_paper_s_labels(reproduction):
     out, _, _ = reproduction
     for label in LABELS:

@@ -75,6 +75,7 @@ def test_a_data_set_says_what_its_numbers_stand_for(disk, tmp_path):
         assert data.attrs["contact_switches"] == count
 
 
+@pytest.mark.thorough
 def test_every_quantity_of_a_history_is_described(disk):
     """And nothing else is; a run without modes has none."""
     assert disk.history.over_time.keys() == HISTORY.keys()
@@ -83,6 +84,7 @@ def test_every_quantity_of_a_history_is_described(disk):
     assert (rolling.over_time, rolling.coefficients) == ({}, {})
 
 
+@pytest.mark.thorough
 def test_a_table_has_the_modes(disk, tmp_path):
     data = np.genfromtxt(disk.save(tmp_path / "run.csv"), delimiter=",", names=True, deletechars="")
     np.testing.assert_array_equal(data["mode"], disk.contact.mode)
@@ -122,6 +124,7 @@ def test_a_run_without_a_law_has_no_contact(tmp_path):
     assert "mode" not in run.to_dataset()
 
 
+@pytest.mark.thorough
 def test_a_file_with_names_of_an_earlier_version_is_read_with_a_warning(disk, tmp_path):
     older = {"rejected": "rejected_steps", "friction_loss": "rubbed", "impact_loss": "struck"}
     with np.load(disk.save(tmp_path / "run.npz")) as saved:

@@ -68,6 +68,7 @@ def test_a_classical_system_and_its_laws(tmp_path):
     assert isinstance(run.plot(), Figure)
 
 
+@pytest.mark.thorough
 def test_the_scenario_of_a_run_can_be_simulated_again(ball, tmp_path):
     scenario, trajectory = ball
     path = jaxball.save(trajectory, tmp_path / "run.npz", scenario)
@@ -106,6 +107,7 @@ def test_a_run_of_a_scenario_saves_its_title_and_settings(tmp_path, suffix):
     assert "A disk" in run.view().html
 
 
+@pytest.mark.thorough
 def test_what_a_transformation_returns_has_no_scenario():
     run = read_scenario(DISK).simulate()
     assert run.scenario is not None
@@ -146,6 +148,7 @@ def test_figures_in_other_formats(disk_trajectory, tmp_path, monkeypatch):
     assert b"<svg" in paths[1].read_bytes()
 
 
+@pytest.mark.thorough
 def test_sentences(ball, tmp_path):
     scenario, trajectory = ball
     good = jaxball.save(trajectory, tmp_path / "run.npz", scenario)

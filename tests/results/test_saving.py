@@ -53,6 +53,7 @@ def test_netcdf(ball, tmp_path):
         assert data.attrs["jaxball_version"]
 
 
+@pytest.mark.thorough
 def test_npz(ball, tmp_path):
     scenario, trajectory = ball
     with np.load(save(trajectory, tmp_path / "run.npz", scenario)) as data:
@@ -62,6 +63,7 @@ def test_npz(ball, tmp_path):
         assert int(data["ok"]) == 1
 
 
+@pytest.mark.thorough
 def test_csv(ball, tmp_path):
     _, trajectory = ball
     path = save(trajectory, tmp_path / "run.csv")
@@ -76,6 +78,7 @@ def test_csv(ball, tmp_path):
     assert np.genfromtxt(path, delimiter=",", names=True)["time"].shape == (5,)
 
 
+@pytest.mark.thorough
 def test_runs_and_studies_count_alike(ball, tmp_path):
     """A store of one row, filled with the states of a run, has that run's coordinates, entries and columns."""
     scenario, trajectory = ball
@@ -185,6 +188,7 @@ def test_reduced_trajectory_has_its_state_only():
     assert set(data.data_vars) == {"Omega", "Gamma"}
 
 
+@pytest.mark.thorough
 def test_failure_leaves_the_file_as_it_was(ball, tmp_path, monkeypatch):
     _, trajectory = ball
     path = tmp_path / "run.csv"
@@ -201,6 +205,7 @@ def test_failure_leaves_the_file_as_it_was(ball, tmp_path, monkeypatch):
     assert [item.name for item in tmp_path.iterdir()] == ["run.csv"]
 
 
+@pytest.mark.thorough
 def test_sentences_of_destinations(ball, tmp_path):
     _, trajectory = ball
     cases = {

@@ -234,6 +234,7 @@ RUNS = {
 CASES = RAILS | MOTIONS | RUNS
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("text", "sentence"), CASES.values(), ids=CASES.keys())
 def test_sentence(text, sentence):
     with pytest.raises(ScenarioError) as caught:

@@ -138,6 +138,7 @@ def changed(old, new):
     return UNDER_FEEDBACK.replace(old, new)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [

@@ -206,6 +206,7 @@ CLASSES = (
 )
 
 
+@pytest.mark.thorough
 def test_objectives_and_constraints_of_classes_of_a_file_are_those_of_functions(module):
     """Their fields are the keys of their tables; a static one, left out here, is an integer and stays one."""
     ours, theirs = (design.read_problem(text).problem for text in (CLASSES, PROBLEM))

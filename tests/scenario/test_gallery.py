@@ -177,6 +177,7 @@ def test_roboball_2_swings_until_friction_holds_both_joints():
     assert np.abs(seen.joint_efforts[stuck]).max() < 0.7
 
 
+@pytest.mark.thorough
 def test_spokes_keep_the_momentum_of_a_balanced_ball():
     """(J + M r²) ω_h and J ω₃ stay, with J = 0.4 + 4/3 θ² of the four masses of 0.5 at θ from the centre."""
     trajectory, times, seen = run("spokes")

@@ -102,6 +102,7 @@ def test_saved_runs_have_what_was_read(robot, suffix, tmp_path):
     assert list(saved_scenario(path).sensors) == list(IN_PYTHON)
 
 
+@pytest.mark.thorough
 def test_sensors_may_be_given_beside_a_run_without_a_scenario(robot, tmp_path):
     _, run = robot
     data = jaxball.to_dataset(run, sensors={"felt": Accelerometer()})
@@ -111,6 +112,7 @@ def test_sensors_may_be_given_beside_a_run_without_a_scenario(robot, tmp_path):
     assert repr(saved_scenario(path).sensors) == repr({"felt": Accelerometer()})
 
 
+@pytest.mark.thorough
 def test_each_sensor_has_a_panel_with_what_it_read(robot, tmp_path):
     scenario, run = robot
     figure = plot.measurements(run, scenario.sensors)
@@ -147,6 +149,7 @@ def test_what_is_no_sensor_is_told(old, new, words):
         read_scenario(ROBOT.replace(old, new, 1))
 
 
+@pytest.mark.thorough
 def test_a_scenario_may_get_sensors_in_python(robot):
     scenario, _ = robot
     other = dataclasses.replace(scenario, sensors={"gyro": Gyroscope()})

@@ -58,6 +58,7 @@ def test_its_extremes_are_those_of_the_table(amplitude):
         np.testing.assert_allclose(ended.reached, lifted, rtol=1e-8)
 
 
+@pytest.mark.thorough
 def test_verify_says_whether_the_table_holds_it():
     rows = [verify(ShakenRoller(a), [0.6, 1.6], laws=["contact"])["contact"] for a in (AMPLITUDE, 0.5)]
     assert [row.ok for row in rows] == [True, False]

@@ -34,6 +34,7 @@ def derivatives_of_powers(x, n):
     return n * x ** (n - 1), np.where(k < n, k * x ** np.maximum(k - 1.0, 0.0), 0.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("rows", [None, 1, 2, 3, 5, 11, 16])
 @pytest.mark.parametrize("n", [0, 1, 2, 7, STEPS, ROOM])
 def test_steps_without_a_row_are_taken_again(rows, n):
@@ -70,6 +71,7 @@ def test_more_steps_than_there_may_be_are_not_taken():
     assert powers(jnp.asarray(2.0), 100)[0] == 2.0**ROOM
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("reverse", [False, True])
 def test_rows_of_a_series(reverse):
     """sin(k x) for all k below n, of a batch of n."""

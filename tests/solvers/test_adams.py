@@ -74,6 +74,7 @@ class TestDetest:
         solve(detest.field, detest.END, y0, controller, solver, args=detest.NAMES.index(name))
         assert self.run(name, 1e-10)[1] < 0.8 * counter.read()
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize("name", detest.NAMES)
     def test_agrees_with_lsoda(self, name):
         """Orbits that come near to their centre multiply errors by some thousands."""

@@ -91,6 +91,7 @@ class TestClosedSolutions:
         np.testing.assert_allclose(solution.ys["z"], np.where(t < 1.0, y, 2.0 * y), rtol=0, atol=2e-10)
         np.testing.assert_allclose(solution.ys["y"][-1], y[-1], rtol=0, atol=1e-11)
 
+    @pytest.mark.thorough
     def test_steps_to_the_jump_spare_the_search_for_it(self):
         stepped, searched = balanced(jnp.asarray([1.0])), balanced(jnp.asarray([-1.0]))
         np.testing.assert_allclose(at_end(searched)["y"], np.exp(-3.0), rtol=0, atol=1e-9)

@@ -49,12 +49,14 @@ def test_estimate_is_the_power_of_the_step_that_it_says(solver, shortest):
     assert observed_order(lengths, estimates) == pytest.approx(solver.error_order(ODE), abs=0.4)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("solver", [EMBEDDED_3, EMBEDDED_5, EMBEDDED_7, EMBEDDED_GAUSS, TAIL_4, TAIL_8])
 def test_embedded_error_and_tail_bound_the_error_throughout_the_step(solver):
     for error in errors(solver, 2.0 ** -np.arange(2, 6)):
         assert error.estimate > 1.5 * error.dense
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("solver", "lengths"), [(STEP_4, [0.0625, 0.125, 0.25]), (STEP_8, [0.5, 0.55, 0.6])])
 def test_step_error_bounds_the_error_at_the_end_of_the_step(solver, lengths):
     for error in errors(solver, lengths):

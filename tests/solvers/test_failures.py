@@ -108,6 +108,7 @@ class TestAdaptiveSteps:
         np.testing.assert_allclose(reached, 0.5, atol=1e-6)
         np.testing.assert_allclose(x, np.exp(-0.5), atol=1e-5)
 
+    @pytest.mark.thorough
     def test_solution_that_leaves_the_fields_domain(self, solver):
         reached, x, sentence = failed(solver, "leaves its domain")
         assert NOT_FINITE in sentence
@@ -153,6 +154,7 @@ class TestConstantSteps:
             assert sentence in explain(result)
             assert t <= reached
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize("make", [RadauIIA, Gauss, TRBDF2])
     def test_fixed_point_iteration(self, make):
         solver = make(root_finder=FixedPoint(**self.tolerances))
@@ -293,6 +295,7 @@ class TestWrongArguments:
         with pytest.raises(TypeError, match=r"`y0` must be real.*complex128.*real and imaginary parts"):
             solve_once(term, solver, jnp.asarray([1.0 + 1.0j]))
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize("solver", [RadauIIA(3), Gauss(8), Trapezoidal(), TRBDF2()])
     @pytest.mark.parametrize("kind", ["vector noise", "scalar noise", "drift and noise"])
     @pytest.mark.filterwarnings("ignore:.*not marked as converging")

@@ -145,6 +145,7 @@ def test_projection_keeps_the_order(solver):
     assert after[-1] < 1.1 * errors(solver, steps)[-1]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("solver", PROJECTED)
 def test_projected_dense_output_is_on_the_sphere_and_keeps_its_order(solver):
     projected, steps = solvers.Projected(solver, normalised), np.array([320, 480, 640])

@@ -137,6 +137,7 @@ def test_as_accurate_as_diffrax_in_no_more_steps(kinks):
     assert steps <= steps_of_diffrax + 1
 
 
+@pytest.mark.thorough
 def test_far_fewer_steps_than_without():
     _, steps = measure(to_kinks, WITHIN)
     _, steps_without = measure(plain, WITHIN)
@@ -178,6 +179,7 @@ def test_run_that_ends_next_to_a_kink(offset, start):
     assert error < 1e-9
 
 
+@pytest.mark.thorough
 def test_kink_at_time_zero():
     shift = 1.7
     _, steps = measure(to_kinks, WITHIN, START, END)

@@ -47,6 +47,7 @@ def stepped(kappa, order, solution, length):
     return polynomial_step(kappa, state, *times, jnp.asarray(solution(PAST[:1])), jnp.asarray(slope)), rounding
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kappa", KAPPAS)
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("length", [0.1, 0.17, 0.03])
@@ -113,6 +114,7 @@ def parts(z):
     return np.stack([np.real(z), np.imag(z)], axis=-1)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kappa", KAPPAS)
 @pytest.mark.parametrize("order", ORDERS)
 def test_geometric_sequences_solve_the_formula(kappa, order):

@@ -67,6 +67,7 @@ def test_local_error_of_gauss_with_12_stages_has_order_25(drive):
     assert observed_order(lengths, errors) == pytest.approx(2 * 12 + 1, abs=0.9)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("solver", "steps"),
     [
@@ -101,6 +102,7 @@ def test_hermite_cubic_is_the_cubic_with_its_values_and_slopes():
     np.testing.assert_allclose(between.evaluate(ends[0], jnp.asarray(1.1)), cubic(1.1) - cubic(t0), rtol=1e-14)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("components", [[0], [1, 2]], ids=["algebraic", "differential"])
 @pytest.mark.parametrize("solver", [TRAPEZOIDAL, TR_BDF2], ids=["trapezoidal rule", "TR-BDF2"])
 def test_methods_of_order_two_have_it_in_algebraic_variables_too(solver, components):

@@ -95,6 +95,7 @@ def test_stability_function_is_the_known_rational_function(solver, function):
     np.testing.assert_allclose(amplification(solver), exactly(function, Z), rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("solver", "function"), METHODS)
 def test_a_stable(solver, function):
     assert np.all(np.abs(amplification(solver)[IN_THE_LEFT]) <= 1 + ROUNDING)

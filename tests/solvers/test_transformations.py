@@ -156,6 +156,7 @@ class TestSaving:
         np.testing.assert_allclose(ys["place"][:, 0], np.cos(self.times), rtol=0, atol=bound)
         np.testing.assert_allclose(ys["rate"][0][:, 0], -np.sin(self.times), rtol=0, atol=bound)
 
+    @pytest.mark.thorough
     def test_at_each_step(self, name):
         _, _, bound, *_ = SOLVERS[name]
         ts, ys = self.solution(name).ts[1], self.solution(name).ys[1]
@@ -166,6 +167,7 @@ class TestSaving:
         np.testing.assert_allclose(ys["place"][taken, 0], np.cos(t), rtol=0, atol=bound)
         np.testing.assert_allclose(ys["rate"][0][taken, 0], -np.sin(t), rtol=0, atol=bound)
 
+    @pytest.mark.thorough
     def test_between_the_steps(self, name):
         *_, bound, slope_bound = SOLVERS[name]
         t, solution = np.linspace(-1.0, 2.0, 301), self.solution(name)
@@ -306,6 +308,7 @@ def test_a_solver_is_compiled_once():
     assert len(traced) == 1
 
 
+@pytest.mark.thorough
 def test_a_norm_may_be_of_a_part_of_the_state():
     """The norm of a controller takes a state, and is asked for no more than that by the iterations of stages."""
 

@@ -29,6 +29,7 @@ def test_a_disk_rocks_about_its_rest():
     np.testing.assert_allclose(np.max(motion.eigenvalues.imag) ** 2, squared_frequency(), rtol=1e-12)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("resistance", [None, jaxball.Resistance(rolling=0.1, spinning=0.1)], ids=["free", "slowed"])
 def test_a_ball_rocks_about_its_rest(resistance):
     shell = {"mass": 1.0, "inertia": (0.6, INERTIA, 0.7), "offset": (0.0, 0.0, -EXCENTRIC), "resistance": resistance}

@@ -273,6 +273,7 @@ def test_what_is_not_found_is_said():
     assert "no body can have these parameters" in impossible.message
 
 
+@pytest.mark.thorough
 def test_wrong_arguments():
     disk = jaxball.Disk(mass=1.0, inertia=DISK, offset=(0.0, 0.0, -LOW))
     with pytest.raises(ValueError, match="`period` must be a positive time, but it is -1"):

@@ -75,6 +75,7 @@ def test_extremes_of_the_contact_force_are_those_of_single_runs(tmp_path):
     assert np.all(np.isnan(frame["friction_needed"][frame["status"] != 0]))
 
 
+@pytest.mark.thorough
 def test_a_row_that_no_body_can_have_is_a_status_and_no_number(disks, data):
     bad = np.setdiff1d(np.arange(12), possible(data))
     assert np.all(data["status"][bad] == Status.IMPOSSIBLE)
@@ -87,6 +88,7 @@ def test_a_row_that_no_body_can_have_is_a_status_and_no_number(disks, data):
     assert "Key `masses[0].rail` must be a curve inside the shell of radius 1" in lines
 
 
+@pytest.mark.thorough
 def test_the_data_set_describes_itself(disks, data):
     assert dict(data.sizes) == {"row": 12, "save": 5}
     assert list(data["row"]) == list(range(12))
@@ -99,6 +101,7 @@ def test_the_data_set_describes_itself(disks, data):
     assert "3 IMPOSSIBLE" in data.attrs["statuses"]
 
 
+@pytest.mark.thorough
 def test_the_table_has_the_ends_of_the_runs(disks, data):
     frame = pandas.read_parquet(disks[1].table)
     assert len(frame) == 12

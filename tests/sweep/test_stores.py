@@ -102,6 +102,7 @@ def test_a_disk_that_fills_up_leaves_what_was_done(tmp_path, whole, monkeypatch)
     assert files(store) == whole
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("changes", "what"),
     [
@@ -201,6 +202,7 @@ def test_rows_whose_files_something_else_changed_are_named_and_computed_again(tm
     assert files(outcome.store) == before
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", OF_ROWS)
 def test_numbers_that_something_else_changed_are_found_by_their_checksum(tmp_path, name):
     found = study(tmp_path, settings='chunk = 4\nsave = "times"')
@@ -286,6 +288,7 @@ LOST = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", LOST.values(), ids=LOST)
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
 def test_no_file_of_a_store_is_lost_in_silence(tmp_path, name, change):

@@ -43,6 +43,7 @@ def test_a_chaotic_run_that_is_too_long_is_not_resolved(end, resolved):
     assert ("FAILS" in row.verdict) is not resolved
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("tolerance", [1e-3, 0.01])
 def test_a_loose_run_is_compared_with_a_tighter_one(tolerance):
     row = verify(Lorenz(), [0.0, 1.0], rtol=tolerance, atol=tolerance, laws=["convergence"])["convergence"]

@@ -62,6 +62,7 @@ def test_a_report_is_plain_data():
     assert content["trust"]["growth"] > 1
 
 
+@pytest.mark.thorough
 def test_jellett_and_routh_do_not_apply_where_the_moments_differ_and_do_change():
     report = verify(sphere(inertia=(0.4, 0.5, 0.5)), laws=INTEGRALS)
     assert report.ok

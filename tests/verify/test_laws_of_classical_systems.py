@@ -29,6 +29,7 @@ def test_a_particle_keeps_its_laws_and_its_closed_form():
     ]  # fmt: skip
 
 
+@pytest.mark.thorough
 def test_the_growth_of_deviations_is_at_most_that_of_the_closed_form():
     """The largest derivative of the state at any of the times with respect to one at the start, by the exact flow."""
     system = classical.NonholonomicParticle()

@@ -11,6 +11,7 @@ from jaxtyping import Array, Int
 from .. import native
 from ..interface.status import Status
 from ..numerics import programs
+from ..numerics.closures import put_captures, take_captures
 from ..numerics.differentiation import with_unknown_derivatives
 from ..simulation.observers import Found, Observation
 from ..simulation.simulate import Method, simulated_and_found
@@ -62,8 +63,9 @@ def solved(settings: Settings, shared: Sequence[bool], parameters: Any, *others:
 
 
 def _program(settings: Settings) -> Any:
+    opened, captures = take_captures(settings, local=True)  # so that a quantity that is written anew is known again
     try:
-        return _compiled(settings)
+        return _compiled(settings if captures else opened)
     except TypeError:  # a solver that carries arrays has no hash
         return functools.partial(_run_filtered, settings)
 
@@ -85,6 +87,7 @@ def _run(
     settings: Settings, system: Any, state: Any, times: Array, rtol: Array, atol: Array, events: Any
 ) -> tuple[Ends, dict[str, Array]]:
     """One of the runs."""
+    settings = put_captures(settings, [])
     method = settings.method._replace(observation=_observation(settings.reductions))
     fields, found = simulated_and_found(method, system, times, state, rtol, atol, events)
     run = Trajectory.of(system.shown, times, *fields[:-1], state, fields[-1])

@@ -37,8 +37,8 @@ class Observed(NamedTuple):
 class AbstractReduction(Printed):
     """A number derived from a quantity over a run.
 
-    ``quantity(system, t, state)`` is compiled into programs, so pass the same function each time: a new lambda compiles
-    again. An implementer supplies ``quantity``, a static field or a method, ``result``, and what ``result`` needs:
+    ``quantity(system, t, state)`` is compiled into programs; a lambda that is written anew is known again if it uses
+    numbers and parts of JAX alone, as is that of an event. An implementer supplies ``quantity``, a static field or a method, ``result``, and what ``result`` needs:
 
     - ``signs``: the factors of the quantity in the searches for its largest value, one per search: 1 for a maximum, −1
       for a minimum.
