@@ -89,6 +89,7 @@ def test_a_chaplygin_top_is_chaotic_and_keeps_two_zeros():
     assert abs(exponents[0] + exponents[4]) < 4 * (error[0] + error[4])
 
 
+@pytest.mark.thorough
 def test_parameters_that_cannot_be_are_a_status():
     found = lyapunov_spectrum(jaxball.Ball(mass=-1.0, inertia=(0.5, 0.6, 0.8)), (0.0, 80.0), transient=40.0)
     assert not found.ok

@@ -77,6 +77,7 @@ def test_an_oblique_landing_slips_or_sticks(mu):
     require_at_rest_on_the_plane(run, after, omega, Mode.ROLLING if sticks else Mode.SLIDING)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("mu", [0.1, 0.5])
 def test_a_ball_bounces_once_and_flies_away(mu):
     after, omega, _ = after_impact(mu, 0.5)

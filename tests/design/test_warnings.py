@@ -83,5 +83,6 @@ def test_a_gradient_that_is_not_finite_is_told():
     assert "The gradient at the best design is not finite" in told(np.nan, 1e-6)[-1]
 
 
+@pytest.mark.thorough
 def test_constraints_that_hold_are_not_told():
     assert not any("violates" in warning for warning in told(1e-9, 0.6))

@@ -212,6 +212,7 @@ def assert_possible(rows, many):
     assert all(np.all(part > -1e-8) for part in taken)
 
 
+@pytest.mark.thorough
 def test_no_row_does_what_no_body_can():
     assert_possible(*random_ensemble())
 

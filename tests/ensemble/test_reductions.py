@@ -86,6 +86,7 @@ def test_the_largest_angular_speed_is_that_at_the_bottom(found, trajectories):
         assert fine - 1e-7 <= found["largest_angular_speed"][k] < fine + 1e-6
 
 
+@pytest.mark.thorough
 def test_a_run_that_cannot_start_finds_nothing():
     system, state = disks(MASSES)
     system.mass[1] = -1.0

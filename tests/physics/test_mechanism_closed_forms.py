@@ -224,6 +224,7 @@ class TestSphericalPendulum:
         np.testing.assert_allclose(plane(rho), plane(rho)[0] * turned, atol=1e-11)
         np.testing.assert_allclose(rho[:, 2], -l * np.cos(a), atol=1e-11)
 
+    @pytest.mark.thorough
     def test_an_accelerating_ground_is_a_tilted_one(self):
         """Ẍ constant is felt as −**g** is: in direction, and in strength."""
         steady = np.array([0.3, -0.4, 0.5])
@@ -385,6 +386,7 @@ class TestRotors:
         spinning = {**STILL, "thetadot": np.array([2.0, -3.0, 1.0])}
         return axes, run(unbalanced, jaxball.BallState(Omega=(0.3, 0.5, -0.7), **spinning), 6.0)
 
+    @pytest.mark.thorough
     def test_anywhere_its_momentum_changes_by_the_motor_alone(self):
         """C (n·Ω + θ̇)˙ = Q, in an unbalanced ball."""
         axes, done = self.anywhere()

@@ -114,6 +114,7 @@ def test_accelerating_axes_are_a_change_of_gravity(solve):
         assert_same(solve(robot, tilted, moment), solve(robot, setting, moment))
 
 
+@pytest.mark.thorough
 @by_each
 def test_power_is_the_rate_of_the_energy(solve):
     """Ė = F·ż + Σ Q θ̇ + T·ω + f·u, by central differences over 1e-5, whose error is about 1e-10."""

@@ -111,6 +111,7 @@ def test_each_frame_shows_the_nearest_saved_time():
     np.testing.assert_array_equal(frames(times[:1], 0.1), [0])
 
 
+@pytest.mark.thorough
 def test_a_picture_is_the_one_that_is_drawn_at_once(ball_trajectory):
     """Drawing only what moves gives what drawing everything does."""
     at_once, apart = (scene(ball_trajectory, record(ball_trajectory)) for _ in range(2))

@@ -81,6 +81,7 @@ def test_height_is_that_of_a_fall(thrown_trajectory):
     assert h[-1] == 0.0
 
 
+@pytest.mark.thorough
 def test_impacts_are_upright_and_reach_the_plane(thrown_trajectory, history):
     """At t = 1 it falls at the speed 1 and rebounds at 0.6; friction turns it, and h is 0 on both sides."""
     t, h = line_of(plot.height(thrown_trajectory)).T
@@ -94,6 +95,7 @@ def test_impacts_are_upright_and_reach_the_plane(thrown_trajectory, history):
     np.testing.assert_allclose(before - after, history.switches.lost[0], rtol=1e-6)
 
 
+@pytest.mark.thorough
 def test_slip_speed_is_that_of_the_throw(thrown_trajectory, landed):
     """v_s = V − r ω × e3 = (2 + 8, ½) while nothing touches the ball, and 0 at the end."""
     t, speed = line_of(plot.slip_speed(thrown_trajectory)).T
@@ -110,6 +112,7 @@ def test_what_friction_and_impacts_took_is_what_is_missing(thrown_trajectory):
     assert impact_loss[-1] > 1
 
 
+@pytest.mark.thorough
 def test_friction_is_that_of_the_law(thrown_trajectory, landed):
     """|f| = μ N where the ball slides, none where it rolls on a level, and nothing is drawn of flight."""
     ax = plot.friction_ratio(thrown_trajectory)
@@ -157,6 +160,7 @@ def test_a_piece_has_a_break_where_another_mode_is_between(thrown_trajectory):
     np.testing.assert_array_equal(times, [0.0, 1.0, 1.0, 2.0, 3.0, 3.0])
 
 
+@pytest.mark.thorough
 def test_modes_after_the_last_switch_that_is_kept_are_those_of_the_saved_times(thrown_trajectory, landed):
     few = Contact(0.3, 0.35, 0.6, 0.05, room=2)
     switches = jax.tree.map(lambda leaf: leaf[:2] if leaf.ndim else leaf, thrown_trajectory.contact.switches)
@@ -187,6 +191,7 @@ def test_a_run_without_a_law_has_no_slip_to_draw(ball_trajectory):
             draw(ball_trajectory)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("k", "word"), [(5, "flight"), (60, "sliding"), (110, "rolling")])
 def test_a_scene_shows_the_ball_over_its_shadow(thrown_trajectory, history, k, word):
     """At t = ½ the ball is at (1, ¼), and ½ − ⅛ high."""
@@ -214,6 +219,7 @@ def document(thrown_trajectory):
     return view_document(thrown_trajectory)
 
 
+@pytest.mark.thorough
 def test_a_view_has_the_modes_and_the_coefficients(document, history, landed):
     (body,) = document["bodies"]
     assert body["spells"] == [["flight", 0.0, landed[0]], ["sliding", *landed], ["rolling", landed[1], 11.0]]
@@ -225,6 +231,7 @@ def test_a_view_has_the_modes_and_the_coefficients(document, history, landed):
     assert [one["name"] for one in graphs["Energies"]["series"]] == ["T", "V", "E", "to friction", "to impacts"]
 
 
+@pytest.mark.thorough
 def test_a_view_has_the_height_and_the_momentum_of_what_slips(thrown_trajectory, document, history):
     """Π of a homogeneous ball on a level is that of the throw, 0.4 ω + e3 × V: no force has a torque about the point.
 

@@ -61,6 +61,7 @@ def test_lines_of_one_graph_of_a_view_are_told_apart(thrown_trajectory, ball_tra
             assert nearest(lines)[0] > APART, graph["title"]
 
 
+@pytest.mark.thorough
 def test_a_view_has_the_looks_of_the_figures(thrown_trajectory):
     energies = {one["name"]: one["colour"] for one in view_document(thrown_trajectory)["plots"][0]["series"]}
     figure = {line.get_label(): line.get_color() for line in plot.energies(thrown_trajectory).lines}

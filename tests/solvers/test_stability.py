@@ -101,6 +101,7 @@ def test_a_stable(solver, function):
     assert np.all(np.abs(amplification(solver)[IN_THE_LEFT]) <= 1 + ROUNDING)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("solver", "function"), L_STABLE)
 def test_l_stable(solver, function):
     """|R| falls as 1/|z|, because the degree of its denominator is greater by one."""
@@ -109,6 +110,7 @@ def test_l_stable(solver, function):
     np.testing.assert_allclose(np.abs(amplification(solver)[stiff] * Z[stiff]), leading, rtol=1e-2, atol=1e-4)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("solver", "function"), SYMMETRIC)
 def test_symmetric_methods_neither_damp_nor_amplify_oscillations(solver, function):
     imaginary = amplification(solver)[ON_THE_AXIS]

@@ -74,6 +74,7 @@ def test_jellett_and_routh_do_not_apply_where_the_moments_differ_and_do_change()
     assert report["jellett-rate"].residual < 1e-8
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("inertia", "direction"), [((0.5, 0.4, 0.4), (1, 0, 0)), ((0.4, 0.5, 0.4), (0, -1, 0)), ((0.4,) * 3, (0.6, 0, 0.8))]
 )

@@ -38,7 +38,8 @@ class AbstractReduction(Printed):
     """A number derived from a quantity over a run.
 
     ``quantity(system, t, state)`` is compiled into programs; a lambda that is written anew is known again if it uses
-    numbers and parts of JAX alone, as is that of an event. An implementer supplies ``quantity``, a static field or a method, ``result``, and what ``result`` needs:
+    numbers and parts of JAX alone, as is that of an event. An implementer supplies ``quantity``, a static field or a
+    method, ``result``, and what ``result`` needs:
 
     - ``signs``: the factors of the quantity in the searches for its largest value, one per search: 1 for a maximum, −1
       for a minimum.
