@@ -188,6 +188,9 @@ class StartWith(diffrax.AbstractAdaptiveStepSizeController):
     controller: diffrax.AbstractAdaptiveStepSizeController
     first_step: Float[Array, ""]
 
+    def __init__(self, controller: diffrax.AbstractAdaptiveStepSizeController, first_step: Float[Array, ""]):
+        self.controller, self.first_step = controller, first_step
+
     rtol = property(attrgetter("controller.rtol"))  # pyright: ignore[reportAssignmentType]
     atol = property(attrgetter("controller.atol"))  # pyright: ignore[reportAssignmentType]
     norm = property(attrgetter("controller.norm"))  # pyright: ignore[reportAssignmentType]
