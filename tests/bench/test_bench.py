@@ -59,7 +59,7 @@ def test_every_solve_reaches_its_end_as_exactly_as_its_tolerance_promises(quick)
         assert 0 < row["error"] <= bound(row), row
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_every_solver_takes_part_or_is_said_to_be_left_out(quick):
     _, printed, content = quick
     for name, problem in content["problems"].items():

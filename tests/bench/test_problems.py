@@ -88,7 +88,7 @@ class TestEndStates:
         published, agreement = PUBLISHED[name]
         assert ALL[name].error(published) < agreement
 
-    @pytest.mark.thorough
+    @pytest.mark.long
     @pytest.mark.parametrize("name", COLLOCATED)
     def test_collocation_in_32_digits(self, name):
         problem = ALL[name]

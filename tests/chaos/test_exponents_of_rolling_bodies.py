@@ -23,7 +23,7 @@ def spectrum(system, length, state=None):
     return lyapunov_spectrum(system, (0.0, length), state, transient=length / 2, interval=length / 80).raise_if_failed()
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_top_heavy_ball_at_rest_has_the_real_parts_of_its_eigenvalues():
     """±√( M g ℓ / (d_j + M (r + ℓ)²) ): the rocking frequency with −ℓ for a, imaginary."""
     found = spectrum(shell(), 120.0)

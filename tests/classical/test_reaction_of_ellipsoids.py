@@ -90,7 +90,7 @@ def test_the_reaction_along_a_run_is_that_of_its_centre_of_mass(run):
     assert N.min() < 0 < N[0]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_extremes_lie_at_or_beyond_those_of_a_fine_sampling(run):
     """N has its least value within one step of the sampling, where it differs by less than its curvature allows."""
     N = np.asarray(run.plane_reaction.normal)
@@ -104,7 +104,7 @@ def test_extremes_lie_at_or_beyond_those_of_a_fine_sampling(run):
     assert "the body would leave the plane, so no friction is enough" in str(extremes)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_it_detaches_and_slips_where_the_run_without_events_would(run):
     N, ratio = np.asarray(run.plane_reaction.normal), np.asarray(run.plane_reaction.ratio)
     lifted = jaxball.simulate(STONE, FINE, thrown(), events={"lift": Detachment()}, **PRECISE)
@@ -180,7 +180,7 @@ def test_the_command_line_tells_of_the_plane_under_a_rattleback(capsys, tmp_path
     assert "rolling needed all the friction available" in capsys.readouterr().err
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_verify_has_a_row_of_the_contact():
     scenario = dataclasses.replace(load_scenario("rattleback"), state=thrown(), times=FINE[[0, -1]])
     row = verify(scenario, laws=["contact"])["contact"]

@@ -151,7 +151,7 @@ def test_a_rattleback_spun_against_its_sense_turns_back(rattleback):
         np.testing.assert_allclose(energy, energy[0], rtol=1e-8)  # some hundred steps with errors of 1e-10 each
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_gradient_through_the_reversal_of_a_rattleback():
     """Of the spin at a time when it turns, along the semi-axes, against a difference over two points."""
 

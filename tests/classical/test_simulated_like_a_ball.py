@@ -54,7 +54,7 @@ def test_the_differential_algebraic_form_keeps_the_versor(top):
     np.testing.assert_allclose(run.state.Omega, top.state.Omega, rtol=0, atol=1e-8)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_many_at_once_and_their_derivatives():
     """∂x(2)/∂ẋ(0) of the particle is (x(2) − x(0)) / ẋ(0), for x − x(0) is linear in ẋ(0)."""
 

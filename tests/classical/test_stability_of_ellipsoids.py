@@ -72,7 +72,7 @@ def test_the_numbers_of_the_rattleback_are_kanes_and_levinsons():
     np.testing.assert_allclose(jaxball.load_scenario("rattleback").system.J, J, atol=1e-18)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("b", [0.0001, 0.6, 1.0, 1.3])
 def test_a_spheroid_that_rolls_on_its_rim_leans_as_gyroscopic_and_gravity_torques_make_it(b):
     """δ̈ = −[C D ν² / A − m g (a − ρ)] δ / B, with the radius of curvature ρ = b²/a across the rim, D = C + m a² and B =

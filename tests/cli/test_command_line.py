@@ -38,7 +38,7 @@ def folder(tmp_path):
     return tmp_path
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_simulate(folder):
     done = jaxball("simulate", "good.toml", "--out", "run.nc", "--rtol", "1e-8", folder=folder)
     assert (done.returncode, done.stderr) == (0, "")
@@ -84,7 +84,7 @@ def test_bad_input_leaves_the_output_as_it_was(folder):
     assert (folder / "run.csv").read_text() == "precious"
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_failed_solve_is_kept_and_marked(folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     assert main(["simulate", "fails.toml", "--out", "run.npz"]) == 3
@@ -177,7 +177,7 @@ def test_figures_and_film(folder, monkeypatch, capsys):
     assert (folder / "figures" / "disk_energies.png").stat().st_size > 0
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_law_that_carries_a_mass_out(folder, monkeypatch, capsys):
     """A mass is inside up to θ = 0.7 + 0.2 t = 1 + √ε, at t = 1.5 + 5 √ε; the first saved time after it is 2."""
     monkeypatch.chdir(folder)

@@ -23,7 +23,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_run_that_slides(capsys):
     """A disk with J = 1/2 m r² stops slipping at V / (3 μ g) with V = 1, and friction takes V² / 6 of its energy."""
     command = ["simulate", "thrown.toml", "--contact", "0.25", "--out", "run.npz", "--json", "run.json"]

@@ -48,7 +48,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_each_event_has_a_line_and_an_entry_in_json(folder, capsys):
     """Along with everything that is drawn of a run that an event ended."""
     drawn = ["--plot", "figures", "--view", "view.html", "--out", "run.nc", "--animate", "rolling.gif"]

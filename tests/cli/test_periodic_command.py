@@ -69,7 +69,7 @@ def time_of_a_turn(phi, phidot):
     return quad(lambda phi: np.sqrt(inertia(phi) / (2 * (energy + LOW * np.cos(phi)))), 0, 2 * np.pi)[0]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_disk_that_rolls_round_comes_back_after_the_time_of_a_quadrature(folder, capsys):
     assert main(["periodic", "disk.toml", "--period", "5.5", "--out", "motion.csv", "--plot", "motion.pdf"]) == 0
     text = capsys.readouterr().out

@@ -39,7 +39,7 @@ THROWS = {
 }
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("throw", THROWS)
 def test_a_homogeneous_ball_slides_in_a_parabola_and_then_rolls(throw):
     V, omega = (np.array(x) for x in THROWS[throw])
@@ -77,7 +77,7 @@ SOLVERS = {
 }
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("solver", list(SOLVERS.values()), ids=list(SOLVERS))
 def test_every_kind_of_solver_ends_a_slip_when_it_ends(solver):
     """In fewer than 1000 steps: what is set after each of them must not disturb what multistep methods remember."""
@@ -98,7 +98,7 @@ def test_backspin_brings_a_ball_back():
     assert run.contact.V[-1, 0] < 0
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("share", [0.999, 1.001])
 def test_a_ball_on_a_slope_rolls_only_if_friction_can_hold_it(share):
     """It rolls iff μ > tan α · k/(1 + k)."""
@@ -135,7 +135,7 @@ def test_a_ball_that_friction_holds_on_a_slope_does_not_move_at_all():
     np.testing.assert_allclose(run.observables.friction_ratio, np.tan(angle), rtol=1e-14)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("e", [0.6, 0.9])
 def test_heights_of_bounces(e):
     """eⁿ² h, at times that accumulate, and then the ball rests: bouncing is ended and said to be."""

@@ -84,7 +84,7 @@ def test_a_body_that_lifts_slowly_does_not_land_again_by_rounding():
         np.testing.assert_array_equal(run.contact.switches.cause, causes)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_what_friction_takes_is_what_the_energy_loses():
     """On a plane at rest, without joints that move, at every tolerance."""
     case = slipping_bodies.masses_on_a_slope()

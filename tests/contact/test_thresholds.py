@@ -111,7 +111,7 @@ def test_runs_through_xla_at_the_threshold_roll(name):
         require_rolling(name, single(mu, angle), mu, angle)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["solid ball", "disk"])
 def test_beside_the_threshold_a_body_slides_or_rolls(name):
     for beside, mode in ((-BESIDE, Mode.ROLLING), (BESIDE, Mode.SLIDING)):
@@ -138,7 +138,7 @@ def test_derivatives_at_the_threshold_are_those_of_rolling(name, mode):
     assert float(by_mu) == 0.0
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", SHARES)
 def test_a_slip_that_ends_at_the_threshold_is_followed_by_rolling(name):
     """Thrown up the slope, it slips at the rate −2 g sin α there, and has risen by what friction leaves."""

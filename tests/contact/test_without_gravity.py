@@ -60,7 +60,7 @@ def require_at_rest_on_the_plane(run, V, omega, mode):
     np.testing.assert_allclose(run.observables.friction, 0.0, atol=1e-14)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_ball_that_lands_without_a_rebound_stays_where_it_lands():
     run = jaxball.simulate(ball(), TIMES, falling(-E3, np.zeros(3)), contact=Contact(0.3), **LIMITS)
     require_at_rest_on_the_plane(run, np.zeros(3), np.zeros(3), Mode.ROLLING)
@@ -108,7 +108,7 @@ def require_at_rest_on_the_plane_within(run, V, omega, mode, gravity):
     np.testing.assert_allclose(run.observables.normal_force[3:], M * gravity, atol=1e-14)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_ball_that_starts_on_the_plane_goes_on():
     """At rest, rolling and sliding, each for itself and released."""
     starts = {
@@ -125,7 +125,7 @@ def test_a_ball_that_starts_on_the_plane_goes_on():
         np.testing.assert_allclose(run.contact.V, np.tile(run.contact.V[0], (TIMES.size, 1)), atol=CLOSE)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_push_lifts_a_ball_that_has_landed():
     after, omega, _ = after_impact(0.1, 0.0)
     push, start, lasts = 2.0, 1.5, 0.5
@@ -176,7 +176,7 @@ def test_a_push_along_the_plane_slides_a_ball_that_nothing_presses():
     np.testing.assert_allclose(run.state.Omega[-1], 0.0, atol=1e-12)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_bounces_under_a_force_are_those_under_gravity():
     """A constant force at the centre is a weight: bounces end at the same time."""
     dropped, law, times = ReleasedState(BallState(), height=HEIGHT), Contact(0.2, restitution=0.5), [0.0, 4.0]

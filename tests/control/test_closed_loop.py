@@ -38,7 +38,7 @@ def test_a_closed_loop_is_the_run_with_its_inputs(track):
     np.testing.assert_allclose(efforts, loop.u[:, 0], rtol=0, atol=1e-12)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_inputs_are_limited_and_late(track):
     """Feedback of sample k acts at sample k + 2, and the sum with the motion's own input is within the limit."""
     loop = closed_loop(track, START, delay=2)
@@ -75,7 +75,7 @@ def test_a_robot_with_other_parameters_comes_back_too(track):
 
 
 @pytest.mark.parametrize("mode", [pytest.param("reverse", marks=pytest.mark.slow), "forward"])
-@pytest.mark.thorough
+@pytest.mark.long
 def test_gradients_of_the_cost_are_those_of_differences(track, mode):
     """By all gains along a direction, and by the mass. Limits are off, at which the cost has kinks.
 

@@ -50,6 +50,7 @@ def test_masses_come_before_joints_and_the_limit_is_that_of_the_motor(track):
     assert track.sampled.system.coordinates == track.inputs
 
 
+@pytest.mark.long
 def test_the_limits_of_motors_stay(track):
     """Of a robot that is sampled already, and of one with the inputs that acted; those of other limits are these."""
     again = SampledSystem.of(track.sampled.system, H)

@@ -97,6 +97,7 @@ def test_the_plan_is_the_solution_of_the_program_with_active_limits(track, limit
     np.testing.assert_allclose(ours[:-1], inputs, rtol=0, atol=2e-3)
 
 
+@pytest.mark.long
 def test_the_optimality_conditions_hold(track):
     """Karush, Kuhn and Tucker's: the gradient is that of the limits, multipliers are positive, and 0 inside them.
 

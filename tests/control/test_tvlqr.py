@@ -30,7 +30,7 @@ def test_small_oscillations_have_the_flow_of_the_matrix_exponential(hanging):
     np.testing.assert_allclose(track.linear.c, 0, atol=10 * TOLERANCE)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_long_horizon_has_the_stationary_gain(hanging):
     """z, which follows φ, has weight 0, and so SciPy's equation is that of the other four.
 
@@ -97,7 +97,7 @@ def test_the_flow_has_the_derivatives_of_differences(moving):
     np.testing.assert_allclose(found, np.stack(columns, axis=1) / (2 * step), rtol=0, atol=1e-5)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_gains_are_those_of_the_recursion_for_p(moving):
     """P = Q + Aᵀ P A − …, in NumPy, with cross terms and what the motion misses; the weights are of size 1."""
     n, m = 12, 2

@@ -134,7 +134,7 @@ def test_the_times_of_the_kinks_matter(separate):
     assert min(sizes[name] for name in ("start", "hold", "end", "masses", "radii", "push")) > 0.01, sizes
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_kinks_that_masses_share(shared):
     """Each mass has its own derivative where several jump at once, because the field does not jump."""
     x, expected = shared

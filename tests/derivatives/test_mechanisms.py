@@ -121,7 +121,7 @@ def worst(found, expected):
 class TestAgainstDifferences:
     """Of a robot that viscous friction slows, and of one that dry friction slows as well."""
 
-    @pytest.mark.thorough
+    @pytest.mark.long
     def test_every_number_matters(self, dry):
         """A derivative of zero would pass unseen if the truth were zero."""
         sizes = unpack(jnp.asarray(np.max(np.abs(differences(dry)), axis=0)))

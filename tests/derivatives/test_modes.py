@@ -92,7 +92,7 @@ def test_a_number_in_a_closure_has_derivatives_and_rows(around):
     np.testing.assert_allclose(rates, d2 / ((d3 - d1) * Omega[:, 2] * Omega[:, 0]), rtol=1e-9)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_maps_of_derivatives_and_derivatives_of_maps():
     rows = W + 0.01 * jnp.arange(5.0)
     of_each = jnp.stack([jax.grad(omega)(w) for w in rows])

@@ -150,7 +150,7 @@ FORCES = {
 }
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", FORCES)
 def test_forces_of_other_classes(name):
     slope = jaxball.jit(jax.grad(lambda p: pushed(FORCES[name](p)).state.z[-1]))(P)
@@ -177,7 +177,7 @@ class Braked(jaxball.AbstractLaw):
         return braked(t, state, self.end)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("law", [Braked, functools.partial(jaxball.FunctionLaw, braked)])
 def test_laws(law):
     """θ = F (p T − p²/2)."""

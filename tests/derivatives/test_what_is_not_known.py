@@ -94,7 +94,7 @@ def test_an_event_that_never_happens_has_no_derivative(jacobian):
     assert np.isnan(beyond)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_one_that_happens_has_its_own_beside_it(jacobian):
     *_, post, place, _ = jacobian
     np.testing.assert_allclose(post[0], -0.1 / 0.5**2, atol=1e-8)  # t = 0.1 / speed

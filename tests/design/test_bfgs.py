@@ -164,7 +164,7 @@ def test_a_start_that_goes_far_is_polished_from_where_the_augmented_lagrangian_i
     np.testing.assert_allclose(progress.y, [[chosen]], atol=1e-6)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_gauss_newton_hessian_is_exact_where_the_run_is_linear():
     """Beside that of JAX, of what is not taken apart: bounds, products, and places that are pushed or not."""
     program, y = hock_schittkowski_71(), jnp.asarray([0.3, 1.0, -0.4, 0.8])

@@ -90,7 +90,7 @@ def test_the_optimum_on_a_constraint(folder):
     np.testing.assert_allclose(found.simulate().state.z[-1], [1.5, 0.5], atol=1e-5)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_report_has_figures_and_numbers(folder):
     text = (folder / "report.md").read_text()
     assert "All constraints hold" in text

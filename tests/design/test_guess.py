@@ -56,7 +56,7 @@ def given_input(t, state, u):
     return u
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_what_the_masses_do_by_moving_is_of_fourth_order_in_the_rate_of_the_motion():
     """Of ω̇ = e3 × z̈ / r, by the explicit equations of motion."""
     tubes = [jaxball.Tube(axis, side * np.roll(axis, 1)) for axis in np.eye(3) for side in (0.3, -0.3)]

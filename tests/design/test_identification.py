@@ -44,7 +44,7 @@ def test_the_truth_lies_in_the_intervals():
     assert np.all(result.deviations < 0.01)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_noise_is_found():
     # The relative deviation of an estimate from 397 degrees of freedom is 3.5 %.
     assert abs(found(1).noise / NOISE - 1) < 0.15

@@ -94,7 +94,7 @@ def test_objectives_are_means_over_the_balls(optimiser):
     np.testing.assert_allclose(looked.at.terms[0], expected, rtol=1e-8)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_optimum_of_the_mean(optimiser):
     """(T Ω − a)² + 3 ⟨1/m⟩ (T Ω)² is least where T Ω = a / (1 + 3 ⟨1/m⟩)."""
     found = optimiser.run(optimiser.begin(), lambda progress: None)

@@ -62,7 +62,7 @@ def test_the_schedules_do_what_the_solution_says(easy, run):
     assert np.sum(np.array([0.9, 0.6]) * np.sin(angles)) < 0
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_costs_are_those_of_the_simulation(easy, run):
     times = np.asarray(run.times)
     u = 1 - 2 * times / END
@@ -76,7 +76,7 @@ def test_the_costs_are_those_of_the_simulation(easy, run):
     np.testing.assert_allclose(found["acceleration-effort"], effort, rtol=1e-4)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_newton_comes_to_the_same_optimum_from_rest_and_from_the_wanted_path(easy):
     other = control.started(problem(0.01), np.linspace(0.0, END, 9), guess=control.rolling_along)
     times = np.linspace(0.0, END, 41)
@@ -203,7 +203,7 @@ def interrupted(*arguments, **options):
     raise KeyboardInterrupt
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_ctrl_c_leaves_the_last_motion(tmp_path, capsys, easy, monkeypatch):
     """That of ``easy``, whose compiled programs it shares; stopped before it is looked at as a minimum."""
     monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))

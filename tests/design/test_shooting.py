@@ -74,7 +74,7 @@ def test_the_gradient_is_right_where_pieces_do_not_join():
     np.testing.assert_allclose((ahead - behind) / 2e-4, looked.gradient[0] @ direction, rtol=1e-6)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("method", [pytest.param("bfgs", marks=pytest.mark.slow), "gauss-newton"])
 def test_optimum_on_a_constraint(method):
     at = optimiser(method)

@@ -67,7 +67,7 @@ def test_reverse_mode(compiled):
     np.testing.assert_allclose(jnp.abs(found), -3 * weights * slope(INERTIAS), rtol=1e-8)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_what_is_chosen_is_kept_to():
     with pytest.raises(TypeError, match=r"`adjoint` must not be diffrax.ForwardMode\(\)"):
         jax.grad(lambda d: jnp.sum(rolled(d, adjoint=diffrax.ForwardMode())[0]))(jnp.asarray(INERTIAS))

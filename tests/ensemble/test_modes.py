@@ -103,7 +103,7 @@ def test_every_row_is_a_run_of_its_own():
         np.testing.assert_allclose(ours.lost, theirs.lost, rtol=0, atol=5e-7)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_row_takes_the_same_steps_wherever_it_is():
     """Whatever the rows beside it do, and whichever lane is its own."""
     rows, many = random_ensemble()

@@ -53,7 +53,7 @@ def test_contact_is_that_of_single_runs(found, trajectories, name):
         np.testing.assert_allclose(getattr(again, name), getattr(contact_extremes(trajectory), name), rtol=1e-7)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_extremes_lie_between_the_steps(found):
     # A disk that rocks from rest at φ = 1 comes to rest at −1 and at 1 again: energy is constant.
     np.testing.assert_allclose(found["most"], 1, rtol=0, atol=1e-8)
@@ -115,7 +115,7 @@ def test_derivatives_of_reductions():
     np.testing.assert_allclose(least, -1, rtol=0, atol=1e-6)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_quantity_that_is_written_anew_is_known_again():
     """It moves at a constant speed: the largest place is twice the speed, times the factor that the quantity holds."""
     disk, states = Disk(mass=1.0, inertia=0.5), DiskState(phidot=jnp.array([-1.0, -2.0]))

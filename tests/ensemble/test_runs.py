@@ -274,7 +274,7 @@ def test_derivatives_are_those_of_single_runs():
     np.testing.assert_allclose(alone[0, 0], wanted[0], rtol=1e-9)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_fewer_runs_than_a_block_compile_nothing_anew():
     traces = []
 

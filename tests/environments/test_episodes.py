@@ -110,7 +110,7 @@ def test_an_episode_is_the_run_of_the_drawn_robot_with_inputs_shifted_by_the_del
         np.testing.assert_allclose(taken[k].reward[j], reward, rtol=0, atol=1e-8)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_lanes_are_single_episodes(environment, begun, taken, actions):
     """They are rounded in another order: solves of 1e-10 leave what is far below 1e-9."""
     step = jaxball.jit(environment.step)
@@ -175,7 +175,7 @@ def test_a_failed_solve_ends_the_episode_with_its_status_where_it_was(step, begu
         assert np.all(np.isfinite(number))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_goal_that_is_reached_terminates_and_slipping_does_too():
     """At rest at its point the disk has reached it; a torque of 0.6 needs more friction than 0.01."""
     there = Environment(with_limits(), ReachPoint(0.0, within=0.1), sample=H, friction=0.01, penalty=5.0)

@@ -55,7 +55,7 @@ def free_disk():
     return disk, sensors, run
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("process", [{}, {"phidot": 0.3}, {"phi": 0.1, "phidot": 0.3, "z": 0.2}])
 def test_of_a_linear_system_it_is_kalmans_filter_and_rauchs_smoother(free_disk, process):
     """To 1e-9, ten times the tolerance of a sample's solve. The two other axes of the gyroscope read noise alone."""
@@ -120,7 +120,7 @@ def test_errors_are_as_large_as_the_filter_says(repeated):
         assert np.mean((means > low) & (means < high)) >= 0.8, means
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_bias_is_found():
     """Within three of its standard deviations, which falls tenfold at least."""
     true = (0.05, -0.1, 0.08)

@@ -65,7 +65,7 @@ def test_the_truth_is_as_far_as_the_covariance_says(fits):
     assert abs(sums - 1) < 4 * np.sqrt(2 / degrees)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_covariance_is_that_of_cramer_and_rao_by_differences(fits):
     """Central differences of runs with steps of 1e-4 are good to 1e-7 of derivatives; the inverse loses some digits."""
     one = fits[0]

@@ -44,6 +44,7 @@ def test_with_nearly_exact_sensors_it_is_feedback_of_the_state(track):
     np.testing.assert_allclose(seen.xi, exact.xi, rtol=0, atol=1e-5)
 
 
+@pytest.mark.long
 def test_poor_sensors_are_better_than_none_and_tell_how_good_they_are(track):
     poor = OutputFeedback.of(track, sensors(0.02, missing=0.5), spread=SPREAD)
     held = closed_loop(poor, START)

@@ -122,7 +122,7 @@ def closed_time_of_detachment(speed):
     return quad(slowness, 0.0, lift, epsabs=0.0, epsrel=1e-13)[0]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("mode", ["reverse", pytest.param("forward", marks=pytest.mark.slow)])
 def test_the_time_of_detachment_is_differentiable(mode):
     """Beside places for eight detachments, of which one is used; 0 · ∞ came back from the others in reverse mode."""

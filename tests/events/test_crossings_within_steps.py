@@ -109,7 +109,7 @@ def test_what_changes_too_quickly_is_said(tolerance):
     assert "more may have been missed: its function, which was between" in events["noise"].message
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-10])
 def test_swings_that_fill_a_run_do_not_look_like_a_constant(tolerance):
     """sin(w z) has ⌊2 w/π⌋ zeros, up to 119 in each of the longest pieces; a sample of 8 tells nothing of them."""
@@ -131,7 +131,7 @@ def test_thousands_of_crossings_are_all_there(tolerance):
     assert_every_crossing_is_found(RIPPLES, run(RIPPLES, tolerance, 4000).events)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_few_crossings_are_found_beside_many():
     assert_every_crossing_is_found(PLACES | RIPPLES, run(PLACES | RIPPLES, 1e-6, 4000).events)
 
@@ -172,7 +172,7 @@ def test_two_events_at_the_same_time_are_both_there(terminal):
     np.testing.assert_allclose([found.times[0] for found in run.events.values()], 1.5, rtol=0, atol=1e-14)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("start", [0.0, 0.1 + 0.2, 1e3 / 3])
 def test_the_start_is_no_crossing(start):
     """Not even where rounding puts it on the other side, as of 0.1 + 0.2 beside 0.3."""

@@ -156,7 +156,7 @@ def time_of_first_crossing(adjoint):
     return time
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_times_are_differentiable():
     """Against the closed form: T = 2K(m)/b depends on the initial Ω1."""
 

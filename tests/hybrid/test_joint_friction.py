@@ -144,7 +144,7 @@ def test_friction_takes_its_work_from_the_energy(shell, bound):
         np.testing.assert_allclose(run.observables.joint_efforts[-1, 0], -weight * np.sign(1.0) * -1.0, atol=1e-6)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_body_whose_joint_sticks_moves_as_a_rigid_one():
     held = robot(30.0, 30.0)
     run = jaxball.simulate(held, np.linspace(0.0, 6.0, 7), DiskState(theta=[1.0], thetadot=[0.0]), throw=True)

@@ -99,7 +99,7 @@ def test_derivatives_go_through_the_times_of_events(differentiate, adjoint, jit)
     np.testing.assert_allclose(jnp.stack(found), jnp.stack(expected), rtol=0, atol=1e-11)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_times_of_events_have_derivatives():
     def times(x):
         return jaxball.simulate(Bouncing(), TIMES, Moving(x, 0.0)).switches.times[:3]
@@ -108,7 +108,7 @@ def test_times_of_events_have_derivatives():
     np.testing.assert_allclose(jax.jacrev(times)(1.0), expected, rtol=0, atol=1e-11)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_second_derivatives_are_refused():
     """The state at an event is moved along its field to first order only."""
     twice = jax.jacfwd(jax.jacfwd(lambda x: at_the_end(x, 0.8, diffrax.ForwardMode())))
@@ -130,7 +130,7 @@ def test_many_at_once():
     np.testing.assert_allclose(many.state.x[:, -1], [run.state.x[-1] for run in single], **EXACT)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_derivatives_of_many():
     """Of the state after the events, with respect to each run's own restitution."""
     e = jnp.array([0.7, 0.8])
@@ -243,7 +243,7 @@ class Sampled(jaxball.AbstractSystem[Held]):
         return Held(state.x, -self.gain * state.x, t + self.period)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_time_events_are_those_of_a_sampled_controller():
     """x is multiplied by 1 − gain·period from tick to tick; at t = 4 the ninth has just not happened."""
     run = jaxball.simulate(Sampled(), TIMES, throw=True)

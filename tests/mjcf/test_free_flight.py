@@ -62,7 +62,7 @@ def test_masses_and_inertias_have_their_numbers(flight):
     assert np.array_equal(model.body("shell").inertia, np.broadcast_to(np.asarray(system.inertia), 3))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_accelerations_are_those_of_mujoco(flight):
     system, found = flight
     for _, data, rates, _ in found:

@@ -67,7 +67,7 @@ def test_a_saturated_motor_has_the_force_of_mujoco(actuator):
     np.testing.assert_allclose(float(torque), data.qfrc_actuator[6], rtol=1e-14)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_run_with_a_saturated_motor_is_that_of_mujoco():
     """In flight, where both have the same equations; MuJoCo's step leaves errors of 1e-9."""
     model, data = _of_mujoco(CASES["both"])

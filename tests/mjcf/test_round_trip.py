@@ -253,7 +253,7 @@ def test_what_is_no_ball_with_mechanisms_is_refused_by_name(case):
     assert sentence in str(caught.value)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [

@@ -139,7 +139,7 @@ def test_what_may_have_changed_is_looked_at_again(monkeypatch):
     np.testing.assert_allclose([list(before.values()), list(after.values())], [[1.0] * 5, [0.5] * 5], rtol=1e-12)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_derivative_that_is_asked_for_later_is_of_what_was_held():
     def height_at(level):
         def height(disk, t, state):

@@ -89,7 +89,7 @@ def root(f, y):
     return jax.lax.custom_root(residual, jnp.asarray(0.1), newton, lambda g, b: b / g(jnp.ones_like(b)))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", TRANSFORMED)
 def test_transformations(name):
     same(TRANSFORMED[name](operated), TRANSFORMED[name](plain))
@@ -120,7 +120,7 @@ MAPPED = {
 }
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", MAPPED)
 def test_maps(name):
     same(MAPPED[name](operated), MAPPED[name](plain), rtol=1e-11)

@@ -91,7 +91,7 @@ def _found(function, p=P):
     return compared_times(jax.make_jaxpr(function)(t, p), t, p)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", RESOLVED)
 def test_times_of_comparisons_and_their_derivatives(name):
     function, times, slopes = RESOLVED[name]

@@ -79,7 +79,7 @@ def test_the_energy_of_a_disk_changes_by_the_power_put_in():
     np.testing.assert_allclose(rate, power, rtol=ROUNDING, atol=ROUNDING * np.max(np.abs(energy)))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 def test_momentum_about_the_contact_point_and_jellett(kind):
     _, ((Pi, jellett), (Pi_rate, jellett_rate)), _ = balances(kind)

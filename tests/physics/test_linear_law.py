@@ -35,7 +35,7 @@ def with_an_arm(law):
     return jaxball.Ball(mass=1.0, inertia=(0.4, 0.45, 0.5), masses=[mass], mechanisms=[arm], law=law)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_run_is_that_of_the_same_function():
     times, state = jnp.linspace(0.0, 1.0, 5), BallState(Omega=(0.1, 0.2, 0.3), theta=(0.2, -0.1), thetadot=(0.0, 0.1))
     runs = [

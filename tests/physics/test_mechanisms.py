@@ -120,7 +120,7 @@ def test_accelerations_and_efforts_are_those_of_two_other_formulations(cases, ev
             assert scaled(seen.joint_efforts, np.concatenate(oracle.efforts)) < 1e-11
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_what_a_solve_advances_has_the_rates_of_these_equations(cases, evaluated):
     """The locked velocities' rates are those of the state, seen through the change of coordinates."""
     for (_, _, moment, _), (*_, expected, found, back) in zip(cases, evaluated, strict=True):

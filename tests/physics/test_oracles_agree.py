@@ -86,7 +86,7 @@ def test_what_is_drawn_has_every_kind():
     assert {len(robot.still) for robot in robots} == {0, 1, 2}
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @by_each
 def test_efforts_of_given_joints_move_free_ones_alike(solve):
     """What is given and what is found change places, for all joints or for some."""

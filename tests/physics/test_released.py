@@ -125,7 +125,7 @@ def test_sliding_is_that_of_newton_and_euler_with_friction(cases, evaluated):
         assert_same(changes.body.z, moment.V[:2], 1e-15)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_any_reaction_and_none_are_those_of_newton_and_euler(cases, evaluated):
     for (robot, setting, moment, _, _), found in zip(cases, evaluated, strict=True):
         assert_answer(found["pushed"], newton_euler.solve(robot, setting, moment, Pushed(FORCE)))

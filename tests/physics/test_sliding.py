@@ -94,7 +94,7 @@ def test_momenta_change_by_all_forces(kind):
             np.testing.assert_allclose(x, y, rtol=ROUNDING, atol=ROUNDING * np.max(np.abs(y)))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["scheduled", "driven"])
 def test_friction_is_on_the_edge_of_the_cone_and_none_acts_in_flight(kind):
     (slides, flies), mu = balanced(kind)

@@ -220,7 +220,7 @@ def test_a_ball_in_the_air_on_springs_knows_its_place_and_height():
     np.testing.assert_allclose(run.state.z, z, rtol=0, atol=1e-10)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_force_that_depends_on_the_velocity_leaves_a_sliding_ball_its_friction():
     """A ball of quadratic drag that slides: m v̇ = −μ m g − c v², v = a tan(b − k t) until it rolls."""
     mu, c, v0 = 0.25, 0.4, 1.5

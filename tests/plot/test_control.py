@@ -35,7 +35,7 @@ def test_gains_are_drawn_but_those_that_are_zero(track):
         plot.gains(track, "mechanisms[1].joints[0]")
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_paths_are_those_of_the_loops_and_of_the_motion(track, loops):
     lines = {line.get_label(): line.get_ydata() for line in plot.held_paths(loops).lines}
     np.testing.assert_allclose(lines["with"], loops["with"].states.z, rtol=0, atol=1e-12)

@@ -101,7 +101,7 @@ def test_masses_in_one_place_all_show():
     assert np.all(np.diff(sizes) < 0)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_joints_that_move_alike_all_show():
     """Where four curves are one, each has dashes in the gaps of the others."""
     scenario = load_scenario("spokes")

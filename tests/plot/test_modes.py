@@ -60,7 +60,7 @@ def test_the_run_has_every_mode(history, landed):
     assert 1.0 < landed[0] < landed[1] < 11.0
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("draw", OVER_TIME)
 def test_bands_and_lines_are_where_the_modes_are(draw, thrown_trajectory, history, landed):
     ax = draw(thrown_trajectory)

@@ -36,7 +36,7 @@ def test_masses_and_components_are_told_apart():
     assert not {look.colour for look in TAKEN.values()} & {look.colour for look in masses}
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(
     "draw",
     [

@@ -114,7 +114,7 @@ def test_the_scene_is_drawn_and_moves(page):
     np.testing.assert_array_equal(picture(page), first)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(("frame", "layer"), [("Follow", "Contact point"), ("Body frame", "Axes of the body")])
 def test_a_frame_keeps_in_place_what_is_at_rest_in_it(page, frame, layer):
     """On a level plane the contact point is straight below the centre; the body's axes turn with the body."""
@@ -246,7 +246,7 @@ def test_layers_and_theme_change_what_is_seen(page):
     np.testing.assert_array_equal(picture(page), before)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_slider_is_a_time(browser, tmp_path):
     """Saved times that crowd at the start: half of them are in a hundredth of the time."""
     times = np.concatenate([np.linspace(0.0, 0.1, 11), np.linspace(1.0, 10.0, 10)])
@@ -260,7 +260,7 @@ def test_the_slider_is_a_time(browser, tmp_path):
     assert time(browser) == 8.0
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_frame_that_grows_sees_all_beside_its_settings(browser, disk_trajectory, tmp_path):
     """The settings open when there is room for them, and the disk at its start is left of them."""
     browser.get(disk_trajectory.view(tmp_path / "disk.html").save(tmp_path / "disk.html").as_uri())
@@ -280,7 +280,7 @@ def test_a_frame_that_grows_sees_all_beside_its_settings(browser, disk_trajector
     browser.set_window_size(1000, 900)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_less_motion_is_shown_in_steps(browser, ball_trajectory, tmp_path):
     browser.execute_cdp_cmd(
         "Emulation.setEmulatedMedia", {"features": [{"name": "prefers-reduced-motion", "value": "reduce"}]}
@@ -298,7 +298,7 @@ def test_less_motion_is_shown_in_steps(browser, ball_trajectory, tmp_path):
     assert 2 <= len(frames) <= 5  # two a second, where each of the seven times would be shown
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_failed_run_says_so(browser, failed_trajectory, tmp_path):
     browser.get(failed_trajectory.view(tmp_path / "failed.html").save(tmp_path / "failed.html").as_uri())
     status = browser.find_element(By.ID, "status")
@@ -309,7 +309,7 @@ def test_a_failed_run_says_so(browser, failed_trajectory, tmp_path):
     assert browser.get_log("browser") == []
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_body_that_flies_is_over_the_plane_and_its_mode_is_named(browser, thrown_trajectory, tmp_path):
     """At t = ½ it has fallen by ⅛ from ½."""
     browser.get(thrown_trajectory.view().save(tmp_path / "thrown.html").as_uri())
@@ -383,7 +383,7 @@ def test_each_body_has_the_pose_of_its_run_at_its_own_time(several, ball_traject
     assert several.get_log("browser") == []
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_names_of_runs_and_numbers_are_text(several):
     names = [button.text.replace("\n", " ") for button in several.find_elements(By.CSS_SELECTOR, "#names button")]
     assert [names[0], names[2]] == ["row 3 1", "row 4 4"]
@@ -395,7 +395,7 @@ def test_names_of_runs_and_numbers_are_text(several):
     assert several.execute_script("return performance.getEntriesByType('resource').length") == 0
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_body_of_the_pressed_button_is_followed(several):
     choose(several, "Follow")
     go_to(several, 2.0)
@@ -410,7 +410,7 @@ def test_the_body_of_the_pressed_button_is_followed(several):
         assert np.mean(np.any(seen[k] != seen[k - 1], axis=-1)) > 0.02
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_momentum_the_wanted_path_and_obstacles_are_switched(several):
     go_to(several, 2.0)
     momentum = "Angular momentum Π about the contact point"
@@ -422,7 +422,7 @@ def test_the_momentum_the_wanted_path_and_obstacles_are_switched(several):
         np.testing.assert_array_equal(picture(several), before)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_run_that_was_thinned_says_so(browser, ball_trajectory, tmp_path):
     document = view_document(ball_trajectory, room=0.0)
     browser.get(plot.View(document).save(tmp_path / "thin.html").as_uri())

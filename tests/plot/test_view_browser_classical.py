@@ -71,7 +71,7 @@ def test_a_top_has_the_pose_of_its_state(browser, top_run, tmp_path):
     check_scene(browser)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_in_its_frame_a_top_is_at_rest(browser, top_run, tmp_path):
     """Of what moves, only that the body carries is left: its axes cover the same pixels at all times."""
     browser.get(top_run.view(tmp_path / "top.html").save(tmp_path / "top.html").as_uri())

@@ -12,7 +12,7 @@ from jaxball.plot import view
 FOLDER = Path(view.__file__).parent
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_program_is_made_of_its_sources(tmp_path):
     if shutil.which("npm") is None:
         pytest.skip("npm is not installed")

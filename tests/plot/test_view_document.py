@@ -54,7 +54,7 @@ def test_masses_are_on_their_rails_at_the_angles_of_the_pulse(ball_document):
         np.testing.assert_allclose(np.linalg.norm(arrays[f"rail_{j}"], axis=-1), radius, rtol=1e-6)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(("run", "weight"), [("ball_trajectory", 4.0), ("disk_on_a_slope", 1.0)])
 def test_heights_on_the_page_are_those_of_the_potential_energy(run, weight, request):
     """V = M g z of the centre of mass, of shell and masses: the third axis of the page points against gravity."""
@@ -79,7 +79,7 @@ def test_a_slope_is_a_wedge_under_the_path(disk_on_a_slope):
     np.testing.assert_allclose((centre - floor["top"][0]) @ normal, 1.0, atol=1e-6)  # r above the plane
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_pendulum_hangs_on_its_arm_above_a_turntable_that_is_shaken():
     """The pendulum of the scenario: 0.6 long, about E2, from 0.5 at the start; the ground in closed form."""
     shaken = Oscillating(HarmonicSeries((0.0, 0.0, 0.0), [(0.5, 0.0, 0.2)], [2.0]))
@@ -131,7 +131,7 @@ def test_graphs_name_columns_that_there_are(ball_trajectory, ball_document):
     assert ball_document["units"] == "dimensionless, m₀ = r = g = 1"
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_positions_along_tubes_are_no_angles_and_a_disk_turns_at_one_rate(disk_trajectory):
     tubes = load_scenario("six-tubes")
     run = jaxball.simulate(tubes.system, [0.0, 0.1], tubes.state, rtol=1e-6, atol=1e-6)

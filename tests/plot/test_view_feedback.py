@@ -91,7 +91,7 @@ def test_other_runs_have_neither(ball_trajectory):
     assert "nominal_centre" not in ball_trajectory.view().document["bodies"][0]["arrays"]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @needs_chromium
 def test_the_browser_shows_both(run, tmp_path):
     """The scene's numbers at a saved time, and no message of the browser."""

@@ -51,7 +51,7 @@ def comparison(tmp_path_factory):
     return out, lines, compared
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_counterpart_of_ode45_solves_the_disk(comparison):
     _, _, (row,) = comparison
     assert (row.paper_solver, row.form, row.authors_time) == ("ode45", "ODE", 0.23)

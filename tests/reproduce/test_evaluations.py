@@ -83,7 +83,7 @@ def test_adaptive_steps_of_a_ball(rocking_ball):
     assert counter.read() == 1 + 6 * int(counted.steps)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("solver", [diffrax.Tsit5(), diffrax.Kvaerno5()])
 def test_counting_changes_no_result(solver):
     """Explicit or implicit, with the step-size control's tolerances handed on to the root finder."""

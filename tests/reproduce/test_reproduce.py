@@ -31,7 +31,7 @@ def test_the_disk_is_reproduced_to_eleven_digits(reproduction):
     assert row.run_time > 0
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_evaluations_are_those_of_the_tableau(reproduction):
     """Six for each step of Dopri5, one at the start, and one for each step that begins at a kink."""
     _, _, (row,) = reproduction

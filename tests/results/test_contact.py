@@ -40,7 +40,7 @@ def assert_same(run, trajectory):
             np.testing.assert_array_equal(mine, theirs)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("suffix", [".nc", ".npz"])
 def test_a_run_comes_back_with_its_modes_and_switches(disk, tmp_path, suffix):
     assert set(np.asarray(disk.contact.mode)) == set(Mode)

@@ -81,7 +81,7 @@ def test_runs_and_stays_on_the_plane(runs, name):
     assert np.all(distance < float(trajectory.system.radius))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_energy_changes_by_the_work_done(runs):
     """Trapezia of step 0.1 are good to about 1e-2 of a power whose changes take about a unit of time."""
     for name in ("pendulum", "six-tubes", "chaplygin-sphere", "ellipse-and-eight"):
@@ -150,7 +150,7 @@ def test_rolling_robot_is_driven_round_at_a_constant_rate(runs):
     np.testing.assert_allclose(seen.mass_positions_body[:, 0], place, atol=1e-13)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_pendulum_on_a_slope_holds_the_ball(runs):
     """Where the ball rests, M g r sin a = m g l sin ψ of the pendulum is the torque of the spring, κ (φ − ψ), but for
     what dry friction may hold, 0.02 M g r."""

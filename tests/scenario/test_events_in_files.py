@@ -355,7 +355,7 @@ def test_what_needs_whole_runs_refuses_one_that_an_event_may_end():
         rolling_state(read_scenario(ROLLING + POST + "terminal = true"), "a design is")
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_events_are_of_the_system_that_is_read():
     assert isinstance(read_scenario(ROLLING + POST).system, Disk)
     ball = read_scenario(THROWN + '[events.low]\nof = "z[1]"\nlevel = 0.25')

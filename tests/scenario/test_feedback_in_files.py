@@ -59,7 +59,7 @@ def test_a_run_is_the_closed_loop_that_the_file_describes(run):
     np.testing.assert_allclose(held[:-1], loop.memory.xi, rtol=0, atol=1e-8)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_what_its_filter_notes_is_what_its_sensors_read(run, scenario):
     """Seven numbers or four at each sample, as the camera sees the disk or not; χ² of these but for a wrong model."""
     estimate, camera = run.history.estimate, np.asarray(run.measured(scenario.sensors)["camera"])

@@ -80,7 +80,7 @@ def test_a_shaken_ball_rocks_up_as_mathieus_equation_says():
     assert np.max(np.abs(angle)) < 0.1
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_an_axisymmetric_pendulum_goes_round_steadily():
     """w is that of the document, and the radius of the centre's circle is m l sin a / (m + mc).
 
@@ -97,7 +97,7 @@ def test_an_axisymmetric_pendulum_goes_round_steadily():
     np.testing.assert_allclose(z[:, 0] + 1j * z[:, 1], m * l * np.sin(a) / (m + mc) * (1 - turn), atol=1e-7)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_an_axisymmetric_pendulum_drives_a_ball_up_a_slope():
     """z = −½ A t², with the rod at the angle b uphill from the normal, by Newton and Euler.
 
@@ -117,7 +117,7 @@ def test_an_axisymmetric_pendulum_drives_a_ball_up_a_slope():
     assert trajectory.state.z[-1, 0] < -3.9
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_spin_of_a_gyroscopic_pendulum_is_the_impulse_of_its_motor():
     """C (n·ω) = ∫Q, with the rod n and ω = Ω + θ̇₁ E₂ + θ̇₂ w₂ + θ̇₃ n of the ring, all in body axes."""
     trajectory, times, seen = run("gyroscopic-pendulum")
@@ -132,7 +132,7 @@ def test_the_spin_of_a_gyroscopic_pendulum_is_the_impulse_of_its_motor():
     assert np.linalg.norm(trajectory.state.z[-1]) > 0.2
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_moball_rests_where_the_sum_of_its_forces_points_down():
     """At rest κ θ_j = Q_j − m g Γ·n_j, and Σ m θ_j n_j points down. With Σ n_j n_j = 2·1, so does Σ Q_j n_j.
 
@@ -148,7 +148,7 @@ def test_moball_rests_where_the_sum_of_its_forces_points_down():
     assert np.linalg.norm(trajectory.state.Omega[-1]) < 1e-3
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_roboball_rolls_at_the_speed_at_which_motor_weight_and_resistance_balance():
     """3 (1 − v/4) = v + 0.02 M g r, and the pendulum stays where its weight has this torque; M g r = 18.
 
@@ -163,7 +163,7 @@ def test_roboball_rolls_at_the_speed_at_which_motor_weight_and_resistance_balanc
     np.testing.assert_allclose(seen.joint_efforts[-1], [-torque], atol=1e-5)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_roboball_2_swings_until_friction_holds_both_joints():
     """While both stick it is a rigid ball that rolls, so its energy stays, and neither effort passes 0.7 N m."""
     trajectory, times, seen = run("roboball-2")
@@ -228,7 +228,7 @@ def yoke_alone(t, y):
     return [-r * psidot, psidot, phidot, *np.linalg.solve(mass, force)]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_yoke_alone_rolls_the_robot_in_a_plane(yoke_robot):
     """Before the pendulum is driven, against Lagrange's equations of two angles, solved up to the jump and on."""
     trajectory, times, _ = yoke_robot
@@ -259,7 +259,7 @@ def test_the_yoke_robot_goes_where_its_authors_equations_take_it(yoke_robot):
     np.testing.assert_allclose(yoke_robot[0].state.z[20:101:20], known, atol=3e-5)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_norma_accelerates_evenly_and_then_turns_to_its_slider():
     """α = τ / ((2/3) m r² + M r²) with the torque τ = 0.2 and M = 5, until the slider moves."""
     trajectory, times, _ = run("norma")
@@ -284,7 +284,7 @@ def test_norma_rests_where_its_slider_leans_it():
     np.testing.assert_allclose(np.concatenate([rates.Omega, rates.thetadot]), 0.0, atol=1e-13)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_rotunbot_turns_by_what_its_flywheel_takes():
     """(J + C) ω₃ + C θ̇ = 0 of the flywheel, C = m R², and all else, J; then it drives straight on, while the momentum
     of the shell and of the pendulum's place, (d + M r²) ω − m l r cos φ φ̇, is the impulse of the motor.

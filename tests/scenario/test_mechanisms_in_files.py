@@ -261,7 +261,7 @@ def test_prescribed_joints():
     assert_reads(text, ball(mechanisms=[pendulum(jaxball.Pulse(0.2))]), BallState())
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("text", [corpus.EVERY_MECHANISM, corpus.EVERY_MOTION, SLOPE])
 def test_round_trip(text):
     scenario = read_scenario(text)

@@ -172,7 +172,7 @@ def test_a_uniform_wind_is_a_plane_that_is_tilted(contact):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_cable_exchanges_energy_with_the_body_as_its_potential():
     """E + ½ k max(|d| − L, 0)² + what friction takes is constant, while the body flies, bounces, slides and rolls."""
     k, L, anchor, point = 2.0, 0.3, np.array([0.5, 0.4, 1.5]), np.array([0.1, 0.2, 0.3])

@@ -245,7 +245,7 @@ def test_random_scenarios(document):
     assert_says_the_same(tomllib.loads(text), document)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("name", builtin_scenarios())
 def test_builtin_scenarios(name):
     scenario = load_scenario(name)

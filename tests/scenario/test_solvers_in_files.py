@@ -53,7 +53,7 @@ def test_disk(solver, tolerance, bound):
     assert error("disk", [state.phi[:, None], state.phidot[:, None]]) < bound
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_ball_in_differential_algebraic_form():
     state = run("ball", DAE, 1e-9)
     assert error("ball", [state.q, state.Omega, state.z]) < 2e-8

@@ -108,7 +108,7 @@ def test_runs_of_a_batch_have_different_noise():
     assert not np.array_equal(found[0], found[1])
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_position_is_that_of_a_marker_over_the_plane():
     """On a disk that is thrown: z₁ grows with its velocity, the height falls with g = 1, and the marker goes round."""
     start = ReleasedState(DiskState(phidot=-2.0), V=(0.5, 0.0, 0.3), height=1.0)

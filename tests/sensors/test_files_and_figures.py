@@ -74,7 +74,7 @@ def robot():
     return scenario, scenario.simulate(throw=True)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_file_has_the_sensors_that_python_has_and_is_written_with_them(robot):
     scenario, run = robot
     again = read_scenario(write_scenario(scenario))

@@ -58,7 +58,7 @@ def case(seed):
 SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 5))]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("seed", SEEDS)
 def test_readings_are_differences_of_places_in_inertial_space(seed):
     """On a tilted plane that accelerates and carries a turntable, on every link of a robot, along its run."""
@@ -217,7 +217,7 @@ def test_a_ball_that_rolls_down_a_slope_feels_less_than_g_along_it():
     assert_close(found["gyro"], np.stack([0 * c, turned, 0 * c], axis=1), 1e-11)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_in_free_flight_the_centre_of_mass_feels_nothing():
     offset = (0.1, -0.05, 0.2)
     ball = Ball(mass=M, inertia=(0.4, 0.5, 0.6), radius=R, gravity=G, offset=offset, ground=Ground(0.2, 0.4))

@@ -92,7 +92,7 @@ def test_what_no_body_can_have_is_named(body, sentence):
     assert run.steps == 0
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("motion", "when", "furthest"),
     [
@@ -174,7 +174,7 @@ def test_the_furthest_point_of_a_rail_is_that_of_its_formula():
     np.testing.assert_allclose(known_furthest(spline).distance, np.max(fine), rtol=1e-8)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_rows_of_a_batch_have_the_statuses_of_single_runs():
     radii = np.array([0.5, 1.0, 1.5])
     rates = np.array([0.9, 0.4, 0.2])
