@@ -132,10 +132,10 @@ class TestHomogeneousBall:
         np.testing.assert_allclose(done.observables.normal_force, lifted, atol=1e-12)
 
 
+@pytest.mark.thorough
 class TestDryFriction:
     """v̇ = g/(1 + k) − μ g₃/(1 + k) v/√(v² + r²ε²)."""
 
-    @pytest.mark.thorough
     def test_slows_the_ball_down_on_level_ground(self):
         """With y = |ω_h|, √(y² + ε²) − ε arsinh(ε/y) falls at μ g/(r (1 + k)), and the ball rolls straight."""
         mu, epsilon, Omega = 0.2, 0.05, (0.6, -0.8, 0.3)
@@ -149,7 +149,6 @@ class TestDryFriction:
         np.testing.assert_allclose(plane(omega) / y, plane(Omega), atol=1e-11)
         np.testing.assert_allclose(omega[:, 2], Omega[2], atol=1e-11)
 
-    @pytest.mark.thorough
     def test_smoothed_it_lets_the_ball_creep_on_a_slope(self):
         """At ω = ε s/√(1 − s²), with s = tan a/μ; what is left of the start decays e³⁰ times in this run."""
         mu, epsilon, s = 0.2, 0.05, 0.5
@@ -265,6 +264,7 @@ class TestSphericalPendulum:
         assert spread(E - W * L) < 1e-11
 
 
+@pytest.mark.thorough
 class TestPlanarPendulumOnASpring:
     """φ and ψ turn ball and pendulum; its pivot is h above the centre, the ball's centre of mass a below."""
 
@@ -274,7 +274,6 @@ class TestPlanarPendulumOnASpring:
         pendulum = jaxball.planar_pendulum(self.m, self.l, pivot=self.h * E3, drive=jaxball.Spring(stiffness=stiffness))
         return body(offset=-self.a * E3, mechanisms=[pendulum], ground=None)
 
-    @pytest.mark.thorough
     def test_small_oscillations(self):
         """By the mass and the stiffness matrix; at 4e-6 rad the next order is 1e-10 of the motion."""
         m, l, h, a, spring = self.m, self.l, self.h, self.a, 0.7
@@ -311,7 +310,6 @@ class TestPlanarPendulumOnASpring:
         solved = solve_ivp(rates, times[[0, -1]], [phi, 0.0], t_eval=times, method="DOP853", rtol=1e-12, atol=1e-12)
         return solved.y[0]
 
-    @pytest.mark.thorough
     def test_a_stiff_spring_holds_the_mass(self):
         """The error falls with one over the stiffness, to 4 % between these two."""
         errors = []
@@ -327,6 +325,7 @@ class TestPlanarPendulumOnASpring:
 STILL = {"theta": np.array([0.2, -0.4, 1.0]), "thetadot": np.zeros(3)}
 
 
+@pytest.mark.thorough
 class TestRotors:
     """Rings of axial inertia C, whose motors turn them with the torques Q; K = ∫ Q."""
 
@@ -358,7 +357,6 @@ class TestRotors:
     whole = D + 2 * C  # about each axis
     mass = M + 3 * m
 
-    @pytest.mark.thorough
     def test_three_roll_a_balanced_ball_from_rest(self):
         """Ω = −[K + M r²/(D − C) Γ (Γ·K)]/(D − C + M r²)."""
         q = Rotation.from_rotvec([0.4, -0.3, 0.6]).as_quat()
@@ -369,7 +367,6 @@ class TestRotors:
         expected = -(given + rolling / rest * Gamma * along) / (rest + rolling)
         np.testing.assert_allclose(done.state.Omega, expected, atol=1e-11)
 
-    @pytest.mark.thorough
     def test_a_horizontal_one_rolls_the_ball_straight(self):
         """(D − C + M r²) φ̈ = −Q about its axis E2; the others, without torque, keep still in the ball."""
         on = (0.0, 1.0, 0.0)
@@ -386,7 +383,6 @@ class TestRotors:
         spinning = {**STILL, "thetadot": np.array([2.0, -3.0, 1.0])}
         return axes, run(unbalanced, jaxball.BallState(Omega=(0.3, 0.5, -0.7), **spinning), 6.0)
 
-    @pytest.mark.thorough
     def test_anywhere_its_momentum_changes_by_the_motor_alone(self):
         """C (n·Ω + θ̇)˙ = Q, in an unbalanced ball."""
         axes, done = self.anywhere()
@@ -394,7 +390,6 @@ class TestRotors:
         momentum = self.C * (np.asarray(done.state.Omega) @ unit.T + np.asarray(done.state.thetadot))
         np.testing.assert_allclose(momentum - momentum[0], self.impulse(done.times), atol=1e-11)
 
-    @pytest.mark.thorough
     def test_three_masses_on_a_ring_move_as_four(self):
         _, expected = self.anywhere()
         _, found = self.anywhere(count=4)
@@ -402,6 +397,7 @@ class TestRotors:
             np.testing.assert_allclose(value, getattr(expected.state, name), atol=1e-11, err_msg=name)
 
 
+@pytest.mark.thorough
 class TestGyroscopicPendulum:
     m, l, radius, torque = 0.4, 0.35, 0.3, 0.05
     axial = m * radius**2
@@ -414,7 +410,6 @@ class TestGyroscopicPendulum:
         drives = (None, None, jaxball.Motor(self.torque))
         return jaxball.gyroscopic_pendulum(self.m, self.l, self.radius, drives=drives, count=6)
 
-    @pytest.mark.thorough
     def test_the_ring_spins_up_by_its_motor_alone(self):
         """Along its axis n, carried by the yoke, C n·(Ω + the yoke's turning) + C θ̇₃ grows by the motor's torque."""
         done = run(self.ball(self.made()), self.start, 4.0)
@@ -425,7 +420,6 @@ class TestGyroscopicPendulum:
         momentum = self.axial * (np.sum(n * turning, axis=1) + rates[:, 2])
         np.testing.assert_allclose(momentum - momentum[0], self.torque * done.times, atol=1e-11)
 
-    @pytest.mark.thorough
     def test_the_ring_is_a_rigid_body(self):
         hinges = self.made().joints
         moments = self.axial * np.array([0.5, 0.5, 1.0])
