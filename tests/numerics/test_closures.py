@@ -6,8 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import jaxball
 from jaxball import Contact, Disk, DiskState, Event, FunctionForce, simulate
 from jaxball.native.jitting import Lowered
+from jaxball.numerics import programs
 from jaxball.numerics.closures import put_captures, take_captures
 
 X = jnp.asarray(2.0)
@@ -250,3 +252,17 @@ def test_what_cannot_be_taken_out_has_rows_but_no_derivatives():
     for derivative in (jax.grad, jax.jacfwd):
         with pytest.raises(TypeError, match="traced number that is hidden in a function"):
             jax.jit(derivative(time))(X)
+
+
+@pytest.mark.parametrize("compiler", ["native", "xla"])
+def test_both_compilers_take_functions_that_are_written_within_others(compiler):
+    """Also where what such a function holds is an argument, so that the program has others than the function."""
+
+    def twice(function, x):
+        return function(function(x))
+
+    program = programs.filter_jit(twice)
+    with jaxball.compiler(compiler):
+        assert float(program(lambda x: 3.0 * x, jnp.asarray(2.0))) == 18.0
+        several = jax.vmap(lambda k: program(lambda x: k * x, jnp.asarray(2.0)))(jnp.array([1.0, 3.0]))
+    np.testing.assert_allclose(several, [2.0, 18.0])
