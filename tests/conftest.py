@@ -77,9 +77,16 @@ def pytest_collection_modifyitems(config, items):
     if not X64:
         _choose(config, items, lambda item: item.get_closest_marker("any_precision"))
     if config.option.part:
-        number, parts = map(int, config.option.part.split("/"))
+        number, parts = _part(config.option.part)
         # By modules, whose tests share programs; by a hash that is the same in every process.
         _choose(config, items, lambda item: zlib.crc32(item.nodeid.split("::")[0].encode()) % parts == number)
+
+
+def _part(text):
+    number, slash, parts = text.partition("/")
+    if not (slash and number.isdecimal() and parts.isdecimal() and int(number) < int(parts)):
+        raise pytest.UsageError(f"Option --part must be K/N with K from 0 to N - 1, such as 0/8, but it is {text!r}.")
+    return int(number), int(parts)
 
 
 def _choose(config, items, is_chosen):

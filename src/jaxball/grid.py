@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .cpu import cores
-from .interface.arguments import require
+from .interface.arguments import require, whole_number
 from .interface.status import Status
 from .numerics.arrays import Numbers, to_array, to_numpy
 from .numerics.batches import in_threads, unpadded
@@ -42,20 +42,23 @@ class Grid(NamedTuple):
     ) -> Any:
         """What ``solve`` returns for each cell, as arrays with the cells as first axis; ``chunk`` of them at a time.
 
-        ``workers`` chunks are solved at the same time, by default as many as this process has cores, and ``progress``
-        is called with the number of cells done and the number of all after each chunk.
+        ``workers`` threads, by default as many as this process has cores, solve chunks at the same time, and share the
+        rows of a chunk where there are fewer chunks. ``progress`` is called with the number of cells done and the
+        number of all after each chunk.
         """
-        cells = self.cells
+        cells, chunk = self.cells, whole_number("chunk", chunk, 1)
+        workers = cores() if workers is None else whole_number("workers", workers, 1)
+        threads_of_a_chunk = max(1, workers // -(-len(cells) // chunk))
 
         def solve_chunk(batch: Any) -> Any:
-            with rows_in_threads(1):  # of which there are several already
+            with rows_in_threads(threads_of_a_chunk):
                 return jax.vmap(solve)(to_array(cells[batch]))
 
         results = in_threads(
             solve_chunk,
             len(cells),
             min(chunk, len(cells)),
-            workers or cores(),
+            workers,
             progress=progress,
         )
         return unpadded(results, len(cells))

@@ -175,3 +175,29 @@ def test_cells_are_rows_of_a_native_program(monkeypatch):
     dataset = chart(top_heavy, {"spin": SPINS, "height": HEIGHTS[:1]}, (0.0, 10.0), chunk=4)
     assert not reached
     assert np.all(dataset["status"] == 0)
+
+
+@pytest.mark.usefixtures("no_type_checks")
+@pytest.mark.parametrize(
+    ("named", "error", "sentence"),
+    [
+        ({"chunk": 0}, ValueError, "Argument `chunk` must be 1 or more, but it is 0"),
+        ({"chunk": 2.5}, TypeError, "Argument `chunk` must be a whole number"),
+        ({"workers": 0}, ValueError, "Argument `workers` must be 1 or more, but it is 0"),
+    ],
+)
+def test_counts_that_cannot_be(named, error, sentence):
+    with pytest.raises(error, match=sentence):
+        chart(top_heavy, {"spin": SPINS, "height": HEIGHTS}, (0.0, 1.0), **named)
+
+
+@pytest.mark.thorough
+def test_cells_are_the_same_however_they_are_shared_out():
+    """To the last bit with any number of threads and of cells at a time; by XLA to the tolerance of the solve."""
+    arguments = top_heavy, {"spin": SPINS, "height": HEIGHTS[:2]}, (0.0, 10.0)
+    told = [chart(*arguments, chunk=chunk, workers=workers) for chunk, workers in ((2, 1), (2, 2), (4, 3), (128, 2))]
+    for other in told[1:]:
+        assert other.equals(told[0])
+    with jaxball.compiler("xla"):
+        by_xla = chart(*arguments, chunk=4)
+    np.testing.assert_allclose(by_xla["exponent_regardless"], told[0]["exponent_regardless"], atol=1e-6)

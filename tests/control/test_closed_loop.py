@@ -1,5 +1,6 @@
 """Closed loops against the same inputs solved in one run, against linear recursions, and against differences."""
 
+import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -74,9 +75,17 @@ def test_a_robot_with_other_parameters_comes_back_too(track):
     np.testing.assert_allclose(loop.xi[-1, [0, 3]], 0, atol=0.02)
 
 
-@pytest.mark.parametrize("mode", [pytest.param("reverse", marks=pytest.mark.slow), "forward"])
+@pytest.mark.parametrize(
+    ("derivative", "adjoint"),
+    [
+        (jax.jacfwd, None),
+        (jax.grad, None),
+        pytest.param(jax.jacfwd, diffrax.ForwardMode(), marks=pytest.mark.slow),
+        pytest.param(jax.grad, diffrax.RecursiveCheckpointAdjoint(), marks=pytest.mark.slow),
+    ],
+)
 @pytest.mark.long
-def test_gradients_of_the_cost_are_those_of_differences(track, mode):
+def test_gradients_of_the_cost_are_those_of_differences(track, derivative, adjoint):
     """By all gains along a direction, and by the mass. Limits are off, at which the cost has kinks.
 
     Central differences with steps of 1e-4 of sizes 1 have errors of 1e-8, relative to derivatives of size 0.01 to 1.
@@ -86,10 +95,9 @@ def test_gradients_of_the_cost_are_those_of_differences(track, mode):
     def cost(by):
         changed = eqx.tree_at(lambda f: f.regulator.K, track, track.gains + by[0] * along)
         system = robots.with_pendulum(jaxball.Motor(0.0), mass=robots.MASS + by[1])
-        loop = closed_loop(changed, START, system=system, limits=1e3, samples=20)
+        loop = closed_loop(changed, START, system=system, limits=1e3, samples=20, adjoint=adjoint)
         return track.cost(loop.xi, loop.du)
 
-    derivative = jax.grad if mode == "reverse" else jax.jacfwd
     found = jaxball.jit(derivative(cost))(jnp.zeros(2))
     compiled = jaxball.jit(cost)
     steps = 1e-4 * jnp.eye(2)

@@ -113,7 +113,7 @@ def test_an_episode_is_the_run_of_the_drawn_robot_with_inputs_shifted_by_the_del
 @pytest.mark.long
 def test_lanes_are_single_episodes(environment, begun, taken, actions):
     """They are rounded in another order: solves of 1e-10 leave what is far below 1e-9."""
-    step = jaxball.jit(environment.step)
+    step = jax.jit(environment.step)
     for j in (0, LANES - 1):
         single = step(lane(begun[0], j), actions[0, j])
         np.testing.assert_allclose(taken[0].observation[j], single.observation, rtol=0, atol=1e-9)

@@ -48,8 +48,8 @@ def chart(
     - ``parameters``: two names with the values of each, of shapes (n,) and (m,).
     - ``times``, ``transient``, ``interval``, ``solver``, ``rtol``, ``atol``, ``max_steps``: as for
       :func:`lyapunov_spectrum`.
-    - ``chunk``: how many cells one program solves side by side.
-    - ``workers``: how many chunks are solved at the same time; by default the number of this process's cores.
+    - ``chunk``: how many cells are solved between two calls of ``progress``.
+    - ``workers``: how many threads solve them; by default the number of this process's cores.
     - ``progress``: called with the number of cells done and the number of all, after each chunk.
 
     **Returns:** a data set over both parameters with

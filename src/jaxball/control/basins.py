@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..grid import Grid, grid_of
-from ..interface.arguments import require
+from ..interface.arguments import require, whole_number
 from ..interface.printing import Printed
 from ..numerics import programs
 from ..numerics.arrays import Numbers, to_numpy
@@ -18,7 +18,7 @@ from ..numerics.operation import in_threads
 from ..physics.body import System
 from ..physics.force import AbstractWrench
 from .feedback import AbstractFeedback
-from .loop import looped, plant_of, whole_number
+from .loop import looped, plant_of
 from .sampled import SampledSystem
 from .weights import Weights, weight_matrix
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..interface.arguments import refusal, require
+from ..interface.arguments import refusal, require, whole_number
 from ..interface.printing import Printed
 from ..interface.status import Status
 from ..numerics import programs
@@ -263,15 +263,3 @@ def limits_of(sampled: SampledSystem, given: Numbers | Mapping[str, Numbers]) ->
     if not is_traced(array) and not bool(np.all(np.asarray(array) >= 0)):
         raise ValueError(f"Argument `limits` must be 0 or positive, but it is {np.asarray(array).tolist()}.")
     return jnp.broadcast_to(array, (len(inputs),))
-
-
-def whole_number(name: str, given: Any, least: int) -> int:
-    """The number of samples that an argument gives.
-
-    **Raises:** ``TypeError`` for anything but a whole number, ``ValueError`` for one below ``least``.
-    """
-    if isinstance(given, bool) or not isinstance(given, int | np.integer):
-        raise refusal(name, "a whole number of samples", given)
-    if given < least:
-        raise ValueError(f"Argument `{name}` must be {least} or more, but it is {given}.")
-    return int(given)

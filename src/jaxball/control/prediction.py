@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..interface.arguments import require
+from ..interface.arguments import require, whole_number
 from ..numerics import programs
 from ..numerics.arrays import Numbers, is_traced, to_array
 from ..physics.observables import movement
 from ..physics.state import RotationState
 from .feedback import AbstractFeedback
-from .loop import limits_of, whole_number
+from .loop import limits_of
 from .predictive import Plan, Stages, solved
 from .sampled import PlacedState
 from .track import Track

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..control.loop import whole_number
-from ..interface.arguments import require
+from ..interface.arguments import require, whole_number
 from ..interface.printing import Printed
 from ..interface.wording import pip_install
 from .environment import Environment, Episode

@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..control.inputs import held
-from ..control.loop import limits_of, whole_number
+from ..control.loop import limits_of
 from ..control.sampled import PlacedState, SampledSystem
-from ..interface.arguments import refusal, require, require_callable
+from ..interface.arguments import refusal, require, require_callable, whole_number
 from ..interface.printing import Printed
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, is_traced, number_or_none, numbers

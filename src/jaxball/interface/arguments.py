@@ -1,6 +1,6 @@
 """Checks of arguments: an error is a sentence that says what was given, what it must be, and how to mend it.
 
-Only types and shapes are checked, so arguments may be traced.
+Only types, shapes and counts are checked, so arguments may be traced.
 """
 
 import contextlib
@@ -45,6 +45,18 @@ def require_flags(**values: Any) -> None:
     """Raises a ``TypeError`` for the first of these arguments that is not True or False."""
     for name, value in values.items():
         require(name, value, (bool, np.bool_), "True or False")
+
+
+def whole_number(name: str, value: Any, least: int) -> int:
+    """Returns an argument that counts something, as an ``int``.
+
+    **Raises:** ``TypeError`` for anything but a whole number, ``ValueError`` for one below ``least``.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        raise refusal(name, "a whole number", value)
+    if value < least:
+        raise ValueError(f"Argument `{name}` must be {least} or more, but it is {value}.")
+    return int(value)
 
 
 def refusal(name: str, must: str, value: Any, remedy: str = "") -> TypeError:

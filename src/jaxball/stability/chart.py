@@ -45,8 +45,8 @@ def floquet_chart(
       :func:`periodic_motion`; traced, so it must not branch on them.
     - ``parameters``: two names with the values of each, of shapes (n,) and (m,).
     - ``t``, ``rtol``, ``atol``, ``iterations``, ``max_steps``: as for :func:`periodic_motion`.
-    - ``chunk``: how many cells one program solves side by side.
-    - ``workers``: how many chunks are solved at the same time; by default the number of this process's cores.
+    - ``chunk``: how many cells are solved between two calls of ``progress``.
+    - ``workers``: how many threads solve them; by default the number of this process's cores.
     - ``progress``: called with the number of cells done and the number of all, after each chunk.
 
     **Returns:** a data set over both parameters with
