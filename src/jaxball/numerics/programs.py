@@ -144,7 +144,7 @@ class Program:
         if program is None:
             whole = functools.partial(_with_captures, function)
             functools.update_wrapper(whole, self, updated=())
-            del whole.__wrapped__  # whose signature equinox would take for this one
+            del whole.__dict__["__wrapped__"]  # whose signature equinox would take for this one
             compiled = jax.jit(whole) if self._is_dynamic is None else eqx.filter_jit(whole)
             program = Program(whole, compiled, self._is_dynamic, **self._how)
             with contextlib.suppress(TypeError):
