@@ -66,6 +66,7 @@ __all__ = [
     "evaluate",
     "function_of",
     "is_for_export",
+    "is_for_one_device",
     "is_traced",
     "is_tracer_type",
     "is_within_trace",
@@ -238,7 +239,8 @@ class Rules(NamedTuple):
     - ``compute(*arrays)``: of arrays that are not traced.
     - ``types(*types)``: of the results, as of ``jax.eval_shape``.
     - ``write(*arrays)``: the same as functions of JAX.
-    - ``target(context, types)``: the name of a registered function that XLA calls on a CPU; None to write it.
+    - ``target(platform, context, types)``: the name of a registered function that XLA calls on a platform, ``"cpu"`` or
+      ``"cuda"``; None to write it.
     - ``differentiate(primals, tangents)``: results and their tangents.
     - ``batch(arrays, axes)``: results and their axes.
     - ``transpose(cotangents, *arrays)``: the cotangents of the arrays, None of those that are no unknown tangents.
@@ -265,14 +267,15 @@ def new_primitive(name: str, rules: Rules) -> Any:
     )
     written = mlir.lower_fun(rules.write, multiple_results=True)
 
-    def called(context: Any, *operands: Any, **params: Any) -> Any:
-        target = rules.target(context, context.avals_in, **params)
+    def called(platform: str, context: Any, *operands: Any, **params: Any) -> Any:
+        target = rules.target(platform, context, context.avals_in, **params)
         if target is None:
             return written(context, *operands, **params)
         return jax.ffi.ffi_lowering(target)(context, *operands)
 
     mlir.register_lowering(new, written)
-    mlir.register_lowering(new, called, platform="cpu")
+    for platform in ("cpu", "cuda"):
+        mlir.register_lowering(new, functools.partial(called, platform), platform=platform)
     ad.primitive_jvps[new] = rules.differentiate
     batching.primitive_batchers[new] = rules.batch
     if rules.transpose is not None:
@@ -293,6 +296,11 @@ def zero_tangent(primal: Any) -> Any:
 def is_for_export(context: Any) -> bool:
     """Whether what is lowered is to be run in another process, from the context that a rule for lowering is given."""
     return bool(getattr(context.module_context.lowering_parameters, "for_export", False))
+
+
+def is_for_one_device(context: Any) -> bool:
+    """Whether what is lowered is to be run by a single device, from the context that a rule for lowering is given."""
+    return getattr(context.module_context.axis_context, "num_devices", None) == 1
 
 
 def differentiate_by(own: Any, rule: Callable[..., tuple[Any, Any]]) -> None:

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from . import current
-from .current import NATIVE, XLA
+from .current import GPU, NATIVE, XLA
 from .folder import LIMIT, Folder
 from .store import FolderStore
 
@@ -87,7 +87,7 @@ def contents(folder: str | os.PathLike[str] | None = None) -> Contents:
     place = _folder(folder)
     entries = place.entries()
     size = sum(entry.size for entry in entries)
-    of_each = place.count(NATIVE), place.count(XLA)
+    of_each = place.count(NATIVE) + place.count(GPU), place.count(XLA)
     return Contents(place.path, len(entries), *of_each, size, place.limit, _objection(place))
 
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from typing import Any, Protocol, runtime_checkable
 
 NATIVE, XLA = b"native\n", b"xla\n"  # a program of one compiler or the other
+GPU = b"gpu\n"  # a native program of a GPU
 REFUSAL = b"refused\n"  # the note that a program is not compiled natively
 LIST = b"list\n"  # the keys of a command's programs
 

@@ -13,7 +13,7 @@ from jax.experimental import serialize_executable
 from jax.tree_util import PyTreeDef
 
 from .. import native
-from .current import NATIVE, REFUSAL, XLA
+from .current import GPU, NATIVE, REFUSAL, XLA
 
 OWN = __name__.split(".")[0]
 LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", "diffrax", "optimistix", "lineax", "jaxtyping")
@@ -72,8 +72,8 @@ class Loaded(NamedTuple):
 def content(program: Any, takes: int, gives: int, result: Any, reached: Sequence[Any] = ()) -> bytes | None:
     """A program with so many input and output arrays, as bytes; None if impossible, as for one that calls Python.
 
-    ``program`` is one of the native compiler or an executable of JAX; ``reached`` are functions and classes that the
-    result may contain, without a name.
+    ``program`` is one of the native compiler, of a CPU or a GPU, or an executable of JAX; ``reached`` are functions and
+    classes that the result may contain, without a name.
     """
     try:
         pickled = io.BytesIO()
@@ -81,8 +81,9 @@ def content(program: Any, takes: int, gives: int, result: Any, reached: Sequence
         # Objects compared by identity would differ after loading.
         if _Unpickler(pickled.getvalue(), reached).load() != result:
             return None
-        if isinstance(program, native.Program):
-            return NATIVE + pickle.dumps((program.form, pickled.getvalue()))
+        if isinstance(program, native.Program | native.GridProgram):
+            beginning = NATIVE if isinstance(program, native.Program) else GPU
+            return beginning + pickle.dumps((program.form, pickled.getvalue()))
         payload, _, _ = serialize_executable.serialize(program)
         return XLA + pickle.dumps((payload, takes, gives, pickled.getvalue()))
     except Exception:  # depends on the version of JAX
@@ -123,8 +124,14 @@ def _native(content: bytes) -> Loaded:
     return Loaded(native.Program(form), pickled)
 
 
+def _on_gpu(content: bytes) -> Loaded:
+    form, pickled = pickle.loads(content)
+    return Loaded(native.GridProgram(form), pickled)
+
+
 _LOADERS: dict[bytes, Callable[[bytes], Loaded | native.Refusal]] = {
     NATIVE: _native,
+    GPU: _on_gpu,
     XLA: _of_xla,
     REFUSAL: lambda content: native.Refusal(content.decode()),
 }

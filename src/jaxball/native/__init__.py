@@ -14,10 +14,13 @@ From the bottom up, each module is a step:
 - ``lanes``: loops whose iterations are computed side by side, in vectors; ``vectors``: short axes in vectors.
 - ``ranges``: bounds of integers.
 - ``rules``, ``operations``: what each operation computes, one file for each family.
+- ``targets``: what the processors can do that programs are written for.
 - ``lowering``, ``functions``, ``entry``: functions, operation by operation; functions that are not inlined; the entry
   function.
-- ``machine``: LLVM passes, machine code, and loading it into memory.
-- ``executable``: arguments, results, threads and Ctrl-C.
+- ``table``, ``handler``, ``row_threads``, ``grid``: where the rows of a call lie; the function that XLA calls; threads
+  of a CPU, or of a GPU, that compute rows.
+- ``machine``: LLVM passes, machine code or PTX, and loading code into memory; ``cuda``: the driver of a GPU.
+- ``executable``, ``gpu``: arguments, results, threads and Ctrl-C; kernels.
 - ``jitting``, ``choice``: functions traced and compiled, and the choice of compiler; ``collecting``: garbage, while
   it works.
 
@@ -26,7 +29,7 @@ It contains nothing specific to mechanics.
 
 from .choice import asked_for, chosen, compiler
 from .elements import LANES
-from .handler import Rows
+from .gpu import GridForm, GridProgram
 from .jitting import (
     CallbackReachedError,
     Form,
@@ -34,8 +37,10 @@ from .jitting import (
     Program,
     Refusal,
     allowed,
+    allowed_on_gpu,
     are_numbers,
     as_keys,
+    identity_on_gpu,
     implementation,
     kind,
     numbers,
@@ -49,23 +54,28 @@ from .jitting import (
 )
 from .lanes import FEWEST
 from .machine import identity
+from .table import Rows
 
 __all__ = [
     "FEWEST",
     "LANES",
     "CallbackReachedError",
     "Form",
+    "GridForm",
+    "GridProgram",
     "Lowered",
     "Program",
     "Refusal",
     "Rows",
     "allowed",
+    "allowed_on_gpu",
     "are_numbers",
     "as_keys",
     "asked_for",
     "chosen",
     "compiler",
     "identity",
+    "identity_on_gpu",
     "implementation",
     "kind",
     "numbers",

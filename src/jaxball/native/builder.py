@@ -95,7 +95,7 @@ class Builder(Instructions):
         if operation == "div" or (isinstance(x, str) and x == y) or not multiplies_and_adds():
             return None
         for term, other in ((x, y), (y, x)):
-            if term not in self._products or width_of(term) != width_of(x, y):
+            if term not in self._products:
                 continue
             factor, number = self._products[term]
             if operation == "sub" and term is x:

@@ -1,17 +1,23 @@
-"""A module compiled, with the function by which it is called from Python."""
+"""A module compiled, with the functions by which it is called: from Python, by XLA, or by the threads of a GPU."""
 
 from typing import Any
 
 import numpy as np
 
+from . import grid
+from .cuda import CudaError
 from .elements import UnsupportedError
 from .executable import ALIGNMENT, Form
 from .extent import loops_over_large_arrays
-from .handler import PATIENCE, Part, Rows, handler
+from .gpu import GridForm, code_for_gpus
+from .handler import handler
 from .lowering import INTERRUPTED, REFUSED, Compiler, Function
-from .machine import object_code, routines_in, triple
+from .machine import object_code, ptx, routines_in, triple
 from .program import Value, functions_of
+from .row_threads import PATIENCE, rows_in_threads
 from .rules import RULES
+from .table import Rows, bytes_of_table, part_of
+from .targets import HOST, Target, host_for, thread_for
 from .values import Array, Buffer, Memory, size_of
 
 # The control data of a program: the instructions left until it next checks for signals, whether it must stop, the state
@@ -79,13 +85,15 @@ OUTPUTS
 
 
 class Entry:
-    """The text of a compiled program, and how it is called.
+    """A compiled program as LLVM IR: a function ``main(control, workspace, inputs, outputs)``.
 
-    - ``text``: LLVM's IR of a function ``run(inputs, outputs, workspace)``: the addresses of the arguments, one array
-      in which all results lie, and memory to work in; and of ``call(frame)``, as of :func:`~.handler.handler`.
-    - ``results``: offset in bytes, shape and type of each result.
-    - ``size``: bytes of all results; ``workspace``: those to work in.
+    ``inputs`` and ``outputs`` are lists of the addresses of the arguments and of the results.
+
+    - ``body``: its text, with all that it calls.
+    - ``results``: offset in bytes, shape and type of each result, where all lie in one array of ``size`` bytes.
+    - ``workspace``: bytes to work in.
     - ``refuses``: whether it may stop at a callback of Python, so that XLA cannot call it.
+    - ``takes``, ``gives``: arguments and results, as a row of each is.
     """
 
     def __init__(self, compiler: Compiler, rows: Rows | None = None):
@@ -103,12 +111,28 @@ class Entry:
         function.builder.write("ret void")
         head = "internal void @main(ptr %control, ptr %workspace, ptr %inputs, ptr %outputs)"
         compiler.module.functions.append(function.builder.function(head))
+        self.body = compiler.module.text()
         self.workspace = compiler.module.workspace
         self.refuses = compiler.refuses
-        takes = [_part(value, rows is not None and rows.taken[k]) for k, value in enumerate(block.arguments)]
-        gives = [_part(value, rows is not None) for value in block.results]
-        called = handler(takes, gives, rows.block if rows else 1, self.workspace, triple())
-        self.text = SUPPORT.replace("OUTPUTS", self._outputs()) + called + compiler.module.text()
+        self.takes = [part_of(value, rows is not None and rows.taken[k]) for k, value in enumerate(block.arguments)]
+        self.gives = [part_of(value, rows is not None) for value in block.results]
+        self.block = rows.block if rows else 1
+
+    def text(self) -> str:
+        """The module for this processor.
+
+        Its functions are ``run(inputs, block, workspace)``, for a call from Python, with one array in which all results
+        lie; ``rows(shared)``, for many; and ``call(frame)``, for XLA.
+        """
+        parts = self.takes, self.gives
+        return "".join(
+            (
+                SUPPORT.replace("OUTPUTS", self._outputs()),
+                handler(*parts, self.block),
+                rows_in_threads(*parts, self.block, self.workspace, triple()),
+                self.body,
+            )
+        )
 
     def _outputs(self) -> str:
         """The list of the places of all results in one array."""
@@ -120,16 +144,25 @@ class Entry:
         return "  " + "\n  ".join(lines)
 
 
-def compiled(module: Any, arguments: int, large: bool = True, quickly: bool = False, rows: Rows | None = None) -> Form:
+def compiled(
+    module: Any,
+    arguments: int,
+    large: bool = True,
+    quickly: bool = False,
+    rows: Rows | None = None,
+    in_lanes: bool = True,
+) -> Form:
     """A StableHLO module of so many arguments, compiled.
 
     - ``large``: even if its loops are over large arrays; ``quickly``: as of :func:`~.machine.object_code`.
     - ``rows``: the rows that it computes at once, if it does.
+    - ``in_lanes``: whether its rows are computed in the lanes of vectors.
 
     **Raises:** :class:`UnsupportedError`.
     """
-    entry = written(module, arguments, large, rows)
-    code, routines = object_code(entry.text, quickly), routines_in(entry.text)
+    entry = written(module, arguments, large, rows, host_for(in_lanes))
+    text = entry.text()
+    code, routines = object_code(text, quickly), routines_in(text)
     return Form(
         code,
         tuple(entry.results),
@@ -142,8 +175,10 @@ def compiled(module: Any, arguments: int, large: bool = True, quickly: bool = Fa
     )
 
 
-def written(module: Any, arguments: int, large: bool = True, rows: Rows | None = None) -> Entry:
-    """The same as LLVM IR, before LLVM compiles it.
+def written(
+    module: Any, arguments: int, large: bool = True, rows: Rows | None = None, target: Target = HOST
+) -> Entry:
+    """The same as LLVM IR, before LLVM compiles it; ``target``: the kind of processor.
 
     **Raises:** :class:`UnsupportedError`.
     """
@@ -152,7 +187,38 @@ def written(module: Any, arguments: int, large: bool = True, rows: Rows | None =
         raise UnsupportedError("A program of loops over large arrays")
     if len(functions["main"].arguments) != arguments:
         raise UnsupportedError("A program with arguments of JAX's own")
-    return Entry(Compiler(functions), rows)
+    return Entry(Compiler(functions, target), rows)
+
+
+def compile_for_gpu(module: Any, gives: Any, arguments: int, large: bool, in_lanes: bool) -> GridForm:
+    """Compiles a StableHLO module for the GPUs of this machine.
+
+    - ``gives``: as of :class:`GridForm`; ``arguments``: how many arrays it takes.
+    - ``large``: even if its loops are over large arrays.
+    - ``in_lanes``: whether rows are computed in the lanes of vectors on a CPU.
+
+    **Raises:** :class:`UnsupportedError` for what only a CPU can do, or where the driver cannot compile it.
+    """
+    entry = written(module, arguments, large, target=thread_for(in_lanes))
+    try:
+        return GridForm(code_for_gpus(ptx(kernel_text(entry))), object_code(launcher_text(entry)), gives)
+    except CudaError as error:
+        raise UnsupportedError(str(error)) from None
+
+
+def kernel_text(entry: Entry) -> str:
+    """The module of the kernel.
+
+    **Raises:** :class:`UnsupportedError` for more arrays than a kernel can take.
+    """
+    if bytes_of_table([*entry.takes, *entry.gives]) > grid.MOST_BYTES_OF_TABLE:
+        raise UnsupportedError(f"A program of {len(entry.takes) + len(entry.gives)} arrays on a GPU")
+    return grid.kernel(entry.takes, entry.gives, entry.workspace) + entry.body
+
+
+def launcher_text(entry: Entry) -> str:
+    """The module of the handler that starts the kernel."""
+    return handler(entry.takes, entry.gives, 1) + grid.launcher(entry.workspace)
 
 
 def _argument(function: Function, compiler: Compiler, value: Value, position: int) -> Array:
@@ -163,8 +229,3 @@ def _argument(function: Function, compiler: Compiler, value: Value, position: in
 def _listed(function: Function, addresses: str, position: int) -> str:
     b = function.builder
     return b.effect(f"load ptr, ptr {b.address(addresses, 8 * position)}")
-
-
-def _part(value: Value, in_rows: bool) -> Part:
-    shape = value.shape[1:] if in_rows else value.shape
-    return Part(len(shape), size_of(shape) * value.dtype.itemsize, in_rows)

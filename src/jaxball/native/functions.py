@@ -62,7 +62,7 @@ class Signature:
     def __init__(self, function: Function, name: str, block: Block, varying: Sequence[bool]):
         def form(value: Value, own: bool) -> _Form:
             small = function.compiler.in_registers(value)
-            return _Form(small, own, small and not function.in_lanes and are_handed_on(value.shape, value.dtype))
+            return _Form(small, own, small and function.uses_vectors and are_handed_on(value.shape, value.dtype))
 
         self.masked = function.builder.mask is not None
         results = function.varying().call(name, varying) if function.in_lanes else [False] * len(block.results)

@@ -16,6 +16,7 @@ from ..compat import array_type, is_tracer_type, same_mesh, setting_of_traces, t
 from . import choice, machine
 from .collecting import seldom_collected
 from .elements import UnsupportedError
+from .gpu import GridProgram
 
 _OF_NUMPY = (np.ndarray, np.generic, bool, int, float, complex)  # all types other than JAX arrays
 _natively = setting_of_traces(False)
@@ -161,10 +162,17 @@ class Lowered:
 
     @functools.cached_property
     def lowered(self) -> Any:
-        """The trace, lowered to StableHLO."""
+        """The trace, lowered to StableHLO for the device that JAX computes on."""
+        return self._lower()
+
+    def for_cpu(self) -> Any:
+        """The trace, lowered to StableHLO for a CPU, without calls of what is only there on another device."""
+        return self.lowered if jax.default_backend() == "cpu" else self._lower("cpu")
+
+    def _lower(self, *platforms: str) -> Any:
         traced = self.traced
         with self.as_traced(), without_locations():
-            return traced.lower()
+            return traced.lower(lowering_platforms=platforms or None)
 
     @contextlib.contextmanager
     def as_traced(self) -> Iterator[None]:
@@ -177,12 +185,15 @@ class Lowered:
         """The types of the results."""
         return [type_of(aval) for aval in self.traced.jaxpr.out_avals]
 
-    def natively(self, large: bool = True, quickly: bool = False, rows: Any = None) -> Program | Refusal:
+    def natively(
+        self, large: bool = True, quickly: bool = False, rows: Any = None, in_lanes: bool = True
+    ) -> Program | Refusal:
         """The program; a refusal if it contains something unsupported.
 
         - ``large``: whether it is compiled even if its loops are over large arrays, which XLA runs faster.
         - ``quickly``: whether LLVM optimises it less.
-        - ``rows``: what it computes at once, as of :class:`~.entry.Rows`.
+        - ``rows``: what it computes at once, as of :class:`~.table.Rows`.
+        - ``in_lanes``: whether its rows are computed in the lanes of vectors.
         """
         from . import operations  # noqa: F401 (whose rules are entered)
         from .entry import compiled
@@ -192,12 +203,25 @@ class Lowered:
             with seldom_collected():
                 form = Form(
                     tuple(map(_numpy_type, takes)),
-                    tuple((aval.shape, _numpy_type(aval), aval.weak_type) for aval in gives),
-                    compiled(self.lowered.compiler_ir("stablehlo"), len(takes), large, quickly, rows),
+                    _described(gives),
+                    compiled(self.for_cpu().compiler_ir("stablehlo"), len(takes), large, quickly, rows, in_lanes),
                 )
         except UnsupportedError as error:
             return Refusal(str(error))
         return Program(form)
+
+    def for_gpu(self, large: bool, in_lanes: bool) -> GridProgram | Refusal:
+        """The program of a GPU's threads, each of which computes a row; otherwise as :meth:`natively`."""
+        from . import operations  # noqa: F401 (whose rules are entered)
+        from .entry import compile_for_gpu
+
+        try:
+            with seldom_collected():
+                gives = _described(self.traced.jaxpr.out_avals)
+                module = self.for_cpu().compiler_ir("stablehlo")
+                return GridProgram(compile_for_gpu(module, gives, len(self.takes), large, in_lanes))
+        except UnsupportedError as error:
+            return Refusal(str(error))
 
     def as_text(self) -> str:
         """The program as LLVM's IR.
@@ -207,7 +231,7 @@ class Lowered:
         from . import operations  # noqa: F401 (whose rules are entered)
         from .entry import written
 
-        return written(self.lowered.compiler_ir("stablehlo"), len(self.takes)).text
+        return written(self.lowered.compiler_ir("stablehlo"), len(self.takes)).text()
 
     def by_xla(self) -> Callable[[list[Any]], list[Any]]:
         """The program."""
@@ -270,6 +294,22 @@ def allowed() -> bool:
     return machine.is_present() and on_one_cpu()
 
 
+def allowed_on_gpu() -> bool:
+    """Whether programs are compiled natively for NVIDIA's GPUs."""
+    if not machine.is_present() or _is_debugging():
+        return False
+    from .gpu import why_not
+
+    return why_not() is None
+
+
+def identity_on_gpu() -> list[str]:
+    """What, besides its text, determines the code of a program for a GPU."""
+    from .gpu import identity
+
+    return identity()
+
+
 def usable(leaves: Sequence[Any]) -> bool:
     """Whether programs can be compiled natively for such arguments: on the one device of a CPU, and with numbers."""
     return allowed() and not some_traced(leaves) and are_numbers(leaves)
@@ -283,11 +323,16 @@ def are_numbers(leaves: Sequence[Any]) -> bool:
 def on_one_cpu() -> bool:
     """Whether programs run on the one device of a CPU, and without settings that are for debugging."""
     config: Any = jax.config
-    if config.jax_debug_nans or config.jax_debug_infs or config.jax_disable_jit:
+    if _is_debugging():
         return False
     if not jax.sharding.get_abstract_mesh().empty or jax.default_backend() != "cpu" or jax.device_count() != 1:
         return False
     return config.jax_default_device in (None, "cpu", jax.devices()[0])
+
+
+def _is_debugging() -> bool:
+    config: Any = jax.config
+    return config.jax_debug_nans or config.jax_debug_infs or config.jax_disable_jit
 
 
 def _is_numbers(leaf: Any) -> bool:
@@ -313,6 +358,10 @@ def settings() -> Any:
     config: Any = jax.config
     debugging = config.jax_debug_nans, config.jax_debug_infs, config.jax_disable_jit
     return trace_context(), config.jax_default_device, debugging
+
+
+def _described(avals: Sequence[Any]) -> tuple[tuple[tuple[int, ...], np.dtype, bool], ...]:
+    return tuple((aval.shape, _numpy_type(aval), aval.weak_type) for aval in avals)
 
 
 def _numpy_type(aval: Any) -> np.dtype:

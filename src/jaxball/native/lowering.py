@@ -11,6 +11,7 @@ from .lanes import Varying
 from .program import Block, Operation, Value
 from .rules import RULES
 from .storage import Storage
+from .targets import HOST, Target
 from .values import Array, Buffer, Formula, Memory, Registers, is_small
 
 # Why a program stopped before its end: a signal, or because it cannot do what comes next.
@@ -19,10 +20,13 @@ MOST_INLINED = 200  # operations of a function that is called more than once and
 
 
 class Compiler:
-    """One program, by its functions; the first is ``main``."""
+    """One program, by its functions; the first is ``main``.
 
-    def __init__(self, functions: dict[str, Block]):
-        self.functions, self.module = functions, Module()
+    - ``target``: what its processor can do.
+    """
+
+    def __init__(self, functions: dict[str, Block], target: Target = HOST):
+        self.functions, self.module = functions, Module(target)
         self.compiled: dict[str, int] = {}  # instructions of those that are functions of LLVM's as well, by their names
         self._sizes: dict[str, int] = {}
         self._calls: dict[str, int] = {}
@@ -198,8 +202,18 @@ class Function:
 
         return combine
 
+    @property
+    def uses_vectors(self) -> bool:
+        """Whether short arrays are computed in vectors: not where each lane of vectors has an array of its own."""
+        return self.module.target.has_vectors and not self.in_lanes
+
     def refuse(self) -> None:
-        """Ends the program, which must be run by another compiler, from the beginning."""
+        """Ends the program, which must be run by another compiler, from the beginning.
+
+        **Raises:** ``UnsupportedError`` where there is nobody who could run it.
+        """
+        if not self.module.target.has_signals:
+            raise UnsupportedError("A callback of Python")
         b = self.builder
         self.compiler.refuses = True
         b.write(f"store i8 {REFUSED}, ptr {b.address('%control', 8)}")
@@ -209,6 +223,8 @@ class Function:
 
     def looks_for_signals(self, cost: int) -> None:
         """Ends the function if Python has a signal to handle; checked after so many instructions."""
+        if not self.module.target.has_signals:
+            return
         b = self.builder
         left = b.effect(f"sub i64 {b.effect('load i64, ptr %control')}, {max(cost, 1)}")
         b.write(f"store i64 {left}, ptr %control")

@@ -1,4 +1,4 @@
-"""From LLVM IR as text to machine code in memory, by llvmlite, which is imported when it is first needed."""
+"""From LLVM IR as text to machine code in memory or to PTX, by llvmlite, which is imported when it is first needed."""
 
 import contextlib
 import ctypes
@@ -16,6 +16,7 @@ _lock = threading.Lock()
 
 # Characters of a program of which quick code needs half a megabyte of stack, twice what optimised code does.
 MOST_QUICKLY = 8_000_000
+OLDEST_GPU, VERSION_OF_PTX = "sm_70", "+ptx70"
 LONG = 2_000_000  # characters of a program above which LLVM's scheduler considers fewer instructions at a time
 
 # Declarations of routines, as linear_algebra.py writes them.
@@ -50,15 +51,25 @@ def object_code(text: str, quickly: bool = False) -> bytes:
 
     - ``quickly``: in a third of the time, as code that runs up to twice as long, with the same results to the last bit.
     """
+    machine, optimise = _pipeline(quickly and len(text) <= MOST_QUICKLY)
+    return _emit(text, machine, optimise, machine.emit_object)
+
+
+def ptx(text: str) -> str:
+    """The PTX of a module of LLVM's IR that has a ``kernel``."""
+    machine, optimise = _pipeline_to_ptx()
+    return _emit(text, machine, optimise, machine.emit_assembly)
+
+
+def _emit(text: str, machine: Any, optimise: Callable[[Any], None], emit: Callable[[Any], Any]) -> Any:
     llvm = _llvm()
     with _lock:
-        machine, passes, builder = _pipeline(quickly and len(text) <= MOST_QUICKLY)
         module = llvm.parse_assembly(text)
         module.triple, module.data_layout = machine.triple, str(machine.target_data)
         try:
-            passes.run(module, builder)
+            optimise(module)
             with _in_proportion(llvm, text):
-                return machine.emit_object(module)
+                return emit(module)
         finally:
             module.close()
 
@@ -165,8 +176,8 @@ def _in_proportion(llvm: Any, text: str) -> Iterator[None]:
 
 
 @functools.cache
-def _pipeline(quickly: bool) -> tuple[Any, Any, Any]:
-    """A machine, and the passes that pay for the time they take, with the builder that they run by.
+def _pipeline(quickly: bool) -> tuple[Any, Callable[[Any], None]]:
+    """The machine of this processor, and what optimises a module for it.
 
     Common subexpressions and constants were found, and products and sums fused, when the program was written. None of
     LLVM's other passes made the programs faster, and its new GVN, in LLVM 22, confused numbers of different loop
@@ -174,9 +185,27 @@ def _pipeline(quickly: bool) -> tuple[Any, Any, Any]:
 
     One for all programs of a kind, because llvmlite gives back only a part of the memory of passes and builders.
     """
-    llvm, machine = _llvm(), _machine(quickly)
+    machine = _machine(quickly)
+    return machine, _passes(machine, quickly)
+
+
+@functools.cache
+def _pipeline_to_ptx() -> tuple[Any, Callable[[Any], None]]:
+    """The same of the oldest GPUs that programs run on; their drivers compile it for all newer ones."""
+    llvm = _llvm()
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    target = llvm.Target.from_triple("nvptx64-nvidia-cuda")
+    machine = target.create_target_machine(cpu=OLDEST_GPU, features=VERSION_OF_PTX, opt=2)
+    return machine, _passes(machine, False)
+
+
+def _passes(machine: Any, quickly: bool) -> Callable[[Any], None]:
+    """The passes that pay for the time they take."""
+    llvm = _llvm()
     passes = llvm.create_new_module_pass_manager()
     if not quickly:
         passes.add_sroa_pass()
     passes.add_dead_code_elimination_pass()
-    return machine, passes, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2))
+    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2))
+    return lambda module: passes.run(module, builder)

@@ -3,15 +3,22 @@
 import numpy as np
 
 from .elements import Name, UnsupportedError
+from .targets import HOST, Target
 
 MOST_LINES = 400_000  # of a program: more takes LLVM longer than XLA
 ALIGNMENT = 64
 
 
 class Module:
-    """Shared by functions: declarations, constants, the size of the workspace."""
+    """Shared by functions: declarations, constants, the size of the workspace.
 
-    def __init__(self) -> None:
+    **Arguments:**
+
+    - ``target``: what its processor can do.
+    """
+
+    def __init__(self, target: Target = HOST) -> None:
+        self.target = target
         self.declared: dict[str, str] = {}
         self.constants: dict[bytes, tuple[str, str]] = {}
         self.functions: list[str] = []

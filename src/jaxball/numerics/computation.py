@@ -169,8 +169,11 @@ class Computation:
         """The native program that another process has compiled, which tells what a trace would tell."""
         if current.store is None or self._results:
             return None
-        found = self.natively(current.store, compiles=False)
-        return found if isinstance(found, Compiled) else None
+        if jax.default_backend() == "cpu":
+            program = self.natively(current.store, compiles=False)
+        else:
+            program = self.on_gpu(current.store, compiles=False)
+        return program if isinstance(program, Compiled) else None
 
     # Programs
 
@@ -225,7 +228,7 @@ class Computation:
             known, place = place.found(), place.of_quick_code()
         if not compiles:
             return known or (place and place.found())
-        program = known or self._obtained(place, lambda: self.traced.natively(large, quickly, self.rows))
+        program = known or self._obtained(place, lambda: self.traced.natively(large, quickly, self.rows, self.in_lanes))
         if isinstance(program, native.Refusal):
             native.warn_if_asked_for(program, self.name)
         return program
@@ -240,7 +243,7 @@ class Computation:
     def _described(self) -> list[Any]:
         """What determines its programs, besides the compiler."""
         takes = [(one.shape, one.dtype, one.weak_type) for one in self.takes]
-        return [self.function, self.opaque, self.rows, takes]
+        return [self.function, self.opaque, self.in_lanes, self.rows, takes]
 
     def _obtained(self, place: Place | None, make: Callable[[], Any]) -> Compiled | native.Refusal:
         """The program: loaded from the store, or compiled and written there."""
@@ -265,6 +268,22 @@ class Computation:
             if isinstance(natively, Compiled) and natively.target is not None:
                 return natively.made
         return None
+
+    def on_gpu(self, store: Store | None, compiles: bool = True) -> Compiled | native.Refusal | None:
+        """The program by which a GPU computes rows, each in a thread; otherwise as :meth:`natively`."""
+        if native.chosen() != "native" or not native.allowed_on_gpu():
+            return None
+        return self._once(("gpu", store), lambda: self._on_gpu(store, compiles))
+
+    def _on_gpu(self, store: Store | None, compiles: bool) -> Compiled | native.Refusal | None:
+        large = self.large or native.asked_for() == "native"
+        place = place_in(store, self._described(), "gpu", large, *native.identity_on_gpu())
+        if not compiles:
+            return place and place.found()
+        program = self._obtained(place, lambda: self.traced.for_gpu(large, self.in_lanes))
+        if isinstance(program, native.Refusal):
+            native.warn_if_asked_for(program, self.name)
+        return program
 
     # Computations that follow from it
 

@@ -63,7 +63,7 @@ class Compiled(NamedTuple):
     @property
     def target(self) -> str | None:
         """The name by which XLA calls it, if it can."""
-        return self.made.target if isinstance(self.made, native.Program) else None
+        return self.made.target if isinstance(self.made, native.Program | native.GridProgram) else None
 
     @property
     def gives(self) -> list[jax.ShapeDtypeStruct]:

@@ -8,8 +8,8 @@ arrays. Their rules make new computations, which are compiled like any other:
 - transpose of ``tangents``: ``run`` of the cotangents, in reverse mode;
 - either of many: ``run`` of many rows or, where only linear arguments are many, of many directions.
 
-So one call is differentiated in both modes, in any order. On a CPU, XLA calls the native program of a computation;
-where there is none, as on a GPU, the function itself is written there.
+So one call is differentiated in both modes, in any order. On a CPU and on an NVIDIA GPU, XLA calls the native program
+of a computation; where there is none, the function itself is written there.
 
 Both take ``rows``: which arrays have rows as leading axis, of which each is a run; empty where it is a single one.
 """
@@ -24,9 +24,11 @@ import jax
 import jax.numpy as jnp
 
 from .. import native
-from ..compat import Rules, is_for_export, new_primitive, no_tangent, zero_tangent
+from ..cache import current
+from ..compat import Rules, is_for_export, is_for_one_device, new_primitive, no_tangent, zero_tangent
 from .batches import map_batches
 from .computation import Computation, in_rows
+from .kept_programs import Compiled
 from .reverse_rules import chosen
 
 MOST_DIRECTIONS = 32  # that are one program; more are rows
@@ -115,11 +117,20 @@ def _written_here(*arrays: Any, computation: Computation, rows: Which) -> list[A
     return map_batches(of_row, leading, computation.together)
 
 
-def _target(context: Any, types: Sequence[Any], computation: Computation, rows: Which) -> str | None:
+def _target(
+    platform: str, context: Any, types: Sequence[Any], computation: Computation, rows: Which
+) -> str | None:
     """The name by which XLA calls the native program; None where there is none, or the function must be written out."""
-    if native.traced_natively() or is_for_export(context) or native.chosen() != "native" or not native.allowed():
+    if native.traced_natively() or is_for_export(context) or native.chosen() != "native":
         return None
-    program = computation.program_of_rows(rows, _count(rows, types) if rows else 1)
+    count = _count(rows, types) if rows else 1
+    if platform == "cuda":
+        # A user's function as a whole may map over many rows, which a single thread would compute one by one.
+        if not is_for_one_device(context) or count == 0 or not (computation.opaque or rows):
+            return None
+        on_gpu = computation.on_gpu(current.store)
+        return on_gpu.target if isinstance(on_gpu, Compiled) else None
+    program = computation.program_of_rows(rows, count) if native.allowed() else None
     return None if program is None else program.target
 
 
@@ -226,6 +237,12 @@ def _of_tangents(rule: Any) -> Any:
     return applied
 
 
+def _target_of_tangents(
+    platform: str, context: Any, types: Sequence[Any], *, computation: Computation, which: Which, rows: Which
+) -> str | None:
+    return _target(platform, context, types, **_as_run(computation, which, rows))
+
+
 run: Any = new_primitive(
     "run",
     Rules(
@@ -244,7 +261,7 @@ tangents_of_run: Any = new_primitive(
         compute=_of_tangents(_compute),
         types=_of_tangents(lambda *arrays, computation, rows: _types(computation, rows, arrays)),
         write=_of_tangents(_written_here),
-        target=_of_tangents(_target),
+        target=_target_of_tangents,
         differentiate=_differentiate_tangents,
         batch=_of_tangents(_batch),
         transpose=_transpose_tangents,

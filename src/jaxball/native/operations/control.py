@@ -47,7 +47,7 @@ def call(function: Function, operation: Operation, operands: list[Array]) -> lis
 @rule("stablehlo.while")
 def while_(function: Function, operation: Operation, operands: list[Array]) -> list[Array]:
     """The body's results are the next turn's arguments, for as long as the condition holds."""
-    if not function.in_lanes:
+    if function.uses_vectors:
         loop = independent(operation, [_known(array) for array in operands], function.compiler.functions)
         if loop is not None:
             return _in_lanes(function, operation, operands, loop)
@@ -233,7 +233,7 @@ class _Carry:
             self.array = _with_twin(function, array) if small else storage.anywhere(storage.settled(array))
         elif small:
             self.array = storage.to_registers(array)
-            self.in_vectors = not function.in_lanes and are_handed_on(self.array.shape, self.array.dtype)
+            self.in_vectors = function.uses_vectors and are_handed_on(self.array.shape, self.array.dtype)
             self.first = self._handed_on(self.array)
         else:
             self.array = function.overwritable(operation, position, array, varying)
@@ -327,7 +327,7 @@ class _Branches:
         self.function, self.operation = function, operation
         self.small = [is_small(value.shape) for value in operation.results]
         self.in_vectors = [
-            not function.in_lanes and are_handed_on(value.shape, value.dtype) for value in operation.results
+            function.uses_vectors and are_handed_on(value.shape, value.dtype) for value in operation.results
         ]
         self.varying = [False] * len(self.small)
         if function.in_lanes:

@@ -19,8 +19,8 @@ def mapped(
     """The array of what ``compute`` gives for the elements; an operand of shape () is the same for all."""
     builder, storage = function.builder, function.storage
     if is_small(shape):
-        if is_of_vectors(shape) and (array := _in_vectors(function, shape, dtype, compute, of)) is not None:
-            return array
+        if function.uses_vectors and is_of_vectors(shape):
+            return _in_vectors(function, shape, dtype, compute, of)
         flat = []
         for array in of:
             elements = storage.to_registers(array).flat()
@@ -36,8 +36,8 @@ def mapped(
 
 def _in_vectors(
     function: Function, shape: tuple[int, ...], dtype: np.dtype, compute: Callable[..., Element], of: Sequence[Array]
-) -> Array | None:
-    """The same in vectors along the first axis; None where that is not to be."""
+) -> Array:
+    """The same in vectors along the first axis, where that takes less time."""
     dtypes, found = [array.dtype for array in of], []
     for columns in in_columns(shape, [function.storage.to_registers(array).flat() for array in of]):
         vectors = side_by_side(function.builder, dtypes, [dtype], columns, lambda *xs: (compute(*xs),))

@@ -39,7 +39,7 @@ class _Routine:
     def call(self, name: str, *arguments: Any, library: str = "lapack") -> None:
         """Arguments are letters, integers, numbers of a type, which are passed by their addresses, and memory."""
         b, symbol = self.function.builder, f"scipy.{library}.{self.letter}{name}"
-        if machine.routine(library, f"{self.letter}{name}") is None:
+        if not b.module.target.has_routines or machine.routine(library, f"{self.letter}{name}") is None:
             raise UnsupportedError(f"{self.letter}{name} of SciPy's {library.upper()}")
         head = f"declare void @{symbol}({', '.join(['ptr'] * len(arguments))}) nounwind"
         b.module.declared.setdefault(f"@{symbol}", head)

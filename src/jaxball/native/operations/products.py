@@ -26,7 +26,7 @@ def dot_general(function: Function, operation: Operation, operands: list[Array])
     shape, count = result.shape, size_of(products.lengths)
     if is_small(shape) and size_of(shape) * count <= MOST_PRODUCTS:
         in_registers = all(isinstance(array, Registers) for array in products.operands)
-        if in_registers and count and products.batch and is_of_vectors(shape):
+        if in_registers and count and products.batch and function.uses_vectors and is_of_vectors(shape):
             return products.in_vectors(shape)
         if count <= 16 or in_registers:
             at = products.written_out

@@ -48,7 +48,7 @@ def own(
 
     def compute(builder: Builder, dtype: np.dtype, *operands: Element) -> Element:
         other = dtype != np.dtype(float) or all(map(is_known, operands)) or not machine.multiplies_and_adds()
-        if other or (in_vectors and not in_lanes(*operands)):
+        if other or (in_vectors and builder.module.target.has_library and not in_lanes(*operands)):
             return otherwise(builder, dtype, *operands)
         return elementary.called(builder, name, *operands, part=part)
 

@@ -48,7 +48,7 @@ def reduce(function: Function, operation: Operation, operands: list[Array]) -> l
         most = size_of(lengths) if written_out else 16
         return storage.accumulated(lengths, list(zip(dtypes, first, strict=True)), step, most, varying)
 
-    if written_out and kept[:1] == [0] and is_of_vectors(shape):
+    if written_out and kept[:1] == [0] and function.uses_vectors and is_of_vectors(shape):
         return _in_vectors(function, operation, arrays, first, reduced, combine)
     return several(function, operation, at, arrays, varying)
 

@@ -1,0 +1,122 @@
+"""What JAX is given for a GPU, on a machine without one: XLA is told to call the kernel's launcher."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxball
+from jaxball import native
+from jaxball.cache import current
+from jaxball.native import gpu
+from jaxball.native.cuda import CudaError
+from jaxball.numerics import programs
+from tests.cache.test_programs import Memory
+
+from . import stubs
+from .programs import height, run
+
+
+class Driver(stubs.Driver):
+    """A driver that compiles nothing, for one kind of GPU, and counts what it is asked to compile."""
+
+    version = 13000
+
+    def __init__(self, kinds=((9, 0),)):
+        super().__init__(parts=0)
+        self.kinds, self.compiled = list(kinds), 0
+
+    def capabilities(self):
+        return self.kinds
+
+    def compile(self, ptx):
+        self.compiled += 1
+        assert ".visible .entry kernel(" in ptx
+        return ptx.encode()
+
+
+@pytest.fixture
+def driver(monkeypatch):
+    stub = Driver()
+    monkeypatch.setattr(gpu, "driver", lambda: stub)
+    return stub
+
+
+def lowered(function, *arguments):
+    """The text that XLA would compile for a GPU."""
+    return jax.jit(function).trace(*arguments).lower(lowering_platforms=("cuda",)).as_text()
+
+
+RADII = jnp.linspace(0.5, 0.9, 8)
+
+
+def test_a_run_is_a_call_of_its_kernel(driver):
+    text = lowered(lambda r: run(r).state.z, jnp.asarray(0.7))
+    assert text.count("jaxball_gpu_") == 1
+    assert "stablehlo.while" not in text
+    assert driver.compiled == 1
+
+
+def test_rows_are_a_call_of_the_same_kernel(driver):
+    single, many = lowered(height, RADII[0]), lowered(jax.vmap(height), RADII)
+    name = single[single.index("jaxball_gpu_") :][:44]
+    assert name in many
+
+
+@pytest.mark.thorough
+def test_gradients_are_kernels(driver):
+    text = lowered(jax.vmap(jax.value_and_grad(height)), RADII)
+    assert text.count("jaxball_gpu_") == 2  # the run, and back
+
+
+def test_without_a_driver_xla_compiles_the_run(monkeypatch):
+    def missing():
+        raise CudaError("The driver of an NVIDIA GPU is not there.")
+
+    monkeypatch.setattr(gpu, "driver", missing)
+    text = lowered(lambda r: run(r).state.z, jnp.asarray(0.71))
+    assert "jaxball_gpu_" not in text
+    assert "stablehlo.while" in text
+
+
+def test_xla_compiles_where_it_is_chosen(driver):
+    with jaxball.compiler("xla"):
+        assert "jaxball_gpu_" not in lowered(lambda r: run(r).state.z, jnp.asarray(0.7))
+
+
+def test_a_users_function_as_a_whole_is_no_single_thread(driver):
+    def sweep(radii):
+        return jax.vmap(height)(radii)
+
+    text = lowered(jaxball.jit(sweep), RADII)
+    assert text.count("jaxball_gpu_") == 1  # the runs in it, each in a thread
+
+
+def test_what_only_a_cpu_has_is_refused(driver):
+    @jaxball.jit
+    def solved(matrix):
+        return jnp.linalg.eigh(matrix)[0]
+
+    text = lowered(jax.vmap(solved), jnp.stack([jnp.eye(3)] * 4))
+    assert "jaxball_gpu_" not in text
+
+
+def test_kernels_are_kept_between_processes(driver):
+    contents = {}
+    texts = []
+    for _ in range(2):
+        programs.forget()
+        with current.kept_in(Memory(contents)):
+            texts.append(lowered(jax.vmap(lambda r: run(r, rtol=1e-6).state.z), RADII))
+    assert driver.compiled == 1
+    assert texts[0] == texts[1]
+
+
+def test_gpus_of_several_kinds_get_ptx(driver):
+    driver.kinds = [(9, 0), (8, 6)]
+    assert gpu.code_for_gpus(".version 7.0") == b".version 7.0\0"
+
+
+def test_a_cpu_in_the_same_process_is_not_changed(driver):
+    np.testing.assert_array_equal(jax.jit(jax.vmap(height))(RADII), jax.vmap(height)(RADII))
+    assert native.allowed()
