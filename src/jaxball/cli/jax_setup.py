@@ -10,11 +10,18 @@ if TYPE_CHECKING:
     from ..scenario import Scenario
 
 
-def set_up_jax() -> None:
+PLATFORMS = {"cpu": "cpu", "gpu": "cuda,cpu"}  # by the names that users give to devices
+
+
+def set_up_jax(device: str | None = None) -> None:
     """Imports JAX, with float64 and the settings for fast solves on a CPU, and begins to load compiled programs.
 
     A command calls this after all checks that need no JAX, and then imports its work.
+
+    - ``device``: ``"cpu"`` or ``"gpu"``; None for the one that JAX chooses, which is a GPU where there is one.
     """
+    if device is not None:
+        os.environ["JAX_PLATFORMS"] = PLATFORMS[device]
     try:
         import jax
     except ValueError as error:
@@ -25,7 +32,7 @@ def set_up_jax() -> None:
     cpu.prepare()
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_traceback_in_locations_limit", 0)  # About a tenth of the time that lowering takes.
-    _require_platform()
+    _require_platform(device)
     cache.load_early()
 
 
@@ -39,7 +46,7 @@ def _refused_by_jax(error: ValueError) -> BadInputError:
     return BadInputError(f"{which} must have a value that JAX can read, but it is {values}: {reason}; leave it out.")
 
 
-def _require_platform() -> None:
+def _require_platform(device: str | None = None) -> None:
     """Raises a :class:`BadInputError` where JAX is told to use a device that does not exist."""
     variables = {
         name: os.environ.get(name, "") for name in ("JAX_PLATFORMS", "JAX_PLATFORM_NAME", "JAX_DEFAULT_DEVICE")
@@ -55,6 +62,11 @@ def _require_platform() -> None:
         jnp.zeros(())
     except (RuntimeError, AssertionError, ValueError) as error:
         reason = str(error).splitlines()[0].rstrip(".") if str(error) else "JAX finds none"
+        if device is not None:
+            raise BadInputError(
+                f"Option `--device` must name a device that JAX can use here, but it is {device}: {reason}; install "
+                "JAX for it with pip install 'jax[cuda13]', or leave the option out."
+            ) from None
         names = " and ".join(f"`{name}`" for name in devices)
         values = " and ".join(f'"{value}"' for value in devices.values())
         raise BadInputError(

@@ -175,9 +175,7 @@ def compiled(
     )
 
 
-def written(
-    module: Any, arguments: int, large: bool = True, rows: Rows | None = None, target: Target = HOST
-) -> Entry:
+def written(module: Any, arguments: int, large: bool = True, rows: Rows | None = None, target: Target = HOST) -> Entry:
     """The same as LLVM IR, before LLVM compiles it; ``target``: the kind of processor.
 
     **Raises:** :class:`UnsupportedError`.

@@ -117,9 +117,7 @@ def _written_here(*arrays: Any, computation: Computation, rows: Which) -> list[A
     return map_batches(of_row, leading, computation.together)
 
 
-def _target(
-    platform: str, context: Any, types: Sequence[Any], computation: Computation, rows: Which
-) -> str | None:
+def _target(platform: str, context: Any, types: Sequence[Any], computation: Computation, rows: Which) -> str | None:
     """The name by which XLA calls the native program; None where there is none, or the function must be written out."""
     if native.traced_natively() or is_for_export(context) or native.chosen() != "native":
         return None

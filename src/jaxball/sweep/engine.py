@@ -18,8 +18,8 @@ from ..simulation.trajectory import Trajectory
 from .outputs import history_results
 from .rows import Batch, Request
 
-# The same for any number of threads, so that results are the same to the last bit.
-BLOCK = 2048
+# Rows that are computed together; results do not depend on it. A GPU has tens of thousands of threads.
+BLOCK, BLOCK_ON_GPU = 2048, 2**17
 
 
 def solve_in_lanes(batch: Batch, request: Request) -> dict[str, np.ndarray]:
@@ -71,7 +71,7 @@ def _solved(
         project=first.project,
         max_steps=first.max_steps,
         reductions=reductions,
-        block=min(request.most, BLOCK),
+        block=min(request.most, BLOCK if jax.default_backend() == "cpu" else BLOCK_ON_GPU),
         threads=request.threads,
     )
     trajectory = ensemble.trajectory

@@ -18,7 +18,7 @@ NEEDED = ("zarr", "google_crc32c", "pandas", "pyarrow", "scipy")
 
 def add(parser: argparse.ArgumentParser) -> None:
     parser.usage = (
-        "jaxball sweep STUDY --out STORE [--workers N] [--shard K/N] [--dry-run [--measure]]\n"
+        "jaxball sweep STUDY --out STORE [--workers N] [--shard K/N] [--device cpu|gpu] [--dry-run [--measure]]\n"
         "       jaxball sweep status STORE\n"
         "       jaxball sweep plot STORE --out FOLDER [--result NAME ...] [--against PATH ...]\n"
         "               [--label NAME=TEXT ...] [--format FORMAT ...] [--svg-text] [--force]"
@@ -29,6 +29,9 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, metavar="STORE", help="the store, .zarr; for figures, their folder")
     parser.add_argument("--workers", type=count, metavar="N", help="number of processes (default: 1, on every core)")
     parser.add_argument("--shard", type=_shard, default=(1, 1), metavar="K/N", help="only the K-th of N parts")
+    parser.add_argument(
+        "--device", choices=("cpu", "gpu"), help="where runs are computed (default: a GPU, if JAX has one)"
+    )
     parser.add_argument("--dry-run", action="store_true", help="print the number of rows and the size of the store")
     parser.add_argument("--measure", action="store_true", help="with --dry-run: solve a few rows to estimate the time")
     parser.add_argument("--result", nargs="+", default=[], metavar="NAME", help="results to draw, such as z[0]")
@@ -69,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
         parser.error("the following argument is required: --out")
     require_packages(NEEDED)
     text, _ = text_and_document(options.study, "study", STUDY)
-    set_up_jax()
+    set_up_jax(options.device)
     return _sweep(options, text)
 
 
