@@ -36,7 +36,7 @@ def compiled(name, lanes):
         stores.append(f"store {kind} {value}, ptr %o{k}, align 8")
     pointers = [f"ptr %in{k}" for k in range(count)] + [f"ptr %out{k}" for k in range(outputs)]
     lines = [
-        *elementary.declarations(lanes).values(),
+        *elementary.declarations(name, lanes).values(),
         elementary.definition(name, lanes),
         f"define void @run({', '.join(pointers)}, i64 %n) {{",
         "entry:\nbr label %loop\nloop:\n%i = phi i64 [ 0, %entry ], [ %next, %loop ]",
