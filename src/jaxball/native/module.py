@@ -9,9 +9,13 @@ ALIGNMENT = 64
 
 
 class Module:
-    """Shared by functions: declarations, constants, the size of the workspace."""
+    """Shared by functions: declarations, constants, the size of the workspace.
 
-    def __init__(self) -> None:
+    - ``has_library``: whether there is a C library where the program runs. A GPU has none.
+    """
+
+    def __init__(self, has_library: bool = True) -> None:
+        self.has_library = has_library
         self.declared: dict[str, str] = {}
         self.constants: dict[bytes, tuple[str, str]] = {}
         self.functions: list[str] = []

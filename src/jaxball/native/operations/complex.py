@@ -76,7 +76,7 @@ def divide(b: Builder, dtype: np.dtype, x: Pair, y: Pair) -> Pair:
 
 
 def absolute(b: Builder, dtype: np.dtype, x: Pair) -> Element:
-    return real.library("hypot")(b, part_of(dtype), x.real, x.imag)
+    return real.hypot(b, part_of(dtype), x.real, x.imag)
 
 
 def sign(b: Builder, dtype: np.dtype, x: Pair) -> Pair:

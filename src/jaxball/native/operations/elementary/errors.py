@@ -106,9 +106,9 @@ def _far(w: Writer, size: str) -> str:
 
 
 def _parts(w: Writer, x: str) -> tuple[str, str, str, str]:
-    """Computes |x|, erf |x| − |x| below _NEAR, erf |x| − _AT_1 below _FAR, and erfc |x| beyond."""
+    """Computes |x|, erf x − x below _NEAR, erf |x| − _AT_1 below _FAR, and erfc |x| beyond."""
     size = w.call("fabs", x)
-    near = w.mul(size, _ratio(w, w.mul(size, size), _P_NEAR, _Q_NEAR))
+    near = w.mul(x, _ratio(w, w.mul(size, size), _P_NEAR, _Q_NEAR))
     middle = _ratio(w, w.sub(size, 1.0), _P_MIDDLE, _Q_MIDDLE)
     return size, near, middle, _far(w, size)
 
@@ -118,8 +118,7 @@ def erf(w: Writer, operands: list[str]) -> list[str]:
     (x,) = operands
     size, near, middle, far = _parts(w, x)
     result = w.select(w.compare("olt", size, _FAR), w.add(_AT_1, middle), w.sub(1.0, far))
-    result = w.select(w.compare("olt", size, _NEAR), w.add(size, near), result)
-    result = w.call("copysign", result, x)
+    result = w.select(w.compare("olt", size, _NEAR), w.add(x, near), w.call("copysign", result, x))
     return [w.select(w.compare("uno", x, x), x, result)]
 
 
@@ -132,6 +131,6 @@ def erfc(w: Writer, operands: list[str]) -> list[str]:
     between_ends = w.select(negative, w.add(1 + _AT_1, middle), w.sub(1 - _AT_1, middle))
     result = w.select(w.compare("olt", size, _FAR), between_ends, result)
     from_half = w.select(w.compare("ogt", x, 0.25), 0.5, 0.0)  # 1/2 − (erf x − 1/2) or 1 − erf x
-    beside = w.add(w.call("copysign", near, x), w.sub(x, from_half))
+    beside = w.add(near, w.sub(x, from_half))
     result = w.select(w.compare("olt", size, _NEAR), w.sub(w.sub(1.0, from_half), beside), result)
     return [w.select(w.compare("uno", x, x), x, result)]
