@@ -42,6 +42,7 @@ FUNCTIONS: dict[str, tuple[Function, int]] = {
     "atanh": (hyperbolic.atanh, 1),
     "cbrt": (roots.cbrt, 1),
     "hypot": (roots.hypot, 2),
+    "log_hypot": (roots.log_hypot, 2),
     "erf": (errors.erf, 1),
     "erfc": (errors.erfc, 1),
     "fmod": (remainders.fmod, 2),

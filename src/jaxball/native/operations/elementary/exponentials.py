@@ -77,7 +77,7 @@ def mantissa(w: Writer, x: str) -> tuple[str, str]:
     return w.sub(n, w.select(small, 54.0, 0.0)), m
 
 
-def _log_beside_ends(w: Writer, x: str, result: str) -> str:
+def log_beside_ends(w: Writer, x: str, result: str) -> str:
     """The logarithm of 0, of infinity, and of what has none."""
     result = w.select(w.compare("olt", x, math.inf), result, x)
     result = w.select(w.compare("oeq", x, 0.0), -math.inf, result)
@@ -99,7 +99,7 @@ def log_of_sum(w: Writer, x: str, more: str | None, doublings: str | None = None
 
 
 def log(w: Writer, operands: list[str]) -> list[str]:
-    return [_log_beside_ends(w, operands[0], log_of_sum(w, operands[0], None))]
+    return [log_beside_ends(w, operands[0], log_of_sum(w, operands[0], None))]
 
 
 def log1p(w: Writer, operands: list[str]) -> list[str]:
@@ -107,7 +107,7 @@ def log1p(w: Writer, operands: list[str]) -> list[str]:
     y = w.add(x, 1.0)
     large = w.compare("ogt", x, 1.0)
     error = w.select(large, w.sub(1.0, w.sub(y, x)), w.sub(x, w.sub(y, 1.0)))
-    result = _log_beside_ends(w, y, log_of_sum(w, y, w.div(error, y)))
+    result = log_beside_ends(w, y, log_of_sum(w, y, w.div(error, y)))
     return [w.select(w.compare("olt", w.call("fabs", x), 2.0**-54), x, result)]
 
 
@@ -117,7 +117,7 @@ def log1p_of_pair(w: Writer, u: str, rest: str, x: str) -> str:
     large = w.compare("ogt", x, 2.0**28)
     more = w.select(large, 0.0, w.div(w.add(error, rest), y))
     y = w.select(large, x, y)
-    return _log_beside_ends(w, y, log_of_sum(w, y, more, w.select(large, 1.0, 0.0)))
+    return log_beside_ends(w, y, log_of_sum(w, y, more, w.select(large, 1.0, 0.0)))
 
 
 def _log_as_pair(w: Writer, x: str) -> tuple[str, str]:

@@ -1,8 +1,8 @@
-"""Cube roots and the length of a vector of two numbers."""
+"""Cube roots, and the length of a vector of two numbers and its logarithm."""
 
 import math
 
-from .exponentials import mantissa
+from .exponentials import log_beside_ends, log_of_sum, mantissa
 from .writer import Writer
 
 # ∛m, √½ ≤ m ≤ √2, to 1.4e-5 of itself: the polynomial that is equal to it at Chebyshev's points.
@@ -31,18 +31,49 @@ def cbrt(w: Writer, operands: list[str]) -> list[str]:
     return [w.select(ordinary, w.call("copysign", w.mul(y, scale), x), x)]
 
 
-def hypot(w: Writer, operands: list[str]) -> list[str]:
-    """Computes √(x² + y²), with squares and root as sums of two numbers."""
-    width, height = (w.call("fabs", x) for x in operands)
+def _squares(w: Writer, x: str, y: str) -> tuple[list[str], list[str], str, str]:
+    """Computes the squares of the larger and of the smaller, and their rests, scaled where the larger one is extreme.
+
+    Also gives whether the scale is 2⁻⁶⁰⁰, and whether 2⁶⁰⁰.
+    """
+    width, height = w.call("fabs", x), w.call("fabs", y)
     steep = w.compare("ogt", height, width)
     more, less = w.select(steep, height, width), w.select(steep, width, height)
     large, small = w.compare("ogt", more, 2.0**500), w.compare("olt", more, 2.0**-400)
     scale = w.select(large, 2.0**-600, w.select(small, 2.0**600, 1.0))
+    pairs = [w.product(number, number) for number in (w.mul(more, scale), w.mul(less, scale))]
+    return [square for square, _ in pairs], [rest for _, rest in pairs], large, small
+
+
+def _or_endless(w: Writer, operands: list[str], result: str) -> str:
+    """Replaces the result by infinity where one of the operands is infinite, even if the other is no number."""
+    first, second = (w.compare("oeq", w.call("fabs", x), math.inf) for x in operands)
+    return w.select(w.either(first, second), math.inf, result)
+
+
+def hypot(w: Writer, operands: list[str]) -> list[str]:
+    """Computes √(x² + y²), with squares and root as sums of two numbers."""
+    squares, rests, large, small = _squares(w, *operands)
+    total, error = w.sum(*squares)
+    root, rest = w.root(total, w.add(error, w.add(*rests)))
     back = w.select(large, 2.0**600, w.select(small, 2.0**-600, 1.0))
-    first, first_rest = w.product(*[w.mul(more, scale)] * 2)
-    second, second_rest = w.product(*[w.mul(less, scale)] * 2)
-    total, error = w.sum(first, second)
-    root, rest = w.root(total, w.add(error, w.add(first_rest, second_rest)))
-    result = w.mul(w.add(root, rest), back)
-    endless = w.either(w.compare("oeq", width, math.inf), w.compare("oeq", height, math.inf))
-    return [w.select(endless, math.inf, result)]
+    return [_or_endless(w, operands, w.mul(w.add(root, rest), back))]
+
+
+def log_hypot(w: Writer, operands: list[str]) -> list[str]:
+    """Computes log(x² + y²)/2, near 1 from x² + y² − 1, in which nothing cancels but what is exact."""
+    squares, rests, large, small = _squares(w, *operands)
+    rest, last = w.sum_of_any(*rests)
+    total, error = w.sum(*squares)
+    above, first_error = w.sum_of_any(squares[0], -1.0)
+    above, second_error = w.sum_of_any(above, squares[1])
+    above, third_error = w.sum_of_any(above, rest)
+    above_rest = w.add(w.add(first_error, second_error), w.add(third_error, last))
+    one, one_rest = w.sum_of_any(1.0, above)
+    shift = w.select(large, 1200.0, w.select(small, -1200.0, 0.0))
+    near = w.both(w.compare("ogt", total, 0.25), w.compare("olt", total, 4.0))
+    near = w.both(near, w.compare("oeq", shift, 0.0))
+    y = w.select(near, one, total)
+    more = w.div(w.select(near, w.add(one_rest, above_rest), w.add(error, rest)), y)
+    result = w.mul(log_beside_ends(w, y, log_of_sum(w, y, more, shift)), 0.5)
+    return [_or_endless(w, operands, result)]
