@@ -1,8 +1,10 @@
 """Elementary functions of complex numbers in double precision, of those of real numbers in :mod:`elementary`.
 
-Each is right to some units of the last place of the result's size, and on the sides of its branch cut that the sign of
-zero says. Sources: W. Kahan, Branch cuts for complex elementary functions, in The State of the Art in Numerical
-Analysis, 1987, for the inverse functions and tanh; C99, annex G, for the symmetries.
+Both parts are right to three units of the last place of themselves, but for powers, and on that side of a branch cut that
+the sign of zero says; of infinite arguments they are what C99 says, but where one of those is NaN, both may be.
+
+Sources: W. Kahan, Branch cuts for complex elementary functions, in The State of the Art in Numerical Analysis, 1987,
+for the inverse functions and tanh; C99, annex G, for the symmetries.
 """
 
 import math
@@ -95,11 +97,14 @@ def exponential(c: _Numbers, z: Pair) -> Pair:
     sine, cosine = c.sin_and_cos(y)
     real, imag = (c.mul(c.mul(size, number), factor) for number in (cosine, sine))
     imag = c.select(c.compare("oeq", y, 0.0), y, imag)
-    # Of infinite x and no direction: 0, or infinite.
-    endless, undirected = c.compare("oeq", c.size(x), math.inf), c.compare("uno", sine, 0.0)
-    nothing = c.both(undirected, c.compare("oeq", x, -math.inf))
-    real = c.select(c.both(endless, undirected), size, real)
-    return Pair(real, c.select(nothing, _0, imag))
+    nothing = c.both(c.compare("uno", sine, 0.0), c.compare("oeq", x, -math.inf))
+    return Pair(_or_undirected(c, x, sine, size, real), c.select(nothing, _0, imag))
+
+
+def _or_undirected(c: _Numbers, x: Element, sine: Element, size: Element, real: Element) -> Element:
+    """Replaces a real part by the size where that has no direction but is 0 or infinite, as x is."""
+    undirected = c.both(c.compare("oeq", c.size(x), math.inf), c.compare("uno", sine, 0.0))
+    return c.select(undirected, size, real)
 
 
 def log(c: _Numbers, z: Pair) -> Pair:
@@ -145,6 +150,7 @@ def sinh(c: _Numbers, z: Pair) -> Pair:
     sine, cosine = c.sin_and_cos(z.imag)
     above, beside, factor = _hyperbolic(c, z.real)
     real, imag = c.mul(c.mul(above, cosine), factor), c.mul(c.mul(beside, sine), factor)
+    real = _or_undirected(c, z.real, sine, above, real)
     return Pair(real, c.select(c.compare("oeq", z.imag, 0.0), z.imag, imag))
 
 
@@ -153,6 +159,7 @@ def cosh(c: _Numbers, z: Pair) -> Pair:
     sine, cosine = c.sin_and_cos(z.imag)
     above, beside, factor = _hyperbolic(c, z.real)
     real, imag = c.mul(c.mul(beside, cosine), factor), c.mul(c.mul(above, sine), factor)
+    real = _or_undirected(c, z.real, sine, beside, real)
     nothing = c.mul(c.signed(_1, z.real), z.imag)
     return Pair(real, c.select(c.compare("oeq", z.imag, 0.0), nothing, imag))
 
@@ -182,25 +189,40 @@ def _beside_1(c: _Numbers, z: Pair) -> tuple[Pair, Pair]:
     return Pair(c.sub(_1, z.real), c.neg(z.imag)), Pair(c.add(z.real, _1), z.imag)
 
 
+def _is_endless(c: _Numbers, z: Pair) -> Element:
+    parts = (c.compare("oeq", c.size(x), math.inf) for x in (z.real, z.imag))
+    return c.builder.binary("or", np.dtype(bool), *parts)
+
+
 def acos(c: _Numbers, z: Pair) -> Pair:
     """Computes 2 arg(Re √(1 + z) + i Re √(1 − z)) + i arsinh Im(conj √(1 + z) √(1 − z))."""
     less, more = _beside_1(c, z)
     u, v, turned = _roots(c, more, less)
-    return Pair(c.mul(c.function("atan2", v.real, u.real), _2), c.function("asinh", turned.imag))
+    endless = _is_endless(c, z)
+    angle = c.mul(c.function("atan2", v.real, u.real), _2)
+    angle = c.select(endless, c.function("atan2", c.size(z.imag), z.real), angle)
+    sine = c.select(endless, c.signed(_number(math.inf), c.neg(z.imag)), turned.imag)
+    return Pair(angle, c.function("asinh", sine))
 
 
 def asin(c: _Numbers, z: Pair) -> Pair:
     """Computes arg(Re(√(1 − z) √(1 + z)) + i x) + i arsinh Im(conj √(1 − z) √(1 + z))."""
     u, v, turned = _roots(c, *_beside_1(c, z))
     across = c.sub(c.mul(u.real, v.real), c.mul(u.imag, v.imag))
-    return Pair(c.function("atan2", z.real, across), c.function("asinh", turned.imag))
+    endless = _is_endless(c, z)
+    across = c.select(endless, c.size(z.imag), across)
+    sine = c.select(endless, c.signed(_number(math.inf), z.imag), turned.imag)
+    return Pair(c.function("atan2", z.real, across), c.function("asinh", sine))
 
 
 def acosh(c: _Numbers, z: Pair) -> Pair:
     """Computes arsinh Re(conj √(z − 1) √(z + 1)) + 2 i arg(Re √(z + 1) + i Im √(z − 1))."""
     less, more = Pair(c.sub(z.real, _1), z.imag), Pair(c.add(z.real, _1), z.imag)
     u, v, turned = _roots(c, less, more)
-    return Pair(c.function("asinh", turned.real), c.mul(c.function("atan2", u.imag, v.real), _2))
+    endless = _is_endless(c, z)
+    angle = c.mul(c.function("atan2", u.imag, v.real), _2)
+    angle = c.select(endless, c.function("atan2", z.imag, z.real), angle)
+    return Pair(c.function("asinh", c.select(endless, _number(math.inf), turned.real)), angle)
 
 
 def atanh(c: _Numbers, z: Pair) -> Pair:
@@ -216,11 +238,12 @@ def atanh(c: _Numbers, z: Pair) -> Pair:
     height = c.size(y)
     beside = c.both(c.compare("oeq", x, 1.0), c.compare("olt", height, 2.0**-500))
     real = c.select(beside, c.mul(c.sub(_number(math.log(2)), c.function("log", height)), _HALF), real)
-    real = c.select(far, c.div(c.div(x, length), length), real)
+    shrunk = c.select(c.compare("oeq", length, math.inf), _0, c.div(c.div(x, length), length))
+    real = c.select(far, shrunk, real)
     across = c.sub(c.mul(left, c.add(u, _1)), c.mul(v, v))
     imag = c.mul(c.function("atan2", c.mul(v, _2), across), _HALF)
     imag = c.select(far, c.signed(_number(math.pi / 2), y), imag)
-    return Pair(c.signed(real, z.real), imag)
+    return Pair(c.signed(real, z.real), c.select(c.compare("uno", y, 0.0), y, imag))
 
 
 Function = Callable[..., Pair]
