@@ -89,48 +89,46 @@ _Q_FARTHEST = (
 )
 
 
-def _ratio(w: Writer, x: str, above: tuple[float, ...], below: tuple[float, ...]) -> str:
-    return w.div(w.polynomial(x, above), w.polynomial(x, below))
-
-
-def _far(w: Writer, size: str) -> str:
-    """Computes erfc x of x ≥ _FAR."""
-    size = between(w, size, 1.0, 30.0)
-    square, rest = w.product(size, size)
+def _parts(w: Writer, x: str) -> tuple[str, str, str, str]:
+    """Computes whether |x| < _NEAR and |x| < _FAR, the rational function of x's interval, and erfc |x| beyond _FAR."""
+    size = w.call("fabs", x)
+    near, middle = w.compare("olt", size, _NEAR), w.compare("olt", size, _FAR)
+    far = between(w, size, 1.0, 30.0)
+    square, rest = w.product(far, far)
     inverse = w.div(1.0, square)
-    farther = _ratio(w, inverse, _P_FARTHEST, _Q_FARTHEST)
-    ratio = w.select(w.compare("olt", size, _FARTHEST), _ratio(w, inverse, _P_FAR, _Q_FAR), farther)
+    intervals = [
+        (w.compare("olt", size, _FARTHEST), inverse, _P_FAR, _Q_FAR),
+        (middle, w.sub(size, 1.0), _P_MIDDLE, _Q_MIDDLE),
+        (near, w.mul(size, size), _P_NEAR, _Q_NEAR),
+    ]
+    above, below = w.polynomial(inverse, _P_FARTHEST), w.polynomial(inverse, _Q_FARTHEST)
+    for within, argument, p, q in intervals:
+        above = w.select(within, w.polynomial(argument, p), above)
+        below = w.select(within, w.polynomial(argument, q), below)
+    ratio = w.div(above, below)
     power, error = w.sum_of_any(w.neg(square), -0.5625)
     power, more = w.sum_of_any(power, ratio)
-    return w.div(exp_of_pair(w, power, w.add(more, w.sub(error, rest))), size)
-
-
-def _parts(w: Writer, x: str) -> tuple[str, str, str, str]:
-    """Computes |x|, erf x − x below _NEAR, erf |x| − _AT_1 below _FAR, and erfc |x| beyond."""
-    size = w.call("fabs", x)
-    near = w.mul(x, _ratio(w, w.mul(size, size), _P_NEAR, _Q_NEAR))
-    middle = _ratio(w, w.sub(size, 1.0), _P_MIDDLE, _Q_MIDDLE)
-    return size, near, middle, _far(w, size)
+    return near, middle, ratio, w.div(exp_of_pair(w, power, w.add(more, w.sub(error, rest))), far)
 
 
 def erf(w: Writer, operands: list[str]) -> list[str]:
     """Computes it from whichever of the functions of parts of its arguments is meant."""
     (x,) = operands
-    size, near, middle, far = _parts(w, x)
-    result = w.select(w.compare("olt", size, _FAR), w.add(_AT_1, middle), w.sub(1.0, far))
-    result = w.select(w.compare("olt", size, _NEAR), w.add(x, near), w.call("copysign", result, x))
+    near, middle, ratio, far = _parts(w, x)
+    result = w.call("copysign", w.select(middle, w.add(_AT_1, ratio), w.sub(1.0, far)), x)
+    result = w.select(near, w.fma(x, ratio, x), result)
     return [w.select(w.compare("uno", x, x), x, result)]
 
 
 def erfc(w: Writer, operands: list[str]) -> list[str]:
-    """Computes 1 − erf x where that loses nothing, and its own function beyond 1.25."""
+    """Computes 1 − erf x where that loses nothing, and its own function beyond 1.25, to 1.5 units of the last place."""
     (x,) = operands
-    size, near, middle, far = _parts(w, x)
+    near, middle, ratio, far = _parts(w, x)
     negative = w.is_negative(x)
     result = w.select(negative, w.sub(2.0, far), far)
-    between_ends = w.select(negative, w.add(1 + _AT_1, middle), w.sub(1 - _AT_1, middle))
-    result = w.select(w.compare("olt", size, _FAR), between_ends, result)
+    beside = w.select(negative, w.add(1 + _AT_1, ratio), w.sub(1 - _AT_1, ratio))
+    result = w.select(middle, beside, result)
     from_half = w.select(w.compare("ogt", x, 0.25), 0.5, 0.0)  # 1/2 − (erf x − 1/2) or 1 − erf x
-    beside = w.add(near, w.sub(x, from_half))
-    result = w.select(w.compare("olt", size, _NEAR), w.sub(w.sub(1.0, from_half), beside), result)
+    beside = w.fma(x, ratio, w.sub(x, from_half))
+    result = w.select(near, w.sub(w.sub(1.0, from_half), beside), result)
     return [w.select(w.compare("uno", x, x), x, result)]

@@ -18,7 +18,7 @@ HALF_PI = (
     float.fromhex("-0x1.f1976b7ed8fbcp-110"),
 )
 # The first 1,216 bits of 2/π.
-_BITS = (
+BITS = (
     "a2f9836e4e441529fc2757d1f534ddc0db6295993c439041fe5163abdebbc561b7246e3a424dd2e006492eea09d1921c"
     "fe1deb1cb129a73ee88235f52ebb4484e99c7026b45f7e413991d639835339f49c845f8bbdf9283b1ff897ffde05980f"
     "ef2f118b5a0a6d1f6d367ecf27cb09b74f463f669e5fea2d7527bac7ebe5f17b3d0739f78a5292ea6bfb5fb11f8d5d08"
@@ -69,7 +69,7 @@ def _huge(w: Writer, x: str) -> list[str]:
 
 def _table() -> str:
     """Writes 2/π as whole numbers of 64 bits, after one that is 0."""
-    words = ["0", *(str(int(_BITS[k : k + 16], 16)) for k in range(0, len(_BITS), 16))]
+    words = ["0", *(str(int(BITS[k : k + 16], 16)) for k in range(0, len(BITS), 16))]
     numbers = ", ".join(f"i64 {word}" for word in words)
     return f"{_TABLE} = private unnamed_addr constant [{len(words)} x i64] [{numbers}], align 8"
 
