@@ -48,7 +48,9 @@ class Compiled:
     def __call__(self, *arrays):
         arrays = [np.asarray(array, self.source) for array in arrays]
         size = arrays[0].size
-        parts = [part for array in arrays for part in ([array.real, array.imag] if self.source.kind == "c" else [array])]
+        parts = [
+            part for array in arrays for part in ([array.real, array.imag] if self.source.kind == "c" else [array])
+        ]
         given = []
         for part in parts:
             given.append(_aligned(size, part.dtype))

@@ -130,8 +130,9 @@ UNIT = np.concatenate(
 )
 ERRORS = np.concatenate([NEAR, WIDE, RNG.uniform(-7, 27.3, 2000), beside(0.25, 0.84375, 1.25, 1 / 0.35, 6.0, 26.5)])
 HYPERBOLIC = np.concatenate([NEAR, WIDE, RNG.uniform(-711, 711, 600), beside(1.0, 22.0, 300.0, 709.78, 710.4)])
-POINTS = np.concatenate([NEAR, WIDE, RNG.normal(size=1500)]), np.concatenate(
-    [RNG.permutation(NEAR), RNG.permutation(WIDE), RNG.normal(size=1500)]
+POINTS = (
+    np.concatenate([NEAR, WIDE, RNG.normal(size=1500)]),
+    np.concatenate([RNG.permutation(NEAR), RNG.permutation(WIDE), RNG.normal(size=1500)]),
 )
 # Next to the unit circle, where the logarithm of the length is nearly 0.
 _SIZES, _TURNS = 1 + signed(10.0 ** RNG.uniform(-17, -0.1, 500)), RNG.uniform(-4, 4, 1000)

@@ -1,9 +1,11 @@
 """Elementary functions in double precision, written with the same instructions for a number or a vector of numbers.
 
-The C library computes one number after another, and a GPU has none. These functions have no tables but for angles above
-2³⁰, and no branches but for these and a loop for remainders, so that they work equally for all lanes of a vector. Each
-is an LLVM function, written when it is first called. Where a comment says exact, this relies on fused multiply-adds, and
-on no operation being contracted.
+The C library computes one number after another, and a GPU has none. These functions have no tables but for angles
+above 2³⁰, and no branches but for these and a loop for remainders, so that they work equally for all lanes of a
+vector. Each is an LLVM function, written when it is first called. Where a comment says exact, this relies on fused
+multiply-adds, and on no operation being contracted.
+
+``writer`` writes instructions and parts of formulas; the other modules have the functions of a theme each.
 
 Sources: W. J. Cody and W. Waite, Software Manual for the Elementary Functions, 1980, for reductions in several parts;
 FDLIBM (Sun Microsystems, 1993) for the coefficients of sin, cos, log, atan and erf; T. J. Dekker, Numer. Math. 18,

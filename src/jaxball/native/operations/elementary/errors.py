@@ -3,8 +3,6 @@
 Source: FDLIBM (Sun Microsystems, 1993), s_erf.c, for the intervals and the coefficients of the rational functions.
 """
 
-import math
-
 from .exponentials import exp_of_pair
 from .writer import Writer, between
 

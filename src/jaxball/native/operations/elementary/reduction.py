@@ -5,6 +5,7 @@ bits of 2/π that matter (M. H. Payne and R. N. Hanek, Radian reduction for trig
 18, 1983).
 """
 
+import itertools
 import math
 
 from .writer import Writer
@@ -96,8 +97,7 @@ def _of_single_numbers() -> Writer:
         words.append(w.do(f"load i64, ptr {place}, align 8"))
     w.declared["@llvm.fshl.i64"] = "declare i64 @llvm.fshl.i64(i64, i64, i64)"
     window = [
-        w.do(f"call i64 @llvm.fshl.i64(i64 {high}, i64 {low}, i64 {shift})")
-        for high, low in zip(words, words[1:], strict=False)
+        w.do(f"call i64 @llvm.fshl.i64(i64 {high}, i64 {low}, i64 {shift})") for high, low in itertools.pairwise(words)
     ]
     wide = [w.do(f"zext i64 {number} to i128") for number in (*window, significand)]
     lowest = w.do(f"lshr i128 {w.do(f'mul i128 {wide[2]}, {wide[3]}')}, 64")

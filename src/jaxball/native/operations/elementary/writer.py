@@ -108,7 +108,7 @@ class Writer:
     def integer(self, operation: str, x: str | int, y: str | int) -> str:
         return self.do(f"{operation} {self.type('i64')} {self._operands('i64', x, y)}")
 
-    def is_negative(self, x: str) -> str:
+    def is_negative(self, x: str | float) -> str:
         """Whether the sign of a number is set, that of −0 too."""
         return self.do(f"icmp slt {self.type('i64')} {self.bits(x)}, {self.text(0, 'i64')}")
 
