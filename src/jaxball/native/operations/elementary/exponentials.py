@@ -32,6 +32,7 @@ def _exponent(w: Writer, x: str) -> tuple[str, str, str]:
 
 
 def exp_of_pair(w: Writer, x: str, more: str | None) -> str:
+    """Computes the exponential of a sum of two numbers, of which the second is small, or None."""
     n, r, rest = _exponent(w, between(w, x, -800.0, 800.0))
     if more is not None:
         r, rest = w.sum(r, w.add(rest, more))

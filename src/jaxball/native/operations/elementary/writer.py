@@ -12,7 +12,7 @@ SHIFT = 1.5 * 2.0**52  # added to a number, it rounds it to an integer, which is
 class Writer:
     """Writes the instructions of one function, of ``lanes`` numbers each; one number is none in a vector.
 
-    - ``declared``: what they call, by name.
+    - ``declared``: by name, the lines that declare or define what they call.
     - ``label``: the block that is being written.
     """
 
