@@ -12,24 +12,24 @@ from jaxball.native.values import load, store
 
 
 def written_program(compute, source, target, operands, has_library=True, in_lanes=False):
-    """A program that computes arrays of what ``compute(builder, dtype, *elements)`` gives, as LLVM's IR.
+    """Writes a program, as LLVM's IR, that applies ``compute(builder, dtype, *elements)`` to the elements of arrays.
 
     - ``source``, ``target``: the types of the operands and of the result.
     """
     module = Module(has_library=has_library)
     b = Builder(module)
-    given = [[f"%x{k}.{part}" for part in range(1 + (source.kind == "c"))] for k in range(operands)]
-    gives = [f"%y{part}" for part in range(1 + (target.kind == "c"))]
+    inputs = [[f"%x{k}.{part}" for part in range(1 + (source.kind == "c"))] for k in range(operands)]
+    outputs = [f"%y{part}" for part in range(1 + (target.kind == "c"))]
 
     def addresses(arrays, index, dtype):
         return [b.address(array, b.times(index, part_of(dtype).itemsize)) for array in arrays]
 
     with b.loop(0, "%n") as turn:
         index = b.times(turn.index, LANES) if in_lanes else turn.index
-        elements = [load(b, source, addresses(arrays, index, source), in_lanes) for arrays in given]
-        store(b, target, compute(b, source, *elements), addresses(gives, index, target), in_lanes)
+        elements = [load(b, source, addresses(arrays, index, source), in_lanes) for arrays in inputs]
+        store(b, target, compute(b, source, *elements), addresses(outputs, index, target), in_lanes)
     b.write("ret void")
-    pointers = ", ".join(f"ptr {name}" for name in [part for parts in given for part in parts] + gives)
+    pointers = ", ".join(f"ptr {name}" for name in [part for parts in inputs for part in parts] + outputs)
     module.functions.append(b.function(f"void @run({pointers}, i64 %n)"))
     return module.text()
 
@@ -51,12 +51,12 @@ class Compiled:
         parts = [
             part for array in arrays for part in ([array.real, array.imag] if self.source.kind == "c" else [array])
         ]
-        given = []
+        copies = []
         for part in parts:
-            given.append(_aligned(size, part.dtype))
-            given[-1][:] = part
+            copies.append(_aligned(size, part.dtype))
+            copies[-1][:] = part
         results = [_aligned(size, part_of(self.target)) for _ in range(1 + (self.target.kind == "c"))]
-        self._run(*(array.ctypes.data for array in (*given, *results)), size // LANES if self.in_lanes else size)
+        self._run(*(array.ctypes.data for array in (*copies, *results)), size // LANES if self.in_lanes else size)
         if self.target.kind != "c":
             return results[0]
         result = np.empty(size, self.target)

@@ -79,7 +79,7 @@ def mantissa(w: Writer, x: str) -> tuple[str, str]:
 
 
 def log_beside_ends(w: Writer, x: str, result: str) -> str:
-    """The logarithm of 0, of infinity, and of what has none."""
+    """Replaces the logarithm of 0, of infinity, and of numbers that have none."""
     result = w.select(w.compare("olt", x, math.inf), result, x)
     result = w.select(w.compare("oeq", x, 0.0), -math.inf, result)
     return w.select(w.compare("olt", x, 0.0), math.nan, result)
