@@ -160,7 +160,7 @@ def compiled(
 
     **Raises:** :class:`UnsupportedError`.
     """
-    entry = written(module, arguments, large, rows, host_for(in_lanes))
+    entry = written(module, arguments, large, rows, host_for(rows is not None or not in_lanes))
     text = entry.text()
     code, routines = object_code(text, quickly), routines_in(text)
     return Form(

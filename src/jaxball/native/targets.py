@@ -22,13 +22,13 @@ HOST = Target(has_library=True, has_routines=True, has_vectors=True, has_signals
 THREAD = Target(has_library=False, has_routines=False, has_vectors=False, has_signals=False)  # one of a GPU's
 
 
-def host_for(in_lanes: bool) -> Target:
-    """The processor of this machine, for programs whose rows are computed in the lanes of vectors or one by one.
+def host_for(rows: bool) -> Target:
+    """The processor of this machine.
 
-    Lanes never call the C library. A program that is used one by one does not, either, and so gives the same bits as
-    :func:`thread_for`.
+    - ``rows``: for a program that computes rows, which have the bits of :func:`thread_for`. Lanes of vectors never call
+      the C library; what all rows share does not, either, and neither do rows that are computed one by one.
     """
-    return HOST if in_lanes else HOST._replace(has_library=False)
+    return HOST._replace(has_library=False) if rows else HOST
 
 
 def thread_for(in_lanes: bool) -> Target:

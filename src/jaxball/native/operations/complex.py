@@ -7,9 +7,9 @@ import numpy as np
 from ..builder import Builder
 from ..elements import LANES, Element, Pair, UnsupportedError, in_lanes, part_of, written
 from ..values import lane_of
-from . import real
+from . import complex_functions, real
 
-DOUBLE = np.dtype(float)
+DOUBLE = complex_functions.DOUBLE
 
 
 def _by_parts(compute: Callable[..., Element]) -> Callable[..., Pair]:
@@ -39,6 +39,20 @@ def library(name: str) -> Callable[..., Pair]:
         result = b.pure(f"call {{ double, double }} @{name}({given})")
         numbers = (b.pure(f"extractvalue {{ double, double }} {result}, {k}") for k in (0, 1))
         return Pair(*(real.convert(b, DOUBLE, part, number) for number in numbers))
+
+    return compute
+
+
+def own(name: str, otherwise: Callable[..., Pair]) -> Callable[..., Pair]:
+    """A function of :mod:`complex_functions` where there is no C library, else another."""
+
+    def compute(b: Builder, dtype: np.dtype, *operands: Pair) -> Pair:
+        if b.module.target.has_library:
+            return otherwise(b, dtype, *operands)
+        part = part_of(dtype)
+        pairs = [Pair(*(real.convert(b, part, DOUBLE, number) for number in (x.real, x.imag))) for x in operands]
+        result = complex_functions.compute(b, name, *pairs)
+        return Pair(*(real.convert(b, DOUBLE, part, number) for number in (result.real, result.imag)))
 
     return compute
 
@@ -76,7 +90,7 @@ def divide(b: Builder, dtype: np.dtype, x: Pair, y: Pair) -> Pair:
 
 
 def absolute(b: Builder, dtype: np.dtype, x: Pair) -> Element:
-    return real.library("hypot")(b, part_of(dtype), x.real, x.imag)
+    return real.hypot(b, part_of(dtype), x.real, x.imag)
 
 
 def sign(b: Builder, dtype: np.dtype, x: Pair) -> Pair:
@@ -134,7 +148,7 @@ SCALARS: dict[str, Callable[..., Element]] = {
     "subtract": _by_parts(real.subtract),
 }
 SCALARS |= {
-    name: library(function)
+    name: own(name, library(function))
     for name, function in {
         "acos": "cacos",
         "acosh": "cacosh",
