@@ -1,5 +1,6 @@
 """Runs per second over the number of rows."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -30,12 +31,23 @@ def diagram(rows: Sequence[dict[str, Any]], device: str):
         for i, solver in enumerate(solvers, start=1):
             mine = [row for row in rows if row["solver"] == solver and row["tolerance"] == tolerance]
             line = style.mass_line(i, linewidth=WIDTHS.get(solver, 1.0))
-            ax.plot([row["rows"] for row in mine], [row["rate"] for row in mine], marker="o", markersize=3, label=solver, **line)
+            ax.plot(
+                [row["rows"] for row in mine],
+                [row["rate"] for row in mine],
+                marker="o",
+                markersize=3,
+                label=solver,
+                **line,
+            )
         ax.set_xscale("log")
         ax.set_yscale("log")
         ax.grid(True, color=palette.FAINT, linewidth=0.4)
-        style.label_axes(ax, f"rows, at a tolerance of {tolerance:.0e}", "runs per second" if ax is panels[0] else "")
+        style.label_axes(
+            ax,
+            rf"rows, at a tolerance of $10^{{{math.log10(tolerance):.3g}}}$",
+            "runs per second" if ax is panels[0] else "",
+        )
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=2, frameon=False, prop=style.SMALL)
-    figure.suptitle(device, **style.CAPTION)
+    figure.legend(handles, labels, loc="outside upper center", ncols=3, frameon=False, prop=style.SMALL)
+    figure.supxlabel(device, **style.CAPTION)
     return figure

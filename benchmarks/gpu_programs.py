@@ -26,7 +26,7 @@ SEED = 7
 
 
 class Program(NamedTuple):
-    """A function of one row, and the rows: of each argument an array, the leading axis of which has the given length."""
+    """A function of one row, and what makes the given number of rows, an array for each argument."""
 
     run: Callable[..., Any]
     rows: Callable[[int], tuple[np.ndarray, ...]]
@@ -78,7 +78,11 @@ def bouncing(V, Omega, height):
 
 def throws(rows: int) -> tuple[np.ndarray, ...]:
     x = deviates(rows)
-    return np.array([2.0, 0.5, 0.0]) + 0.1 * x[:, :3] * [1, 1, 0], np.array([0.0, -8.0, 0.0]) + x[:, 3:6], 0.5 + abs(x[:, 6])
+    return (
+        np.array([2.0, 0.5, 0.0]) + 0.1 * x[:, :3] * [1, 1, 0],
+        np.array([0.0, -8.0, 0.0]) + x[:, 3:6],
+        0.5 + abs(x[:, 6]),
+    )
 
 
 def end_derivatives(q, Omega):
@@ -97,22 +101,23 @@ def bodies(rows: int) -> tuple[np.ndarray]:
 
 
 def failing(mass, Omega):
-    """Runs that end by themselves, that cannot start, and that take too many steps."""
+    """Runs that reach their end and runs that do not."""
     ball = jaxball.Ball(mass=mass, inertia=(0.4, 0.5, 0.6), offset=(0.1, 0.0, -0.2))
     return numbers(simulate(ball, TIMES, BallState(Omega=Omega), max_steps=64))
 
 
 def failures(rows: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of four rows, the second has a NaN, the third a negative mass, and the fourth turns fast."""
-    mass, Omega, kind = np.ones(rows), 0.1 * deviates(rows)[:, :3], np.arange(rows) % 4
+    """Of five rows, the second has a NaN, the third a negative mass, the fourth turns fast, and the fifth overflows."""
+    mass, Omega, kind = np.ones(rows), 0.1 * deviates(rows)[:, :3], np.arange(rows) % 5
     Omega[kind == 1, 0], mass[kind == 2] = np.nan, -1.0
     Omega[kind == 3] += 50.0
+    Omega[kind == 4] = 1e100
     return mass, Omega
 
 
 def push(t, p):
     """A force with every elementary function that equations use, and with angles that need many digits of π."""
-    angle = 1e5 * p * t
+    angle = 1e12 * p + t
     return 0.01 * jnp.stack(
         [
             jnp.exp(-t) + jnp.tanh(p) + jnp.cbrt(1.0 + t) + jnp.sin(angle),
@@ -124,7 +129,7 @@ def push(t, p):
 
 def pushed(p):
     ball = jaxball.Ball(**SHELL, force=jaxball.FunctionForce(push, p))
-    return numbers(simulate(ball, np.linspace(0.0, 0.01, 3), BallState()))
+    return numbers(simulate(ball, np.linspace(0.0, 4.0, 5), BallState()))
 
 
 def pendulum(theta, Omega):

@@ -1,4 +1,4 @@
-"""The sections of ``gpu.py``: each asks its workers for one result after another, prints it, and goes on where one fails."""
+"""The sections of ``gpu.py``: each asks workers for results one by one, prints them, and goes on where one fails."""
 
 import dataclasses
 import time
@@ -42,7 +42,7 @@ BALL_CONTENDERS = [
 ]
 LORENZ_CONTENDERS = [
     Contender(OURS, "gpu_timings:lorenz"),
-    Contender("gradsolve", "peers.gradsolve_lorenz:lorenz"),
+    Contender("gradsolve, with copies", "peers.gradsolve_lorenz:lorenz"),
     Contender("diffrax, jax.vmap", "peers.diffrax_lorenz:lorenz"),
 ]
 PUBLISHED = [
@@ -117,7 +117,11 @@ def equality(session: Session) -> dict:
     side_by_side = max(1, min(harness.cores() // CORES_OF_A_PAIR, len(names)))
     with ThreadPoolExecutor(side_by_side) as pool:
         shares = pool.map(lambda k: _equalities(session, names[k::side_by_side], rows), range(side_by_side))
-        answers = [answer for share in shares for answer in share]
+        try:
+            answers = [answer for share in shares for answer in share]
+        except BaseException:
+            session.budget.stop()  # Ctrl-C, after which the pool waits for what has begun
+            raise
     equal = sum(answer["equal"] == answer["numbers"] for answer in answers)
     say(f"  {equal} of {len(answers)} programs are equal to the last bit.")
     return {"rows": rows, "programs": answers}
@@ -214,7 +218,7 @@ def _batches(session: Session, worker: Worker, contender: Contender, counts: Seq
 def _expected(answers: Sequence[dict], rows: int) -> float:
     """Seconds that a batch would take, compilation aside, if they grow with the rows."""
     last = [answer for answer in answers if answer["rows"] == answers[-1]["rows"]]
-    return rows / last[0]["rows"] * sum((answer["first"] or 0.0) + answer["calls"] * answer["seconds"] for answer in last)
+    return rows / last[0]["rows"] * sum((answer["calls"] + 1) * answer["seconds"] for answer in last)
 
 
 def lorenz(session: Session) -> dict:
@@ -300,7 +304,9 @@ def _answer(name: str, solved: dict, error: np.ndarray | None) -> dict:
 
 def timing_line(row: dict) -> str:
     """A row in words and numbers."""
-    median, largest = (f"{row[key]:>9.1e}" if row[key] is not None else f"{'?':>9}" for key in ("error_median", "error_max"))
+    median, largest = (
+        f"{row[key]:>9.1e}" if row[key] is not None else f"{'?':>9}" for key in ("error_median", "error_max")
+    )
     compiled = "" if row["compile"] is None else f"  compiled in {row['compile']:.1f} s"
     first = "" if row["first"] is None else f", first call {row['first']:.2f} s"
     whose = f", by {row['compiler']}" if row["compiler"] else ""

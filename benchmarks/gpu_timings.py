@@ -75,8 +75,8 @@ def timings(program: Any, *arguments: Any) -> tuple[dict, Any]:
 def batch(place: str, rows: int, tolerances: list[float], cores: int) -> list[dict]:
     """A batch of the paper's balls at each tolerance; ``states`` and ``initial`` are those of the first rows.
 
-    ``place`` is that of a ``turns.Batch``. Where it has a jitted ``program`` for ``given`` arrays, that is compiled apart
-    and timed without copies between host and device.
+    ``place`` is that of a ``turns.Batch``. Where it has a jitted ``program`` for ``given`` arrays, that is compiled
+    apart and timed without copies between host and device.
     """
     q, Omega = perturbed.initial(rows)
     module, name = place.split(":")
@@ -114,7 +114,9 @@ def lorenz_gradient(rows: int, tolerance: float) -> dict:
 def lorenz_end(rho, tolerance: float, solver: Any = None):
     """y(1). As in GRADSOLVE's benchmark, the absolute tolerance is a thousandth of the relative one."""
     solver = diffrax.Tsit5() if solver is None else solver
-    run = simulate(Lorenz(rho), np.array([0.0, 1.0]), solver=solver, rtol=tolerance, atol=1e-3 * tolerance, max_steps=512)
+    run = simulate(
+        Lorenz(rho), np.array([0.0, 1.0]), solver=solver, rtol=tolerance, atol=1e-3 * tolerance, max_steps=512
+    )
     return run.state.y[-1]
 
 
@@ -128,7 +130,8 @@ def lorenz_reference(rho: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         y, tangent = jax.jvp(end, (rho,), (jnp.ones(()),))
         return y, 2 * jnp.sum(y * tangent)
 
-    return tuple(np.asarray(array) for array in jax.jit(jax.vmap(slope))(jnp.asarray(rho)))
+    ends, slopes = jax.jit(jax.vmap(slope))(jnp.asarray(rho))
+    return np.asarray(ends), np.asarray(slopes)
 
 
 def picked(array: Any) -> np.ndarray:

@@ -62,7 +62,7 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def timed(call: Callable) -> tuple[float, object]:
+def timed(call: Callable[[], Any]) -> tuple[float, Any]:
     """Seconds that ``call`` took, and its result; ``call`` must wait for what it started."""
     start = time.perf_counter()
     result = call()

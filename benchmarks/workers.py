@@ -1,5 +1,6 @@
 """Processes that do one job after another, each within a time limit: one that hangs or crashes costs its job alone."""
 
+import contextlib
 import importlib
 import multiprocessing
 import os
@@ -8,6 +9,7 @@ import time
 import traceback
 from collections.abc import Sequence
 from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
 
 import harness
 
@@ -34,7 +36,7 @@ class Worker:
     def __init__(self, platform: str, compiler: str = ""):
         self.platform = platform
         self._compiler = compiler
-        self._process: multiprocessing.process.BaseProcess | None = None
+        self._process: SpawnProcess | None = None
         self._pipe: Connection | None = None
 
     def ask(self, seconds: float, place: str, *arguments):
@@ -50,10 +52,8 @@ class Worker:
             self._process = context.Process(target=_serve, args=(self.platform, self._compiler, theirs))
             self._process.start()
             theirs.close()
-        try:
+        with contextlib.suppress(OSError):  # where the process has ended, which `result` says
             self._pipe.send((place, arguments))
-        except OSError:
-            pass  # the process has ended, which `result` says
 
     def result(self, seconds: float):
         """What the job returned.
@@ -113,6 +113,10 @@ class Budget:
         """Seconds left to the section, but not more than ``at_most``."""
         return min(self._end_of_section - time.monotonic(), at_most)
 
+    def stop(self) -> None:
+        """Leaves no time to anything."""
+        self._end = self._end_of_section = time.monotonic()
+
     def spent(self) -> float:
         """Seconds since it began."""
         return time.monotonic() - self._start
@@ -122,14 +126,14 @@ class Budget:
         return self._end - time.monotonic()
 
 
-def _kill(process: multiprocessing.process.BaseProcess) -> None:
+def _kill(process: SpawnProcess) -> None:
     """Ends a process of :func:`_serve` and those that it started, which are its group."""
     assert process.pid is not None
     try:
         os.killpg(process.pid, signal.SIGKILL)
     except (AttributeError, OSError):  # there are no groups on this system, or it has not made its own yet
         process.kill()
-    process.join()
+    process.join(PATIENCE)  # a driver may hold it for longer
 
 
 def _serve(platform: str, compiler: str, pipe: Connection) -> None:

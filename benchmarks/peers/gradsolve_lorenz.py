@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from gpu_timings import picked, timings
+
 from peers.diffrax_lorenz import right_hand_side
 
 REPEATS = 5
