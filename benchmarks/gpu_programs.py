@@ -68,7 +68,7 @@ def throw(V, Omega, height, times=BOUNCES):
     """Flight, impacts, sliding and rolling."""
     thrown = ReleasedState(BallState(Omega=Omega), V=V, height=height)
     contact = Contact(sliding=0.3, static=0.35, restitution=0.6, slowest=0.05)
-    return simulate(jaxball.Ball(**SHELL), times, thrown, contact=contact)
+    return simulate(jaxball.Ball(**SHELL), times, thrown, contact=contact, max_steps=512)
 
 
 def bouncing(V, Omega, height):
