@@ -1,81 +1,81 @@
-"""A million perturbed copies of the paper's ball on a GPU in float64, beside plain diffrax there and heyoka here.
+"""Everything that is asked of a GPU, in one command of less than eight minutes.
 
-    python benchmarks/gpu.py [--rows 1000000] [--json FILE]
+    python benchmarks/gpu.py [--json FILE] [--figure FILE] [--budget 440] [--sections equality ball lorenz gradients]
 
-Where JAX finds no GPU it says so and ends.
+- equality: programs with 64 rows on the GPU and on the CPU, compared to the last bit.
+- ball: a thousand to ten million copies of the paper's ball, beside XLA and diffrax there, and heyoka on the CPU.
+- lorenz: the table of GRADSOLVE (arXiv 2609.02876), beside that package, if it is installed, and diffrax.
+- gradients: rows and their gradients per second.
+
+What fails, hangs or ends its process is said and left out. Where JAX finds no GPU the script says so and ends. With
+``--platform cpu --rows 8`` it can be tried anywhere.
 """
 
 import argparse
+import time
+from pathlib import Path
 
-import contest
+import gpu_figure
 import harness
-import turns
-import work_precision
-from turns import Contender
+from gpu_sections import SECTIONS, Session, say
+from workers import Budget, LostError, Worker
 
-OURS, HEYOKA = "jaxball, simulate_ensemble", "heyoka, 8 lanes, on the CPU"
-TOLERANCES = (1e-5, 1e-6, 1e-7, 1e-9, 1e-10, 1e-11)
-GOALS = (1e-6, 1e-10)
-REFERENCES = {HEYOKA: 1e-15, OURS: 1e-13}
+TO_START = 90.0  # seconds
 
 
 def main() -> None:
     options = _options()
-    reason = turns.apart(why_no_gpu)
-    if reason:
-        print(f"No GPU was measured, because {reason}; run this where there is one, with the JAX that is made for it.")
-        return
-    cores = harness.cores()
-    contenders = [
-        Contender(HEYOKA, "peers.heyoka_batch:Batch", min(options.rows, options.rows_cpu)),
-        Contender(OURS, "jaxball_batch:Ensemble", options.rows, cpu_settings=False, gpu=True),
-        Contender("diffrax, jax.vmap", "peers.diffrax_batch:Batch", options.rows, cpu_settings=False, gpu=True),
-    ]
-    device = turns.apart(name_of_device)
-    measured = contest.measure(contenders, options.rows, options.tolerances, options.rounds, cores, REFERENCES)
-    harness.set_up_jax(cpu_settings=False)
-    content = {
-        "benchmark": "copies of the paper's ball with perturbed q and Omega on a GPU, from t = 0 to 20",
-        **harness.description("heyoka"),
-        "cores": cores,
-        "device": device,
-        **measured,
-        "at_equal_error": work_precision.at_equal_error(measured["rows"], OURS, GOALS),
-    }
-    report(content)
-    harness.write_json(options.json, content)
+    with Worker(options.platform) as card, Worker("cpu") as cpu:
+        budget = Budget(options.budget)
+        try:
+            device = card.ask(min(TO_START, options.budget), "gpu_timings:device", options.platform == "cpu")
+        except LostError as loss:
+            device = {"reason": f"JAX cannot start a GPU here: {loss}"}
+        if device["reason"]:
+            print(f"No GPU was measured, because {device['reason']}; run this where there is one, with the JAX for it.")
+            return
+        say(f"{device['device']}, {device['platform_version']}".replace("\n", ", "))
+        session = Session(budget, card, cpu, options.rows, options.programs)
+        content = {
+            "benchmark": "runs and gradients on a GPU, one run a thread",
+            **{key: value for key, value in device.items() if key != "reason"},
+            "budget": options.budget,
+            "rows": options.rows,
+            "sections": {},
+            "losses": session.losses,
+        }
+        try:
+            measure(session, options.sections, content, options.json)
+        finally:
+            harness.write_json(options.json, content)
+    if options.figure is not None and content["sections"].get("ball", {}).get("rows"):
+        gpu_figure.draw(content["sections"]["ball"]["rows"], content["device"], options.figure)
 
 
-def why_no_gpu() -> str:
-    """Why JAX has no GPU; empty where it has one."""
-    harness.set_up_jax(cpu_settings=False, gpu=True)
-    import jax
-
-    try:
-        platforms = {device.platform for device in jax.devices()}
-    except (RuntimeError, AssertionError):  # the latter where JAX_PLATFORMS names what is not installed
-        return "JAX cannot start a GPU here"
-    return "" if platforms & {"gpu", "cuda", "rocm"} else "JAX finds no GPU here"
-
-
-def name_of_device() -> str:
-    """The name of the first device, in a process with the GPU."""
-    harness.set_up_jax(cpu_settings=False, gpu=True)
-    import jax
-
-    return jax.devices()[0].device_kind
-
-
-def report(content: dict) -> None:
-    """Prints the device, all rows, and the ratios."""
-    print(f"{content['device']}.")
-    work_precision.report(content["rows"], content["at_equal_error"], OURS)
-    print(contest.agreement_sentence(content["agreement"]))
+def measure(session: Session, sections: list[str], content: dict, path: Path | None) -> None:
+    """Does one section after the other; what has been measured is written after each."""
+    shares = [SECTIONS[name][1] for name in sections]
+    for k, name in enumerate(sections):
+        session.budget.begin_section(shares[k], shares[k + 1 :])
+        start = time.monotonic()
+        try:
+            content["sections"][name] = SECTIONS[name][0](session)
+        except Exception as error:  # a mistake in one section is no reason to lose the others
+            session.lose(f"section {name}", f"{type(error).__name__}: {error}")
+            content["sections"].setdefault(name, {})
+        content["sections"][name]["seconds"] = time.monotonic() - start
+        harness.write_json(path, content)
+    count = len(session.losses)
+    say(f"\n{session.budget.spent():.0f} s; {count} result{'' if count == 1 else 's'} missing.")
 
 
 def _options() -> argparse.Namespace:
-    parser = contest.parser(__doc__ or "", 1_000_000, TOLERANCES, rounds=3)
-    parser.add_argument("--rows-cpu", type=int, default=100_000, help="how many of them for heyoka")
+    parser = harness.parser(__doc__ or "", rows=10_000_000)
+    parser.add_argument("--figure", type=Path, help="where to draw runs per second over rows, as PNG or PDF")
+    parser.add_argument("--budget", type=float, default=440.0, help="seconds; what does not fit is left out")
+    parser.add_argument("--sections", nargs="+", choices=SECTIONS, default=list(SECTIONS), metavar="NAME")
+    parser.add_argument("--programs", nargs="+", default=(), metavar="NAME", help="compare these alone")
+    parser.add_argument("--platform", choices=["gpu", "cpu"], default="gpu", help="cpu to try the script without a GPU")
     return parser.parse_args()
 
 

@@ -9,6 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+INSTALLED_BY = {"numbalsoda": "jaxball[numbalsoda]", "gradsolve": "gradsolve[warp]"}  # the others are of one extra
+
 
 def set_up_jax(cpu_settings: bool, gpu: bool = False) -> None:
     """Chooses float64 and, if asked, the command line's CPU settings; to be called before the first array.
@@ -53,8 +55,7 @@ def description(*packages: str) -> dict[str, object]:
 
 def not_installed(package: str) -> str:
     """The end of a sentence: which package is missing, and what installs it."""
-    extra = "numbalsoda" if package == "numbalsoda" else "bench"
-    return f"{package} is not installed; pip install 'jaxball[{extra}]'"
+    return f"{package} is not installed; pip install '{INSTALLED_BY.get(package, 'jaxball[bench]')}'"
 
 
 def cores() -> int:
@@ -62,7 +63,7 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def timed(call: Callable) -> tuple[float, object]:
+def timed(call: Callable[[], Any]) -> tuple[float, Any]:
     """Seconds that ``call`` took, and its result; ``call`` must wait for what it started."""
     start = time.perf_counter()
     result = call()

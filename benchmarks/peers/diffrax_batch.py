@@ -21,11 +21,11 @@ class Batch(Compiled):
     """All rows in one program."""
 
     def __init__(self, q: np.ndarray, Omega: np.ndarray, cores: int):
-        self.x = jnp.asarray(states(q, Omega))
+        self.given = (jnp.asarray(states(q, Omega)),)
         self.program = jax.jit(jax.vmap(solve, in_axes=(0, None)))
 
     def final(self, tolerance: float) -> np.ndarray:
-        return np.asarray(self.program(self.x, jnp.asarray(tolerance)))[:, -9:]
+        return np.asarray(self.program(*self.given, jnp.asarray(tolerance)))[:, -9:]
 
 
 def solve(x, tolerance):

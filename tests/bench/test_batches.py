@@ -1,11 +1,7 @@
-"""The benchmarks of batches: what they compute with known contenders, and what they say without a GPU."""
+"""The benchmarks of batches: what they compute with known contenders."""
 
 import json
 import math
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -13,8 +9,8 @@ import numpy as np
 import pytest
 
 from jaxball.bench.problems import ALL
+from tests.support.scripts import run_script
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 KNOWN = """
 import numpy as np
 
@@ -48,27 +44,6 @@ class Broken(Known):
     def solve(self, tolerance):
         raise ValueError("nothing fits")
 """
-
-
-@pytest.fixture
-def benchmarks(monkeypatch):
-    """The folder of benchmarks, where modules are found."""
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    return BENCHMARKS
-
-
-def program(name, *arguments, **environment):
-    line = [sys.executable, str(BENCHMARKS / name), *arguments]
-    return subprocess.run(line, capture_output=True, text=True, check=False, env={**os.environ, **environment})
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("platforms", ["cpu", "cuda,nonexistent"])
-def test_without_a_gpu_one_sentence_says_so(platforms):
-    done = program("gpu.py", JAX_PLATFORMS=platforms)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("No GPU was measured, because JAX ")
-    assert done.stdout.count("\n") == 1
 
 
 @pytest.mark.thorough
@@ -179,7 +154,7 @@ def test_all_contenders_solve_the_same_problem(tmp_path):
     """Few runs, errors only: plain diffrax steps over the kinks, so its bound is far coarser."""
     out = tmp_path / "batch.json"
     settings = ["--rows", "32", "--subset", "8", "--tolerances", "1e-8", "--rounds", "1"]
-    done = program("batch.py", *settings, "--json", str(out), "--figure", str(tmp_path / "batch.png"))
+    done = run_script("batch.py", *settings, "--json", str(out), "--figure", str(tmp_path / "batch.png"))
     assert done.returncode == 0, done.stderr
     content = json.loads(out.read_text())
     assert {"machine", "versions", "rows", "agreement", "at_equal_error"} <= content.keys()
