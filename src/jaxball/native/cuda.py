@@ -78,7 +78,7 @@ class Driver:
             try:
                 self._call("cuLinkAddData_v2", state, _PTX, source, ctypes.c_size_t(len(source)), None, 0, None, None)
                 self._call("cuLinkComplete", state, ctypes.byref(code), ctypes.byref(size))
-                return ctypes.string_at(code, size.value)
+                return ctypes.string_at(code, size.value or 0)
             except CudaError as error:
                 raise CudaError(f"{error} {log.value.decode(errors='replace')}".strip()) from None
             finally:
