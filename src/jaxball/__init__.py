@@ -142,6 +142,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         SplineRail as SplineRail,
         Tube as Tube,
     )
+    from .physics.recorded import RecordedSchedule as RecordedSchedule, RecordedSignal as RecordedSignal
     from .physics.resistance import AbstractResistance as AbstractResistance, Resistance as Resistance
     from .physics.rolling import AbstractRollingSystem as AbstractRollingSystem, Reaction as Reaction
     from .physics.schedules import (
