@@ -8,7 +8,7 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Array, Float, Int, PyTree
 
 from ..interface.printing import Printed
 from .arrays import Numbers, numbers, to_array
@@ -115,8 +115,8 @@ class PiecewisePolynomial(eqx.Module):
     def _piece_at(self, x: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, "degree_plus_one *shape"]]:
         """The origin and the coefficients of the piece at x: of few pieces by a sum, of many by a binary search."""
         if self.breaks.shape[0] > MOST_SUMMED:
-            piece = jnp.searchsorted(self.breaks, x, side="right", method="scan_unrolled")
-            return tuple(rows.at[piece].get(mode="promise_in_bounds") for rows in (self.origins, self.coefficients))
+            piece = _count_up_to(self.breaks, x)
+            return row_at(self.origins, piece), row_at(self.coefficients, piece)
         infinity = jnp.array([jnp.inf], dtype=self.breaks.dtype)
         holds = (jnp.concatenate([-infinity, self.breaks]) <= x) & (x < jnp.concatenate([self.breaks, infinity]))
         mask = holds.reshape(holds.shape + (1,) * (self.coefficients.ndim - 1))
@@ -131,6 +131,25 @@ class PiecewisePolynomial(eqx.Module):
         changes = jnp.sum(raised[1:-1] * h ** power[None], axis=1)
         start = jnp.concatenate([jnp.zeros((2,), changes.dtype), jnp.cumsum(changes)])
         return PiecewisePolynomial(self.breaks, self.origins, jnp.concatenate([start[:, None], raised], axis=1))
+
+
+def _count_up_to(breaks: Float[Array, " n"], x: Float[Array, ""]) -> Int[Array, ""]:
+    """How many of the increasing ``breaks`` are x or less, by bisection.
+
+    It is ``jnp.searchsorted(breaks, x, "right")``, but that is a function of its own, to which a compiler may pass a
+    copy of all breaks.
+    """
+    first, last = jnp.zeros((), int), jnp.asarray(breaks.shape[0])
+    for _ in range(breaks.shape[0].bit_length()):
+        middle = (first + last) // 2
+        up_to = (row_at(breaks, jnp.minimum(middle, breaks.shape[0] - 1)) <= x) & (middle < last)
+        first, last = jnp.where(up_to, middle + 1, first), jnp.where(up_to, last, middle)
+    return first
+
+
+def row_at(rows: Float[Array, "n *shape"], index: Int[Array, ""]) -> Float[Array, "*shape"]:
+    """The row at an index that is known to be within range."""
+    return rows.at[index].get(mode="promise_in_bounds")
 
 
 def periodic_cubic_spline(
