@@ -24,7 +24,7 @@ Interpolation: TypeAlias = Literal["previous", "linear", "spline"]
 OutsideOfSignal: TypeAlias = Literal["refuse", "hold", "zero"]
 OutsideOfSchedule: TypeAlias = Literal["refuse", "continue"]
 
-MOST_KINKS = 64  # of a log: steps end at each of them
+MOST_KINKS = 256  # of a log: a step ends at each of them, which costs less than finding more of them by the error
 # In a longer log, a jump or a corner is a kink where it exceeds the mean of all by this factor, which those of a smooth
 # signal and of noise do not: a sinusoid's are up to 1.6 times the mean, of 10⁵ Gaussian numbers up to 6.
 OUTSTANDING = 8.0
@@ -214,7 +214,7 @@ class RecordedSchedule(AbstractRecorded, AbstractSchedule):
     def prepare(self) -> "PreparedSchedule":
         inner = not_a_knot_cubic_spline(self.times, self.values)
         h = self.times[-1] - self.times[-2]
-        value, slope, half_bend, third = inner[-1]
+        _, slope, half_bend, third = inner[-1]
         end = [
             self.values[-1],
             slope + h * (2 * half_bend + 3 * h * third),
