@@ -24,8 +24,6 @@ from jaxball import (
 )
 from jaxball.physics.recorded import MOST_KINKS
 
-pytestmark = pytest.mark.float64
-
 FREQUENCY, END = 2.0, 2.0
 SINE = Sinusoids(0.0, amplitude=[1.0], frequency=[FREQUENCY])
 TIGHT = {"rtol": 1e-11, "atol": 1e-11}
@@ -37,9 +35,7 @@ def uneven_times(n):
 
 
 def driven(drive):
-    return Ball(
-        mass=1.0, inertia=(0.7, 0.6, 0.5), gravity=10.0, mechanisms=[planar_pendulum(0.8, 0.5, drive=drive)]
-    )
+    return Ball(mass=1.0, inertia=(0.7, 0.6, 0.5), gravity=10.0, mechanisms=[planar_pendulum(0.8, 0.5, drive=drive)])
 
 
 def end_of_run(drive, end=END, **options):
@@ -139,9 +135,7 @@ def test_the_few_steps_of_a_long_log_are_found_and_cost_no_more_steps():
 @pytest.mark.parametrize("motor", [Motor, lambda signal: SpeedLimitedMotor(signal, stall=1.0, free_speed=4.0)])
 def test_runs_of_a_sampled_sine_approach_its_run_with_the_order_of_the_interpolation(motor, interpolation, order):
     exact = place(end_of_run(motor(SINE), **TIGHT))
-    errors = [
-        np.abs(place(end_of_run(motor(sampled(n, interpolation)), **TIGHT)) - exact).max() for n in (21, 41)
-    ]
+    errors = [np.abs(place(end_of_run(motor(sampled(n, interpolation)), **TIGHT)) - exact).max() for n in (21, 41)]
     assert errors[0] < 2 * FREQUENCY**order * (END / 20) ** order
     assert 2 ** (order - 0.5) < errors[0] / errors[1] < 2 ** (order + 0.7)
 

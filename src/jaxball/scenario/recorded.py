@@ -1,6 +1,7 @@
 """Signals and schedules from logs as tables of a scenario file."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
