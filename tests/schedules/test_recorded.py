@@ -111,14 +111,17 @@ def test_outside_of_a_log_a_schedule_goes_on_at_its_rate():
     np.testing.assert_allclose(schedule.derivatives(jnp.array(-1.0)), [0.0, 0.0, 0.0], rtol=0, atol=1e-13)
 
 
-def test_steps_of_a_log_give_the_run_of_a_piecewise_signal_to_the_last_bit():
+def test_steps_of_a_log_give_the_run_of_a_piecewise_signal():
+    """To the rounding of their integrals, which are added up in different ways, and of as many steps."""
     times, values = np.array([0.0, 0.3, 0.7, 2.0]), np.array([1.0, -2.0, 0.5, 0.0])
     run = end_of_run(Motor(RecordedSignal(times, values, "previous")))
     same = end_of_run(Motor(PiecewiseSignal(times, values[:-1])))
-    np.testing.assert_array_equal(run.state.z, same.state.z)
-    np.testing.assert_array_equal(run.state.thetadot, same.state.thetadot)
+    assert (int(run.steps), int(run.rejected)) == (int(same.steps), int(same.rejected))
+    np.testing.assert_allclose(run.state.z, same.state.z, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(run.state.thetadot, same.state.thetadot, rtol=0, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_the_few_steps_of_a_long_log_are_found_and_cost_no_more_steps():
     """The run of the same steps without the samples between them."""
     times = np.linspace(0.0, END, 4001)
@@ -131,6 +134,7 @@ def test_the_few_steps_of_a_long_log_are_found_and_cost_no_more_steps():
     assert int(run.rejected) <= int(same.rejected) + 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("interpolation", "order"), [("previous", 1), ("linear", 2), ("spline", 4)])
 @pytest.mark.parametrize("motor", [Motor, lambda signal: SpeedLimitedMotor(signal, stall=1.0, free_speed=4.0)])
 def test_runs_of_a_sampled_sine_approach_its_run_with_the_order_of_the_interpolation(motor, interpolation, order):
@@ -140,6 +144,7 @@ def test_runs_of_a_sampled_sine_approach_its_run_with_the_order_of_the_interpola
     assert 2 ** (order - 0.5) < errors[0] / errors[1] < 2 ** (order + 0.7)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("interpolation", ["linear", "spline"])
 def test_a_long_log_takes_no_more_steps_than_the_smooth_signal(interpolation):
     """Samples 2e-4 apart: the error of lines is below (2e-4 · 2)² / 8 in the force, and the run's about a tenth."""
@@ -148,6 +153,7 @@ def test_a_long_log_takes_no_more_steps_than_the_smooth_signal(interpolation):
     np.testing.assert_allclose(place(logged), place(smooth), rtol=0, atol=2e-8 if interpolation == "linear" else 1e-9)
 
 
+@pytest.mark.thorough
 def test_a_log_of_a_hundred_thousand_rows_runs():
     smooth, logged = end_of_run(Motor(SINE)), end_of_run(Motor(sampled(100_001)))
     assert logged.ok
@@ -155,6 +161,7 @@ def test_a_log_of_a_hundred_thousand_rows_runs():
     np.testing.assert_allclose(place(logged), place(smooth), rtol=0, atol=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("n", [101, 2001])
 def test_a_mass_follows_the_log_of_its_schedule(n):
     """The spline's error is below 5/384 h⁴ θ⁗, that of θ̇ below h³/24 θ⁗ (Hall and Meyer 1976)."""
@@ -172,6 +179,7 @@ def test_a_mass_follows_the_log_of_its_schedule(n):
     assert n == 101 or int(run.steps) <= 1.5 * int(exact.steps)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("interpolation", ["previous", "linear", "spline"])
 @pytest.mark.parametrize("compiler", ["native", "xla"])
 def test_derivatives_by_values_are_right_in_both_modes_and_compilers(interpolation, compiler):
@@ -191,6 +199,7 @@ def test_derivatives_by_values_are_right_in_both_modes_and_compilers(interpolati
     np.testing.assert_allclose(forward, difference, rtol=0, atol=1e-7)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("interpolation", ["previous", "linear", "spline"])
 def test_logs_are_mapped_as_single_runs(interpolation):
     times = np.linspace(0.0, END, MOST_KINKS + 50)
@@ -203,6 +212,7 @@ def test_logs_are_mapped_as_single_runs(interpolation):
     np.testing.assert_allclose(jax.vmap(last)(logs), each, rtol=0, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_a_limit_bounds_the_steps_of_a_log():
     times, values = [0.0, 0.5, END], [3.0, -0.2, 0.0]
     limited = end_of_run(Motor(RecordedSignal(times, values, "previous"), limit=1.0))

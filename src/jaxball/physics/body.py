@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from ..interface.printing import is_array
 from ..interface.wording import all_of, counted
 from ..numerics import programs
-from ..numerics.arrays import Numbers, concatenated, default_dtype, namespace_of, to_array
+from ..numerics.arrays import AnyArray, Numbers, concatenated, default_dtype, namespace_of, to_array
 from .breaches import breaches, in_plane
 from .conditions import Condition, ExplainedCondition, Problem, all_hold, positive, positive_inertia, real_inertia
 from .confinement import clearance, confined, is_off_plane, time_of_leaving
@@ -82,7 +82,7 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
         if self._is_dry:
             yield from solvable_friction(self.prepare(), t, state)
 
-    def run_conditions(self, times: Float[Array, " T"]) -> Iterator[ExplainedCondition]:
+    def run_conditions(self, times: Float[AnyArray, " T"]) -> Iterator[ExplainedCondition]:
         if any(map(is_recorded, jax.tree.leaves(self, is_leaf=is_recorded))):
             yield from coverages(self.arguments, times)
 

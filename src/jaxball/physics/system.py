@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..interface.arguments import a, described, refusal
 from ..interface.printing import Printed, is_array
 from ..interface.status import Status
-from ..numerics.arrays import Numbers, default_dtype, to_array
+from ..numerics.arrays import AnyArray, Numbers, default_dtype, to_array
 from ..numerics.differentiation import differentiated_where
 from ..numerics.kinks import kinks_seen
 from .conditions import Condition, ExplainedCondition, Problem, unit
@@ -188,7 +188,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
         """Every condition that an initial state must meet in addition to its own; traceable."""
         yield from ()
 
-    def run_conditions(self, times: Float[Array, " T"]) -> Iterator[Condition | ExplainedCondition]:
+    def run_conditions(self, times: Float[AnyArray, " T"]) -> Iterator[Condition | ExplainedCondition]:
         """Every condition on what is prescribed over the ``times`` of a run; traceable."""
         yield from ()
 
