@@ -117,7 +117,7 @@ def test_what_is_wrong_with_a_log_is_said_with_its_file_and_row(tmp_path, csv, c
 def test_a_missing_log_is_named(tmp_path):
     file = written(tmp_path, of_motor(""))
     (tmp_path / "motor.csv").unlink()
-    with pytest.raises(ScenarioError, match='motor.csv" cannot be read: No such file or directory'):
+    with pytest.raises(ScenarioError, match=r'motor\.csv" cannot be read: No such file or directory'):
         load_scenario(file)
 
 

@@ -40,7 +40,7 @@ class Condition(NamedTuple):
 class ExplainedCondition(NamedTuple):
     """A condition with a sentence of its own: whether it holds, and the problem where it is known not to."""
 
-    holds: Bool[Array, ""]
+    holds: Any
     problem: "Callable[[], Problem]"
 
     def problems(self) -> Iterator["Problem"]:

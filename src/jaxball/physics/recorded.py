@@ -8,12 +8,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from ..interface.arguments import refusal
 from ..interface.printing import Printed
 from ..interface.wording import one_of
-from ..numerics.arrays import is_traced, numbers
+from ..numerics.arrays import AnyArray, is_traced, numbers
 from ..numerics.functions import PiecewisePolynomial, not_a_knot_cubic_spline
 from ..numerics.kinks import CLOSE
 from .conditions import ExplainedCondition, Problem
@@ -63,7 +63,7 @@ class AbstractRecorded(Printed):
                 "keep one of those with equal times."
             )
 
-    def covers(self, times: Float[Array, " T"]) -> Bool[Array, ""]:
+    def covers(self, times: Float[AnyArray, " T"]) -> Any:
         """Whether the log lasts, up to rounding, from the first of ``times`` to the last, if it must, and increases."""
         xp = np if not any(map(is_traced, (self.times, times))) else jnp
         own, start, end = xp.asarray(self.times), times[0], times[-1]
@@ -271,7 +271,7 @@ def _kinks(times: Float[Array, " n"], changes: Float[Array, " n_minus_two"] | No
     return jnp.concatenate([times[:1], inner, times[-1:]])
 
 
-def coverages(arguments: Any, times: Float[Array, " T"]) -> Iterator[ExplainedCondition]:
+def coverages(arguments: Any, times: Float[AnyArray, " T"]) -> Iterator[ExplainedCondition]:
     """The condition, on each log within the ``arguments`` of a system, that it lasts as long as a run; traceable."""
     for (argument, *path), log in jax.tree_util.tree_leaves_with_path(arguments, is_leaf=is_recorded):
         if is_recorded(log):
@@ -279,7 +279,7 @@ def coverages(arguments: Any, times: Float[Array, " T"]) -> Iterator[ExplainedCo
             yield ExplainedCondition(log.covers(times), functools.partial(_too_short, name, log, times))
 
 
-def _too_short(name: str, log: AbstractRecorded, times: Float[Array, " T"]) -> Problem:
+def _too_short(name: str, log: AbstractRecorded, times: Float[AnyArray, " T"]) -> Problem:
     start, end, first, last = (float(t) for t in (times[0], times[-1], log.times[0], log.times[-1]))
     others = one_of([f'"{choice}"' for choice in log.choices_outside if choice != "refuse"])
     return Problem(

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..numerics.arrays import AnyArray
 from ..numerics.differentiation import without_derivatives
 from .body import AbstractBody
 from .conditions import Condition, ExplainedCondition, Problem
@@ -110,7 +111,7 @@ class StickSlip(AbstractSystem[StickSlipState]):
     def start_conditions(self, t: Float[Array, ""], state: StickSlipState) -> Iterator[Condition]:
         yield from self.body.start_conditions(t, state.body)
 
-    def run_conditions(self, times: Float[Array, " T"]) -> Iterator[Condition | ExplainedCondition]:
+    def run_conditions(self, times: Float[AnyArray, " T"]) -> Iterator[Condition | ExplainedCondition]:
         yield from self.body.run_conditions(times)
 
     def numbers(self) -> Iterator[tuple[str, Array]]:

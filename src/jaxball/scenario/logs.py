@@ -137,7 +137,7 @@ def with_logs(document: Any, folder: Path) -> Any:
         return [with_logs(item, folder) for item in document]
     if not isinstance(document, Mapping):
         return document
-    if document.get("kind") != KIND or not isinstance(document.get("file"), str):
+    if document.get("kind") != KIND or not isinstance(document.get("file"), str) or "csv" in document:
         return {name: with_logs(item, folder) for name, item in document.items()}
     path = folder / document["file"]
     time, column = document.get("time"), document.get("column")

@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ...interface.printing import is_single, shown
+from ...numerics.arrays import AnyArray
 from ...numerics.vectors import root
 from ..body import AbstractBody
 from ..conditions import Condition, ExplainedCondition, Problem
@@ -82,7 +83,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
             holds = state.V[1] == 0
             yield Condition(holds, "state.V", state.V, "in the plane of the disk, with 0 for its second entry")
 
-    def run_conditions(self, times: Float[Array, " T"]) -> Iterator[Condition | ExplainedCondition]:
+    def run_conditions(self, times: Float[AnyArray, " T"]) -> Iterator[Condition | ExplainedCondition]:
         yield from self.body.run_conditions(times)
 
     def numbers(self) -> Iterator[tuple[str, Array]]:
