@@ -143,7 +143,10 @@ def test_runs_of_a_sampled_sine_approach_its_run_with_the_order_of_the_interpola
     exact = place(end_of_run(motor(SINE), **TIGHT))
     errors = [np.abs(place(end_of_run(motor(sampled(n, interpolation)), **TIGHT)) - exact).max() for n in (21, 41)]
     assert errors[0] < 2 * FREQUENCY**order * (END / 20) ** order
-    assert 2 ** (order - 0.5) < errors[0] / errors[1] < 2 ** (order + 0.7)
+    if order == 4:  # parts of the error at the end cancel, so that it is held against the bound of the spline's own
+        assert all(error < 5 / 384 * (FREQUENCY * END / n) ** 4 for error, n in zip(errors, (20, 40), strict=True))
+    else:
+        assert 2 ** (order - 0.5) < errors[0] / errors[1] < 2 ** (order + 0.7)
 
 
 @pytest.mark.thorough
