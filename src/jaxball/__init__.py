@@ -142,6 +142,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         SplineRail as SplineRail,
         Tube as Tube,
     )
+    from .physics.recorded import RecordedSchedule as RecordedSchedule, RecordedSignal as RecordedSignal
     from .physics.resistance import AbstractResistance as AbstractResistance, Resistance as Resistance
     from .physics.rolling import AbstractRollingSystem as AbstractRollingSystem, Reaction as Reaction
     from .physics.schedules import (
@@ -174,8 +175,10 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
     from .physics.validity import problems as problems
     from .results import load_run as load_run, save as save, to_dataset as to_dataset
     from .scenario import (
+        LogError as LogError,
         Scenario as Scenario,
         ScenarioError as ScenarioError,
+        load_log as load_log,
         load_scenario as load_scenario,
         read_scenario as read_scenario,
         write_scenario as write_scenario,

@@ -73,7 +73,7 @@ schedule = { kind = "waypoints", times = [0.0, 1.0, 5.0], angles = [0.0, 0.2, 0.
 [[masses]]
 mass = 0.5
 rail = { kind = "fourier", cosine = [[0.5, 0.0, 0.0]], sine = [[0.0, 0.5, 0.0]], centre = [0.0, 0.0, 0.1] }
-schedule = { kind = "constant-rate", theta = 0.7 }
+schedule = { kind = "log", csv = "t,a\\n0,0.7\\n2,0.8\\n4,0.7\\n", time = "t", column = "a", outside = "continue" }
 
 [[masses]]
 mass = 0.5

@@ -6,13 +6,14 @@ As a document it needs no JAX; :func:`scenario_of` does.
 import argparse
 import contextlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import scenario
 from ..results.files import READ_BACK, saved_text
 from ..scenario.errors import ScenarioError, all_problems
+from ..scenario.logs import with_logs
 from ..scenario.paths import with_values
 from ..scenario.sources import document_of, naming, scenario_text, text_of
 from .kinds import SCENARIO, FileKind, check_kind
@@ -70,7 +71,7 @@ def scenario_document(options: argparse.Namespace, end: float | None = None) -> 
 
     **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read or changed.
     """
-    document = with_values(named_document(options.scenario), options.set)
+    document = changed_document(options.scenario, options.set)
     if end is not None:
         times = document.get("time")
         if isinstance(times, dict) and "at" in times:
@@ -80,6 +81,15 @@ def scenario_document(options: argparse.Namespace, end: float | None = None) -> 
             )
         document = with_values(document, [f"time.end={end!r}"])
     return document
+
+
+def changed_document(source: str, changes: Sequence[str]) -> dict[str, Any]:
+    """The document of a source, changed, with the numbers of the logs that it names, relative to its file.
+
+    **Raises:** as :func:`named_document`, and where a change cannot be made.
+    """
+    document = with_values(named_document(source), changes)
+    return with_logs(document, Path() if source == STDIN else Path(source).parent)
 
 
 def named_document(source: str) -> dict[str, Any]:

@@ -8,12 +8,15 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Array, Float, Int, PyTree
 
 from ..interface.printing import Printed
 from .arrays import Numbers, numbers, to_array
 from .kinks import kinks_of_function
+from .linear import tridiagonal_solution
 from .vectors import sine_cosine
+
+MOST_SUMMED = 64  # breaks up to which a sum over all pieces takes less time than a search for one
 
 
 class HarmonicSeries(Printed):
@@ -102,15 +105,51 @@ class PiecewisePolynomial(eqx.Module):
     coefficients: Float[Array, "..."]
 
     def __call__(self, x: Float[Array, ""]) -> Float[Array, "*shape"]:
-        infinity = jnp.array([jnp.inf], dtype=self.breaks.dtype)
-        holds = (jnp.concatenate([-infinity, self.breaks]) <= x) & (x < jnp.concatenate([self.breaks, infinity]))
-        s = x - jnp.sum(jnp.where(holds, self.origins, 0.0))
-        mask = holds.reshape(holds.shape + (1,) * (self.coefficients.ndim - 1))
-        c = jnp.sum(jnp.where(mask, self.coefficients, 0.0), axis=0)
+        origin, c = self._piece_at(x)
+        s = x - origin
         value = c[-1]
         for k in range(c.shape[0] - 2, -1, -1):
             value = value * s + c[k]
         return value
+
+    def _piece_at(self, x: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, "degree_plus_one *shape"]]:
+        """The origin and the coefficients of the piece at x: of few pieces by a sum, of many by a binary search."""
+        if self.breaks.shape[0] > MOST_SUMMED:
+            piece = _count_up_to(self.breaks, x)
+            return row_at(self.origins, piece), row_at(self.coefficients, piece)
+        infinity = jnp.array([jnp.inf], dtype=self.breaks.dtype)
+        holds = (jnp.concatenate([-infinity, self.breaks]) <= x) & (x < jnp.concatenate([self.breaks, infinity]))
+        mask = holds.reshape(holds.shape + (1,) * (self.coefficients.ndim - 1))
+        return jnp.sum(jnp.where(holds, self.origins, 0.0)), jnp.sum(jnp.where(mask, self.coefficients, 0.0), axis=0)
+
+    def integral(self) -> "PiecewisePolynomial":
+        """The integral of a scalar one whose first two origins are its first break, where the integral is 0."""
+        power = jnp.arange(1, self.coefficients.shape[1] + 1, dtype=self.coefficients.dtype)
+        raised = self.coefficients / power[None]
+        h = jnp.diff(self.breaks)[:, None]
+        # A sum over the intervals, not a loop over them, which takes long to compile where there are many.
+        changes = jnp.sum(raised[1:-1] * h ** power[None], axis=1)
+        start = jnp.concatenate([jnp.zeros((2,), changes.dtype), jnp.cumsum(changes)])
+        return PiecewisePolynomial(self.breaks, self.origins, jnp.concatenate([start[:, None], raised], axis=1))
+
+
+def _count_up_to(breaks: Float[Array, " n"], x: Float[Array, ""]) -> Int[Array, ""]:
+    """How many of the increasing ``breaks`` are x or less, by bisection.
+
+    It is ``jnp.searchsorted(breaks, x, "right")``, but that is a function of its own, to which a compiler may pass a
+    copy of all breaks.
+    """
+    first, last = jnp.zeros((), int), jnp.asarray(breaks.shape[0])
+    for _ in range(breaks.shape[0].bit_length()):
+        middle = (first + last) // 2
+        up_to = (row_at(breaks, jnp.minimum(middle, breaks.shape[0] - 1)) <= x) & (middle < last)
+        first, last = jnp.where(up_to, middle + 1, first), jnp.where(up_to, last, middle)
+    return first
+
+
+def row_at(rows: Float[Array, "n *shape"], index: Int[Array, ""]) -> Float[Array, "*shape"]:
+    """The row at an index that is known to be within range."""
+    return rows.at[index].get(mode="promise_in_bounds")
 
 
 def periodic_cubic_spline(
@@ -156,6 +195,30 @@ def clamped_cubic_spline(
     right = 6 * jnp.diff(slopes, axis=0)
     bend = jnp.linalg.solve(matrix, right.reshape(n, -1)).reshape(values.shape)
     return _hermite_pieces(values[:-1], chord, bend[:-1], bend[1:], step)
+
+
+def not_a_knot_cubic_spline(knots: Float[Array, " n"], values: Float[Array, " n"]) -> Float[Array, "n_minus_one 4"]:
+    """Coefficients of the cubic spline through ``values`` whose third derivative does not jump at the second and the
+    last but one of its ``knots``, which makes it accurate to the fourth power of their distance up to the ends.
+
+    Through three values it is a parabola, and through two a line (de Boor, *A Practical Guide to Splines*, 1978, IV).
+    """
+    h = jnp.diff(knots)
+    chord = jnp.diff(values) / h
+    if values.shape[0] < 4:
+        turn = jnp.diff(chord) / (h[:-1] + h[1:]) * 2  # empty for two values
+        bend = jnp.full_like(values, turn[0]) if turn.size else jnp.zeros_like(values)
+        return _hermite_pieces(values[:-1], chord, bend[:-1], bend[1:], h)
+    # Rows for the bends at inner knots, from which those at both ends follow.
+    left, right = h[0] / h[1], h[-1] / h[-2]
+    diagonal = (2 * (h[:-1] + h[1:])).at[0].add(h[0] * (1 + left)).at[-1].add(h[-1] * (1 + right))
+    lower = h[:-1].at[0].set(0.0).at[-1].add(-h[-1] * right)
+    upper = h[1:].at[-1].set(0.0).at[0].add(-h[0] * left)
+    inner = tridiagonal_solution(lower, diagonal, upper, 6 * jnp.diff(chord))
+    first = inner[0] + left * (inner[0] - inner[1])
+    last = inner[-1] + right * (inner[-1] - inner[-2])
+    bend = jnp.concatenate([first[None], inner, last[None]])
+    return _hermite_pieces(values[:-1], chord, bend[:-1], bend[1:], h)
 
 
 def _hermite_pieces(values, chord, bend, next_bend, step):

@@ -119,6 +119,31 @@ def _reciprocal(x: _Parts) -> _Parts:
     return x[0] / size, -x[1] / size
 
 
+def tridiagonal_solution(
+    lower: Float[Array, " n"], diagonal: Float[Array, " n"], upper: Float[Array, " n"], b: Float[Array, " n"]
+) -> Float[Array, " n"]:
+    """The x with lower_i x_(i−1) + diagonal_i x_i + upper_i x_(i+1) = b_i, where lower_0 and upper_(n−1) are 0.
+
+    Gaussian elimination without pivoting, which is stable where each diagonal entry exceeds the others of its row.
+    """
+
+    def eliminate(carry, row):
+        ratio, reduced = carry
+        below, centre, above, right = row
+        pivot = centre - below * ratio
+        carry = above / pivot, (right - below * reduced) / pivot
+        return carry, carry
+
+    def substitute(x, row):
+        ratio, reduced = row
+        x = reduced - ratio * x
+        return x, x
+
+    zero = jnp.zeros_like(b[0])
+    _, rows = jax.lax.scan(eliminate, (zero, zero), (lower, diagonal, upper, b))
+    return jax.lax.scan(substitute, zero, rows, reverse=True)[1]
+
+
 class Factors(NamedTuple):
     """A = L D Lᵀ, with ones on the diagonal of L."""
 

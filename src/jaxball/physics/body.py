@@ -12,9 +12,9 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from ..interface.printing import is_array
 from ..interface.wording import all_of, counted
 from ..numerics import programs
-from ..numerics.arrays import Numbers, concatenated, default_dtype, namespace_of, to_array
+from ..numerics.arrays import AnyArray, Numbers, concatenated, default_dtype, namespace_of, to_array
 from .breaches import breaches, in_plane
-from .conditions import Condition, Problem, all_hold, positive, positive_inertia, real_inertia
+from .conditions import Condition, ExplainedCondition, Problem, all_hold, positive, positive_inertia, real_inertia
 from .confinement import clearance, confined, is_off_plane, time_of_leaving
 from .coupling import moved_masses
 from .dynamics import accelerations, solvable_friction
@@ -26,6 +26,7 @@ from .moments import kinematics
 from .motion import Driven, OnRail
 from .parameters import BodyParameters, PointMass
 from .reaction import reaction
+from .recorded import coverages, is_recorded
 from .rolling import AbstractRollingSystem, Reaction
 from .schedules import AbstractSchedule
 from .state import BallState, DiskState, ReducedState, RotationState, State
@@ -80,6 +81,10 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
             yield from moved_masses(self.prepare(), t, state)
         if self._is_dry:
             yield from solvable_friction(self.prepare(), t, state)
+
+    def run_conditions(self, times: Float[AnyArray, " T"]) -> Iterator[ExplainedCondition]:
+        if any(map(is_recorded, jax.tree.leaves(self, is_leaf=is_recorded))):
+            yield from coverages(self.arguments, times)
 
     def default_state(self) -> State:
         if not self.driven and not self.mechanism_order:

@@ -3,7 +3,7 @@
 For NumPy arrays they are computed by NumPy, and nothing is compiled.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -37,6 +37,18 @@ class Condition(NamedTuple):
                 yield Problem(name, f"be {self.must}", f"it is {np.asarray(value).tolist()}")
 
 
+class ExplainedCondition(NamedTuple):
+    """A condition with a sentence of its own: whether it holds, and the problem where it is known not to."""
+
+    holds: Any
+    problem: "Callable[[], Problem]"
+
+    def problems(self) -> Iterator["Problem"]:
+        """The problem if it is violated, where that is known."""
+        if not bool(self.holds):
+            yield self.problem()
+
+
 class Problem(NamedTuple):
     """An impossible number: its name in Python, and, as clauses, what it must do and what it does."""
 
@@ -49,7 +61,7 @@ class Problem(NamedTuple):
         return f"{kind} `{self.name if name is None else name}` must {self.must}, but {self.but}."
 
 
-def all_hold(conditions: Iterable[Condition]) -> Bool[Array, ""]:
+def all_hold(conditions: Iterable[Condition | ExplainedCondition]) -> Bool[Array, ""]:
     """Whether all conditions hold; traceable."""
     holds = [jnp.all(c.holds) if c.holds.ndim else c.holds for c in conditions]
     return jnp.all(jnp.stack(holds)) if holds else jnp.asarray(True)

@@ -44,6 +44,10 @@ class AbstractIntegrableSignal(AbstractSignal):
     def impulse(self, t: Float[Array, ""]) -> Float[Array, ""]:
         """The integral of s up to t."""
 
+    def limited(self, limit: Float[Array, ""]) -> "AbstractIntegrableSignal | None":
+        """The same signal within ±limit, where it is of the same class; else None, because its pieces would change."""
+        return None
+
 
 class ConstantSignal(AbstractSignal):
     """s(t) = value.
@@ -109,7 +113,6 @@ class PiecewiseSignal(AbstractIntegrableSignal):
         return self.times
 
     def limited(self, limit: Float[Array, ""]) -> "PiecewiseSignal | None":
-        """The same signal within ±limit, where it consists of steps; else None, because the pieces would change."""
         if self.values.shape[-1] > 1:
             return None
         return eqx.tree_at(lambda signal: signal.values, self, jnp.clip(self.values, -limit, limit))

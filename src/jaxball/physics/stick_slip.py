@@ -14,9 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..numerics.arrays import AnyArray
 from ..numerics.differentiation import without_derivatives
 from .body import AbstractBody
-from .conditions import Condition, Problem
+from .conditions import Condition, ExplainedCondition, Problem
 from .dynamics import holding_friction
 from .hybrid import AbstractHistory, Record, Switches
 from .state import State
@@ -109,6 +110,9 @@ class StickSlip(AbstractSystem[StickSlipState]):
 
     def start_conditions(self, t: Float[Array, ""], state: StickSlipState) -> Iterator[Condition]:
         yield from self.body.start_conditions(t, state.body)
+
+    def run_conditions(self, times: Float[AnyArray, " T"]) -> Iterator[Condition | ExplainedCondition]:
+        yield from self.body.run_conditions(times)
 
     def numbers(self) -> Iterator[tuple[str, Array]]:
         yield from self.body.numbers()

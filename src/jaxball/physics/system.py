@@ -21,10 +21,10 @@ from jaxtyping import Array, Bool, Float, Int
 from ..interface.arguments import a, described, refusal
 from ..interface.printing import Printed, is_array
 from ..interface.status import Status
-from ..numerics.arrays import Numbers, default_dtype, to_array
+from ..numerics.arrays import AnyArray, Numbers, default_dtype, to_array
 from ..numerics.differentiation import differentiated_where
 from ..numerics.kinks import kinks_seen
-from .conditions import Condition, Problem, unit
+from .conditions import Condition, ExplainedCondition, Problem, unit
 from .hybrid import (
     NO_HISTORY,
     NONE,
@@ -149,8 +149,8 @@ class AbstractSystem(Printed, Generic[AnyState]):
     Everything else has a default, to be overridden where it does not fit:
 
     - ``title``: what it is called in sentences;
-    - ``conditions``, ``start_conditions``: which parameters and initial states are possible, so that an impossible run
-      has the status ``IMPOSSIBLE`` and a sentence that says why;
+    - ``conditions``, ``start_conditions``, ``run_conditions``: which parameters, initial states and times are possible,
+      so that an impossible run has the status ``IMPOSSIBLE`` and a sentence that says why;
     - ``laws``, ``law_rates``: what is conserved along every motion, or changes at a known rate;
     - ``prepare``: work to be done once per solve;
     - ``driving_kinks``, ``motion_kinks``: the times to which a solve steps, because the field is not smooth there;
@@ -186,6 +186,10 @@ class AbstractSystem(Printed, Generic[AnyState]):
 
     def start_conditions(self, t: Float[Array, ""], state: AnyState) -> Iterator[Condition]:
         """Every condition that an initial state must meet in addition to its own; traceable."""
+        yield from ()
+
+    def run_conditions(self, times: Float[AnyArray, " T"]) -> Iterator[Condition | ExplainedCondition]:
+        """Every condition on what is prescribed over the ``times`` of a run; traceable."""
         yield from ()
 
     def default_state(self) -> AnyState:

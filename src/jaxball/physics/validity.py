@@ -26,7 +26,7 @@ def possible_start(
     ``prepared`` is the same system, prepared. ``inside`` says whether what it confines must be inside.
     """
     holds = jnp.all(times[1:] > times[:-1]) & all_hold(system.conditions()) & all_hold(state.conditions())
-    holds &= all_hold(system.start_conditions(times[0], state))
+    holds &= all_hold(system.start_conditions(times[0], state)) & all_hold(system.run_conditions(times))
     return holds & prepared.confined(times, state) if inside else holds
 
 
@@ -64,6 +64,7 @@ def find_problems(
     if state is not None:
         conditions += state.conditions()
         conditions += system.start_conditions(jnp.asarray(times[0], default_dtype()), state)
+    conditions += system.run_conditions(times)
     broken = [problem for condition in conditions for problem in condition.problems()]
     if not np.all(times[1:] > times[:-1]):
         broken.append(Problem("times", "be increasing", f"it is {times.tolist()}"))

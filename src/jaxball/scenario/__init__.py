@@ -20,6 +20,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         read_scenario as read_scenario,
         write_scenario as write_scenario,
     )
+    from .logs import LogError as LogError, RecordedColumn as RecordedColumn, load_log as load_log
     from .scenario import Scenario as Scenario
     from .sources import (
         builtin_scenarios as builtin_scenarios,

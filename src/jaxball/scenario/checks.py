@@ -44,6 +44,18 @@ def check_confined(system: System, times: Any, state: BallState | DiskState) -> 
     raise_first([_in_keys(problem) for problem in breaches(system, times, np.asarray(state.theta)[None])])
 
 
+def check_run(system: System, times: Any) -> None:
+    """Raises a :class:`ScenarioError` for what is prescribed but does not last as long as a run over these ``times``.
+
+    Where they or its own times are traced, this is a condition.
+    """
+    if any_traced((system, times)):
+        leave_open("time", lambda: all_hold(system.run_conditions(jnp.asarray(times))))
+        return
+    conditions = system.run_conditions(times)
+    raise_first([_in_keys(problem) for condition in conditions for problem in condition.problems()])
+
+
 def check_start(system: System, start: Any, state: BallState | DiskState) -> None:
     """Raises a :class:`ScenarioError` where the body's initial accelerations are not determined.
 
@@ -99,7 +111,10 @@ def key_of(name: str) -> str:
     if name.startswith("masses["):
         return re.sub(r"\.motion$", ".free", name).replace(".motion.", ".")
     if name.startswith("mechanisms["):
-        return re.sub(r"\.mass$", ".masses", name).replace(".drive", ".force").replace(".terms[", "[")
+        name = re.sub(r"\.drive$", ".schedule", re.sub(r"\.mass$", ".masses", name))
+        return name.replace(".drive", ".force").replace(".terms[", "[")
     if name.startswith(("ground.", "resistance.", "contact.")):
         return name
+    if name.startswith("law."):  # whose schedules are those of what it drives
+        return name.replace("law.", "actuation.") if name.startswith("law.signals") else "actuation"
     return {"force": "force", "law": "actuation"}.get(name, join("body", name))

@@ -36,7 +36,7 @@ from .body import (
     write_body,
     write_sensors,
 )
-from .checks import check_confined, check_start
+from .checks import check_confined, check_run, check_start
 from .classical import CLASSICAL, INITIAL as CLASSICAL_INITIAL, RESISTED, read_classical, write_classical
 from .errors import all_problems, each_of, raise_first, tried
 from .events import KEYS as EVENT_KEYS, check_events_of, read_events, write_events
@@ -52,6 +52,7 @@ from .feedback import (
 )
 from .imports import is_python_name
 from .initial import INITIAL, balanced, initial_state, read_initial, released_from, write_initial
+from .logs import with_logs
 from .mechanisms import (
     CHOICES as MASSES,
     MECHANISM,
@@ -124,7 +125,7 @@ def load_scenario(source: str | Path) -> Scenario:
     """
     text = scenario_text(source)
     with naming(source):
-        return read_scenario(text)
+        return read_document(with_logs(document_of(text, "scenario", ScenarioError), Path(source).parent))
 
 
 def read_scenario(text: str) -> Scenario:
@@ -260,6 +261,7 @@ def _contents(
     *_, first_state, _, _ = each_of(
         lambda: contact and check_no_sticking(system),
         lambda: solve and check_dae(system, contact, solve["solver"], solve["dae"]),
+        lambda: check_run(system, span),
         lambda: check_confined(system, span, state),
         lambda: check_start(system, start, state),
         lambda: sensors is None or check_sensors(sensors, "sensors", system),

@@ -16,7 +16,9 @@ from ..physics.motion import Oscillating
 from ..physics.rails import AbstractRail, BernoulliEight, Circle, Ellipse, FourierRail, GeronoEight, SplineRail, Tube
 from ..physics.schedules import AbstractSchedule, ConstantRate, PiecewiseAcceleration, Pulse, Sinusoids, Waypoints
 from ..physics.signals import AbstractSignal, ConstantSignal, PiecewiseSignal
+from .logs import KIND as LOG
 from .own import Open
+from .recorded import SCHEDULE_FROM_LOG, SIGNAL_FROM_LOG
 from .table import (
     Family,
     Key,
@@ -237,6 +239,7 @@ _SCHEDULES: Family = {
         },
         check=_check_waypoints,
     ),
+    LOG: SCHEDULE_FROM_LOG,
 }
 SCHEDULES = Open(
     AbstractSchedule, _SCHEDULES, lambda schedule: require_function("schedule", schedule.__call__, (), t=a_number())
@@ -264,8 +267,8 @@ _PIECES = Module(
     {"times": Key(TIMES), "values": Key(Numbers((None, None)))},
     check=row_for_each_interval("values"),
 )
-SIGNALS: Family = {"steps": _STEPS, "piecewise": _PIECES, **SCHEDULES}
-_WRITTEN: Family = {"piecewise": _PIECES, **SCHEDULES}
+SIGNALS: Family = {"steps": _STEPS, "piecewise": _PIECES, **SCHEDULES, LOG: SIGNAL_FROM_LOG}
+_WRITTEN: Family = {"piecewise": _PIECES, **SCHEDULES, LOG: SIGNAL_FROM_LOG}
 
 
 def read_signal(value: Any, path: str) -> AbstractSignal | AbstractSchedule:

@@ -9,6 +9,7 @@ from typing import Any
 
 from ..interface.wording import did_you_mean
 from .errors import ScenarioError, key_error, shown
+from .logs import with_logs
 
 _FOLDER = os.path.join(os.path.dirname(__file__), "builtin")
 _TITLE = re.compile(r'^title = "(.*)"$', re.MULTILINE)  # every title is such a line, and TOML takes long to parse
@@ -125,15 +126,18 @@ def document_of(text: str, what: str, error: type[ScenarioError]) -> dict[str, A
 def scenario_document(value: Any, folder: Path, error: type[ScenarioError]) -> dict[str, Any]:
     """The document of the scenario that the key `scenario` holds or names; files are looked for relative to ``folder``.
 
+    It has the numbers of the logs that it names, whose files are looked for relative to its own.
+
     **Raises:** ``error`` where it does not exist.
     """
     if isinstance(value, dict):
-        return value
+        return with_logs(value, folder)
     if not isinstance(value, str):
         raise key_error("scenario", SCENARIO, shown(value))
     try:
         known = value in builtin_scenarios()
-        return _parsed(builtin_text(value) if known else (folder / value).read_text(encoding="utf-8"))
+        document = _parsed(builtin_text(value) if known else (folder / value).read_text(encoding="utf-8"))
+        return with_logs(document, (folder / value).parent)
     except (OSError, ValueError, RecursionError) as cause:
         raise error(
             f"Key `scenario` must be a table, a scenario file, or the name of a built-in one, but it is {shown(value)} "

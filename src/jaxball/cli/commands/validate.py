@@ -8,6 +8,7 @@ from typing import Any
 
 from ...interface.wording import counted
 from ...scenario.errors import ScenarioError, all_problems
+from ...scenario.logs import with_logs
 from ...scenario.sources import builtin_scenarios, builtin_text, document_of, text_of
 from ..input import input_text, source_name
 from ..jax_setup import set_up_jax
@@ -68,7 +69,7 @@ def _reader(document: dict[str, Any]) -> Callable[[dict[str, Any], Path], str]:
 def _scenario(document: dict[str, Any], folder: Path) -> str:
     from ...scenario import read_document
 
-    scenario = read_document(document)
+    scenario = read_document(with_logs(document, folder))
     times, what = scenario.times, scenario.system.described()
     content = f"{what}, {len(times)} times from {times[0]:g} to {times[-1]:g} by {scenario.solver}"
     return _titled(SCENARIO.words, content, document)

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...interface.output import check_destination
-from ...scenario.paths import with_values
 from ...scenario.sources import builtin_scenarios
 from ...verify.laws import LAWS
-from ..input import add_changes, is_run, named_document, scenario_of
+from ..input import add_changes, changed_document, is_run, scenario_of
 from ..jax_setup import compiled_for, set_up_jax
 from ..options import (
     FAILED_SOLVE,
@@ -67,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
         )
     # All are read before the first run, so that a misspelt name is not discovered after minutes.
     names = options.scenarios or builtin_scenarios()
-    documents = {name: with_values(named_document(name), options.set) for name in names}
+    documents = {name: changed_document(name, options.set) for name in names}
     set_up_jax()
     return _verify(options, documents)
 

@@ -76,8 +76,10 @@ def gather(function: Function, operation: Operation, operands: list[Array]) -> A
     own = [k for k in range(len(array.shape)) if k not in (*n.collapsed_slice_dims, *n.operand_batching_dims)]
     known = isinstance(numbers, Registers) and numbers.known and is_small(result.shape)
     numbers = storage.settled(numbers)
-    # An index that is not known reads from memory, and then so do all.
-    array = storage.settled(array) if known else storage.anywhere(storage.settled(array))
+    # An index that is not known reads from memory, and then so do all. What only moves numbers that are there is not
+    # copied for it: of a long table, such as a log, a step reads a few rows.
+    array = array if isinstance(array, Formula) and array.cheap else storage.settled(array)
+    array = array if known else storage.anywhere(array)
     if not is_small(result.shape):
         numbers = storage.anywhere(numbers)
 

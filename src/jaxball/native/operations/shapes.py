@@ -24,7 +24,7 @@ def moved(
     result = operation.results[0]
     if isinstance(array, Registers) and (array.known or is_small(result.shape)):
         return Registers(array.dtype, of_registers(array.elements))
-    if is_small(result.shape) and isinstance(array, Formula):
+    if is_small(result.shape) and isinstance(array, Formula) and (is_small(array.shape) or not array.cheap):
         array = function.storage.settled(array)
         return moved(function, operation, array, of_registers, source)
     array = function.storage.anywhere(array)
@@ -98,9 +98,11 @@ def reshape(function: Function, operation: Operation, operands: list[Array]) -> 
             return old
 
         return moved(function, operation, array, lambda elements: elements.reshape(shape), source)
+    by_position = lambda index: unravelled(builder, array.shape, linear(builder, shape, index))  # noqa: E731
+    if isinstance(array, Formula) and array.cheap and len(array.shape) == 1 and not is_small(shape):
+        return moved(function, operation, array, lambda elements: elements.reshape(shape), by_position)
     if not isinstance(array, Registers) and not is_small(shape):
         return function.storage.viewed(function.storage.to_memory(array), shape)
-    by_position = lambda index: unravelled(builder, array.shape, linear(builder, shape, index))  # noqa: E731
     return moved(function, operation, array, lambda elements: elements.reshape(shape), by_position)
 
 

@@ -22,9 +22,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ...interface.printing import is_single, shown
+from ...numerics.arrays import AnyArray
 from ...numerics.vectors import root
 from ..body import AbstractBody
-from ..conditions import Condition, Problem
+from ..conditions import Condition, ExplainedCondition, Problem
 from ..hybrid import NONE, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
 from ..state import ReducedState
 from ..system import AbstractSystem
@@ -81,6 +82,9 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         if self.body.planar:
             holds = state.V[1] == 0
             yield Condition(holds, "state.V", state.V, "in the plane of the disk, with 0 for its second entry")
+
+    def run_conditions(self, times: Float[AnyArray, " T"]) -> Iterator[Condition | ExplainedCondition]:
+        yield from self.body.run_conditions(times)
 
     def numbers(self) -> Iterator[tuple[str, Array]]:
         yield from self.body.numbers()

@@ -25,7 +25,7 @@ from ...numerics.functions import OfKinkedFunctionOfState
 from ...numerics.kinks import kinks_of_function, kinks_seen
 from ..conditions import Condition
 from ..schedules import AbstractSchedule
-from ..signals import AbstractIntegrableSignal, AbstractSignal, PiecewiseSignal, as_signal
+from ..signals import AbstractIntegrableSignal, AbstractSignal, as_signal
 from ..state import State
 
 
@@ -259,7 +259,7 @@ class Motor(AbstractJointForce):
 
     def _within_limit(self) -> "Motor":
         """The same without a limit, where the signal can be limited itself."""
-        if self.limit is None or not isinstance(self.signal, PiecewiseSignal):
+        if self.limit is None or not isinstance(self.signal, AbstractIntegrableSignal):
             return self
         signal = self.signal.limited(self.limit)
         return self if signal is None else Motor(signal)
@@ -304,8 +304,24 @@ class SpeedLimitedMotor(AbstractJointForce):
         yield not_negative(f"{name}.stall", self.stall, "0 or positive")
         yield Condition(self.free_speed > 0, f"{name}.free_speed", self.free_speed, "a positive number")
 
+    def impulse(self, t):
+        command = self._integrable
+        return None if command is None else self.stall * command.impulse(t)
+
+    def without_impulse(self, t, theta, thetadot, state):
+        command = jnp.zeros_like(theta) if self._integrable is not None else self.command(t)
+        return self.stall * (command - thetadot / self.free_speed)
+
+    def motion_kinks(self) -> Float[Array, " kinks"]:
+        return AbstractJointForce.motion_kinks(self) if self._integrable is None else self.command.kinks()
+
     def kinks(self) -> Float[Array, " kinks"]:
-        return self.command.kinks()
+        return self.command.kinks() if self._integrable is None else AbstractJointForce.kinks(self)
+
+    @property
+    def _integrable(self) -> AbstractIntegrableSignal | None:
+        """The command if its integral is known; else None."""
+        return self.command if isinstance(self.command, AbstractIntegrableSignal) else None
 
     def prepare(self) -> "SpeedLimitedMotor":
         return SpeedLimitedMotor(self.command.prepare(), self.stall, self.free_speed)

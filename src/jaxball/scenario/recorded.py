@@ -1,0 +1,80 @@
+"""Signals and schedules from logs as tables of a scenario file."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..physics.recorded import RecordedSchedule, RecordedSignal
+from .errors import ScenarioError
+from .logs import TIME, VALUE, LogError, RecordedColumn, columns_of, text_of_file, text_of_log
+from .table import Key, Module, join, read_table
+from .values import Choice, Text
+
+
+@dataclass(frozen=True)
+class LogModule(Module):
+    """How a signal or a schedule from a log stands in a file: by the numbers of the log, or by its file."""
+
+    def read(self, values: Any, path: str) -> Any:
+        table = read_table(values, path, self.keys)
+        if self.check is not None:
+            self.check(table, path)
+        file, text = table.pop("file"), table.pop("csv")
+        if (file is None) == (text is None):
+            raise ScenarioError(
+                f"Key `{path}` must have exactly one of the keys `file` and `csv`, but it has "
+                f"{'none of them' if file is None else 'both'}."
+            )
+        try:
+            text, name = (text, "its text") if file is None else (text_of_file(Path(file)), f'"{file}"')
+            log = columns_of(text, name, table.pop("time"), table.pop("column"))
+        except LogError as error:
+            raise ScenarioError(
+                f"Key `{join(path, 'csv' if file is None else 'file')}` must be a log, but {error}."
+            ) from None
+        return self.type(*log, **table)
+
+    def write(self, item: Any, path: str) -> dict[str, Any]:
+        log = RecordedColumn(*(np.asarray(array, float) for array in (item.times, item.values)))
+        written = {"csv": text_of_log(log), "time": TIME, "column": VALUE}
+        for name in ("interpolation", "outside"):
+            if name in self.keys and getattr(item, name) != self.keys[name].default:
+                written[name] = getattr(item, name)
+        return written
+
+
+def _check_schedule(table: dict[str, Any], path: str) -> None:
+    interpolation = table.pop("interpolation")
+    if interpolation != RecordedSchedule.interpolation:
+        raise ScenarioError(
+            f'Key `{join(path, "interpolation")}` must be "spline", because a schedule has a rate and an acceleration, '
+            f'but it is "{interpolation}"; "previous" and "linear" are for signals, such as torques.'
+        )
+
+
+_KEYS = {
+    "file": Key(Text(), None),
+    "csv": Key(Text(), None),
+    "time": Key(Text()),
+    "column": Key(Text()),
+}
+_INTERPOLATIONS = Choice(("previous", "linear", "spline"))
+SIGNAL_FROM_LOG = LogModule(
+    RecordedSignal,
+    {
+        **_KEYS,
+        "interpolation": Key(_INTERPOLATIONS, "linear"),
+        "outside": Key(Choice(RecordedSignal.choices_outside), "refuse"),
+    },
+)
+SCHEDULE_FROM_LOG = LogModule(
+    RecordedSchedule,
+    {
+        **_KEYS,
+        "interpolation": Key(_INTERPOLATIONS, "spline"),
+        "outside": Key(Choice(RecordedSchedule.choices_outside), "refuse"),
+    },
+    check=_check_schedule,
+)

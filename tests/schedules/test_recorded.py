@@ -1,0 +1,261 @@
+"""Signals and schedules from logs: SciPy's splines, closed forms, and runs of the signals that were sampled."""
+
+import re
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+import jaxball
+from jaxball import (
+    Ball,
+    BallState,
+    Circle,
+    Motor,
+    OnRail,
+    PiecewiseSignal,
+    PointMass,
+    RecordedSchedule,
+    RecordedSignal,
+    Sinusoids,
+    SpeedLimitedMotor,
+    planar_pendulum,
+    simulate,
+)
+from jaxball.physics.recorded import MOST_KINKS
+
+FREQUENCY, END = 2.0, 2.0
+SINE = Sinusoids(0.0, amplitude=[1.0], frequency=[FREQUENCY])
+TIGHT = {"rtol": 1e-11, "atol": 1e-11}
+
+
+def uneven_times(n):
+    rng = np.random.default_rng(n)
+    return np.cumsum(rng.uniform(0.5, 1.5, n)) / n
+
+
+def driven(drive):
+    return Ball(mass=1.0, inertia=(0.7, 0.6, 0.5), gravity=10.0, mechanisms=[planar_pendulum(0.8, 0.5, drive=drive)])
+
+
+def end_of_run(drive, end=END, **options):
+    run = simulate(driven(drive), [0.0, end], BallState(theta=[0.0], thetadot=[0.0]), **options)
+    return run
+
+
+def place(run):
+    return np.asarray(run.state.z[-1])
+
+
+def sampled(n, interpolation="linear", **options):
+    times = np.linspace(0.0, END, n)
+    return RecordedSignal(times, np.sin(FREQUENCY * times), interpolation, **options)
+
+
+@pytest.mark.parametrize("n", [2, 3, 4, 5, 50, MOST_KINKS + 100])
+def test_a_spline_and_its_derivatives_are_those_of_scipy(n):
+    """To 1e-12 of the largest of each: derivatives amplify the rounding of values by the inverse step, 1/h² of θ̈."""
+    times = uneven_times(n)
+    values = np.sin(3 * times) + times
+    schedule, reference = RecordedSchedule(times, values).prepare(), CubicSpline(times, values)
+    # At the last time itself SciPy and a run both have the derivatives of the last interval.
+    t = np.sort(np.concatenate([np.linspace(times[0], times[-1], 301), times]))
+    ours = np.asarray(jax.vmap(schedule.derivatives)(jnp.asarray(t)))
+    for order, row in enumerate(ours):
+        exact, step = reference(t, order), np.min(np.diff(times))
+        np.testing.assert_allclose(row, exact, rtol=0, atol=1e-12 * max(1.0, np.abs(exact).max(), step**-order / 100))
+
+
+@pytest.mark.parametrize("n", [6, MOST_KINKS + 100])
+def test_lines_and_steps_between_samples_are_those_of_numpy(n):
+    times = uneven_times(n)
+    values = np.cos(5 * times)
+    t = np.linspace(times[0], times[-1], 997)
+    linear = jax.vmap(RecordedSignal(times, values, "linear").prepare())(jnp.asarray(t))
+    np.testing.assert_allclose(linear, np.interp(t, times, values), rtol=0, atol=1e-14)
+    previous = jax.vmap(RecordedSignal(times, values, "previous").prepare())(jnp.asarray(t))
+    np.testing.assert_array_equal(previous, values[np.searchsorted(times, t, side="right") - 1])
+
+
+@pytest.mark.parametrize("interpolation", ["previous", "linear", "spline"])
+@pytest.mark.parametrize("n", [6, MOST_KINKS + 100])
+def test_impulses_are_integrals(n, interpolation):
+    """Gauss's rule with three nodes integrates each interval's polynomial of degree 3 exactly."""
+    times = uneven_times(n)
+    signal = RecordedSignal(times, np.cos(5 * times), interpolation).prepare()
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+    h = np.diff(times)
+    t = times[:-1, None] + h[:, None] * (nodes + 1) / 2
+    parts = (np.asarray(jax.vmap(jax.vmap(signal))(jnp.asarray(t))) * weights).sum(axis=1) * h / 2
+    impulses = jax.vmap(signal.impulse)(jnp.asarray(times))
+    np.testing.assert_allclose(impulses, np.concatenate([[0.0], np.cumsum(parts)]), rtol=0, atol=1e-13)
+
+
+def test_outside_of_a_log_a_signal_holds_or_is_zero_and_its_impulse_goes_on():
+    times, values = [1.0, 2.0, 3.0], [0.5, 2.0, -1.0]
+    t = jnp.array([0.0, 4.0])
+    for interpolation in ("previous", "linear", "spline"):
+        held = RecordedSignal(times, values, interpolation, outside="hold")
+        np.testing.assert_array_equal(jax.vmap(held)(t), [0.5, -1.0])
+        assert held.impulse(t[0]) == -0.5
+        zero = RecordedSignal(times, values, interpolation, outside="zero")
+        np.testing.assert_array_equal(jax.vmap(zero)(t), [0.0, 0.0])
+        assert zero.impulse(t[1]) == zero.impulse(jnp.array(3.0))
+
+
+def test_outside_of_a_log_a_schedule_goes_on_at_its_rate():
+    times = np.linspace(0.0, 1.0, 11)
+    schedule = RecordedSchedule(times, times**3, outside="continue")
+    theta, rate, acceleration = schedule.derivatives(jnp.array(2.0))
+    np.testing.assert_allclose([theta, rate, acceleration], [4.0, 3.0, 0.0], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(schedule.derivatives(jnp.array(-1.0)), [0.0, 0.0, 0.0], rtol=0, atol=1e-13)
+
+
+def test_steps_of_a_log_give_the_run_of_a_piecewise_signal():
+    """To the rounding of their integrals, which are added up in different ways, and of as many steps."""
+    times, values = np.array([0.0, 0.3, 0.7, 2.0]), np.array([1.0, -2.0, 0.5, 0.0])
+    run = end_of_run(Motor(RecordedSignal(times, values, "previous")))
+    same = end_of_run(Motor(PiecewiseSignal(times, values[:-1])))
+    assert (int(run.steps), int(run.rejected)) == (int(same.steps), int(same.rejected))
+    np.testing.assert_allclose(run.state.z, same.state.z, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(run.state.thetadot, same.state.thetadot, rtol=0, atol=1e-12)
+
+
+@pytest.mark.thorough
+def test_the_few_steps_of_a_long_log_are_found_and_cost_no_more_steps():
+    """The run of the same steps without the samples between them."""
+    times = np.linspace(0.0, END, 4001)
+    values = np.select([times < 0.3, times < 0.7], [1.0, -2.0], 0.5)
+    run = end_of_run(Motor(RecordedSignal(times, values, "previous")), **TIGHT)
+    edges = [0.0, times[times >= 0.3][0], times[times >= 0.7][0], END]
+    same = end_of_run(Motor(PiecewiseSignal(edges, [1.0, -2.0, 0.5])), **TIGHT)
+    np.testing.assert_allclose(place(run), place(same), rtol=0, atol=1e-10)
+    assert int(run.steps) <= int(same.steps) + 2
+    assert int(run.rejected) <= int(same.rejected) + 1
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("interpolation", "order"), [("previous", 1), ("linear", 2), ("spline", 4)])
+@pytest.mark.parametrize("motor", [Motor, lambda signal: SpeedLimitedMotor(signal, stall=1.0, free_speed=4.0)])
+def test_runs_of_a_sampled_sine_approach_its_run_with_the_order_of_the_interpolation(motor, interpolation, order):
+    exact = place(end_of_run(motor(SINE), **TIGHT))
+    errors = [np.abs(place(end_of_run(motor(sampled(n, interpolation)), **TIGHT)) - exact).max() for n in (21, 41)]
+    assert errors[0] < 2 * FREQUENCY**order * (END / 20) ** order
+    if order == 4:  # parts of the error at the end cancel, so that it is held against the bound of the spline's own
+        assert all(error < 5 / 384 * (FREQUENCY * END / n) ** 4 for error, n in zip(errors, (20, 40), strict=True))
+    else:
+        assert 2 ** (order - 0.5) < errors[0] / errors[1] < 2 ** (order + 0.7)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("interpolation", ["linear", "spline"])
+def test_a_long_log_takes_no_more_steps_than_the_smooth_signal(interpolation):
+    """Samples 2e-4 apart: the error of lines is below (2e-4 · 2)² / 8 in the force, and the run's about a tenth."""
+    smooth, logged = end_of_run(Motor(SINE)), end_of_run(Motor(sampled(10_001, interpolation)))
+    assert int(logged.steps) <= 1.5 * int(smooth.steps)
+    np.testing.assert_allclose(place(logged), place(smooth), rtol=0, atol=2e-8 if interpolation == "linear" else 1e-9)
+
+
+@pytest.mark.thorough
+def test_a_log_of_a_hundred_thousand_rows_runs():
+    smooth, logged = end_of_run(Motor(SINE)), end_of_run(Motor(sampled(100_001)))
+    assert logged.ok
+    assert int(logged.steps) <= 1.5 * int(smooth.steps)
+    np.testing.assert_allclose(place(logged), place(smooth), rtol=0, atol=1e-9)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("n", [101, 2001])
+def test_a_mass_follows_the_log_of_its_schedule(n):
+    """The spline's error is below 5/384 h⁴ θ⁗, that of θ̇ below h³/24 θ⁗ (Hall and Meyer 1976)."""
+    times = np.linspace(0.0, END, n)
+    log = RecordedSchedule(times, 0.3 * np.sin(FREQUENCY * times))
+    rail = Circle(0.6)
+
+    def end(schedule):
+        ball = Ball(mass=1.0, inertia=(0.7, 0.6, 0.5), masses=[PointMass(0.5, OnRail(rail, schedule))])
+        return simulate(ball, [0.0, END], **TIGHT)
+
+    exact = end(Sinusoids(0.0, amplitude=[0.3], frequency=[FREQUENCY]))
+    run = end(log)
+    np.testing.assert_allclose(place(run), place(exact), rtol=0, atol=max((END / (n - 1)) ** 3, 1e-9))
+    assert n == 101 or int(run.steps) <= 1.5 * int(exact.steps)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("interpolation", ["previous", "linear", "spline"])
+@pytest.mark.parametrize("compiler", ["native", "xla"])
+def test_derivatives_by_values_are_right_in_both_modes_and_compilers(interpolation, compiler):
+    """Differences of order 2 with steps of 1e-4 have errors of the order of 1e-8."""
+    times = np.linspace(0.0, END, 9)
+    values = jnp.asarray(np.sin(FREQUENCY * times))
+    along = jnp.asarray(np.cos(7 * times))
+
+    def last(values):
+        return end_of_run(Motor(RecordedSignal(times, values, interpolation)), **TIGHT).state.z[-1, 0]
+
+    with jaxball.compiler(compiler):
+        forward = jax.jvp(last, (values,), (along,))[1]
+        reverse = jnp.vdot(jax.grad(last)(values), along)
+        difference = (last(values + 1e-4 * along) - last(values - 1e-4 * along)) / 2e-4
+    np.testing.assert_allclose(reverse, forward, rtol=1e-9)
+    np.testing.assert_allclose(forward, difference, rtol=0, atol=1e-7)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("interpolation", ["previous", "linear", "spline"])
+def test_logs_are_mapped_as_single_runs(interpolation):
+    times = np.linspace(0.0, END, MOST_KINKS + 50)
+    logs = jnp.asarray([np.sin(k * times) for k in (1.0, 2.0)])
+
+    def last(values):
+        return end_of_run(Motor(RecordedSignal(times, values, interpolation)), rtol=1e-7, atol=1e-7).state.z[-1]
+
+    each = [last(values) for values in logs]
+    np.testing.assert_allclose(jax.vmap(last)(logs), each, rtol=0, atol=1e-12)
+
+
+@pytest.mark.thorough
+def test_a_limit_bounds_the_steps_of_a_log():
+    times, values = [0.0, 0.5, END], [3.0, -0.2, 0.0]
+    limited = end_of_run(Motor(RecordedSignal(times, values, "previous"), limit=1.0))
+    same = end_of_run(Motor(RecordedSignal(times, np.clip(values, -1.0, 1.0), "previous")))
+    np.testing.assert_array_equal(limited.state.z, same.state.z)
+
+
+def test_a_log_shorter_than_the_run_is_impossible_and_says_why():
+    signal = RecordedSignal([0.0, 1.0], [0.1, 0.2])
+    run = end_of_run(Motor(signal))
+    assert run.status == jaxball.Status.IMPOSSIBLE
+    assert run.message == (
+        "Argument `mechanisms[0].joints[0].drive.signal` must be a log that lasts as long as the run, from t = 0 to "
+        "t = 2, but it lasts from t = 0 to t = 1; change the times of the run, or give `outside`, one of "
+        '"hold", "zero".'
+    )
+    assert end_of_run(Motor(signal), end=1.0).ok
+    assert end_of_run(Motor(RecordedSignal([0.0, 1.0], [0.1, 0.2], outside="hold"))).ok
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([0.0, 1.0, 1.0], [1.0, 2.0, 3.0]), "`times[2]` is 1.0 after 1.0"),
+        (([0.0, 2.0, 1.0], [1.0, 2.0, 3.0]), "`times[2]` is 1.0 after 2.0"),
+        (([0.0, np.nan], [1.0, 2.0]), "Argument `times[1]` must be a finite number, but it is nan"),
+        (([0.0, 1.0], [1.0, np.inf]), "Argument `values[1]` must be a finite number, but it is inf"),
+        (([0.0, 1.0], [1.0]), "must have the same length, two or more"),
+        (([0.0], [1.0]), "must have the same length, two or more"),
+        (([0.0, 1.0], [1.0, 2.0], "cubic"), 'Argument `interpolation` must be one of "previous", "linear", "spline"'),
+        (([0.0, 1.0], [1.0, 2.0], "linear", "continue"), 'Argument `outside` must be one of "refuse", "hold", "zero"'),
+    ],
+)
+def test_impossible_logs_are_refused_in_a_sentence(arguments, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        RecordedSignal(*arguments)
+
+
+def test_a_signal_is_no_schedule():
+    with pytest.raises(TypeError, match="`schedule` must be a schedule"):
+        OnRail(Circle(0.5), sampled(5))  # pyright: ignore[reportArgumentType]
