@@ -141,12 +141,21 @@ def test_the_few_steps_of_a_long_log_are_found_and_cost_no_more_steps():
 @pytest.mark.parametrize("motor", [Motor, lambda signal: SpeedLimitedMotor(signal, stall=1.0, free_speed=4.0)])
 def test_runs_of_a_sampled_sine_approach_its_run_with_the_order_of_the_interpolation(motor, interpolation, order):
     exact = place(end_of_run(motor(SINE), **TIGHT))
-    errors = [np.abs(place(end_of_run(motor(sampled(n, interpolation)), **TIGHT)) - exact).max() for n in (21, 41)]
-    assert errors[0] < 2 * FREQUENCY**order * (END / 20) ** order
-    if order == 4:  # parts of the error at the end cancel, so that it is held against the bound of the spline's own
-        assert all(error < 5 / 384 * (FREQUENCY * END / n) ** 4 for error, n in zip(errors, (20, 40), strict=True))
-    else:
-        assert 2 ** (order - 0.5) < errors[0] / errors[1] < 2 ** (order + 0.7)
+    samples = (41, 81, 161) if order == 4 else (21, 41)
+    errors = [np.abs(place(end_of_run(motor(sampled(n, interpolation)), **TIGHT)) - exact).max() for n in samples]
+    assert errors[0] < 2 * (FREQUENCY * END / (samples[0] - 1)) ** order
+    ratio = (errors[0] / errors[-1]) ** (1 / (len(samples) - 1))
+    assert 2 ** (order - 0.5) < ratio < 2 ** (order + 0.7)
+
+
+@pytest.mark.parametrize(("interpolation", "order"), [("previous", 1), ("linear", 2), ("spline", 4)])
+def test_a_sampled_sine_approaches_the_sine_with_the_order_of_the_interpolation(interpolation, order):
+    between = np.linspace(0.0, END, 3001)
+    errors = [
+        np.abs(jax.vmap(sampled(n, interpolation))(between) - np.sin(FREQUENCY * between)).max() for n in (41, 81, 161)
+    ]
+    ratios = np.divide(errors[:-1], errors[1:])
+    np.testing.assert_allclose(ratios, 2.0**order, rtol=0.2)
 
 
 @pytest.mark.thorough
@@ -207,7 +216,8 @@ def test_derivatives_by_values_are_right_in_both_modes_and_compilers(interpolati
 @pytest.mark.long
 @pytest.mark.parametrize("interpolation", ["previous", "linear", "spline"])
 def test_logs_are_mapped_as_single_runs(interpolation):
-    times = np.linspace(0.0, END, MOST_KINKS + 50)
+    # Where not all jumps are stepped to, a difference in rounding grows to the tolerance of the solve.
+    times = np.linspace(0.0, END, 60 if interpolation == "previous" else MOST_KINKS + 50)
     logs = jnp.asarray([np.sin(k * times) for k in (1.0, 2.0)])
 
     def last(values):
