@@ -12,22 +12,22 @@ from jaxball.native import grid, operations  # noqa: F401 (whose rules are enter
 from jaxball.native.entry import Entry, written
 from jaxball.native.machine import Code, object_code
 from jaxball.native.table import NEXT, PARTS, ROWS
-from jaxball.native.targets import thread_for
+from jaxball.native.targets import THREAD, Target
 from jaxball.numerics import operation
 from jaxball.numerics.computation import Computation
 
 
-def entry_of(computation: Computation) -> Entry:
+def entry_of(computation: Computation, target: Target = THREAD) -> Entry:
     """The program of a computation, written for the threads of a GPU."""
     module = computation.traced.for_cpu().compiler_ir("stablehlo")
-    return written(module, len(computation.takes), target=thread_for(computation.in_lanes))
+    return written(module, len(computation.takes), target=target)
 
 
 class Grid:
     """The program of a computation as a GPU would run it, for rows of its arguments."""
 
-    def __init__(self, computation: Computation):
-        self.entry = entry_of(computation)
+    def __init__(self, computation: Computation, target: Target = THREAD):
+        self.entry = entry_of(computation, target)
         text = grid.emulation(self.entry.takes, self.entry.gives, self.entry.workspace) + self.entry.body
         self._code = Code(object_code(text))
         kind = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)

@@ -23,8 +23,6 @@ from .machine import multiplies_and_adds
 from .module import ALIGNMENT, Module
 from .scopes import Turn
 
-_ON_THE_STACK = 4096  # bytes of an array; larger ones are in the workspace
-
 INDEX = np.dtype(np.int64)
 
 
@@ -215,7 +213,7 @@ class Builder(Instructions):
     def allocate(self, size: int) -> Name:
         """Memory of so many bytes, which belongs to the function while it runs."""
         name = self._unused()
-        if size <= _ON_THE_STACK:
+        if size <= self.module.target.most_on_stack:
             self._allocated.append(f"{name} = alloca [{size} x i8], align {ALIGNMENT}")
             return name
         offset = self.module.workspace

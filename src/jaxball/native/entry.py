@@ -17,7 +17,7 @@ from .program import Value, functions_of
 from .row_threads import PATIENCE, rows_in_threads
 from .rules import RULES
 from .table import Rows, bytes_of_table, part_of
-from .targets import HOST, Target, host_for, thread_for
+from .targets import HOST, THREAD, Target, host_for
 from .values import Array, Buffer, Memory, size_of
 
 # The control data of a program: the instructions left until it next checks for signals, whether it must stop, the state
@@ -150,17 +150,15 @@ def compiled(
     large: bool = True,
     quickly: bool = False,
     rows: Rows | None = None,
-    in_lanes: bool = True,
 ) -> Form:
     """A StableHLO module of so many arguments, compiled.
 
     - ``large``: even if its loops are over large arrays; ``quickly``: as of :func:`~.machine.object_code`.
     - ``rows``: the rows that it computes at once, if it does.
-    - ``in_lanes``: whether its rows are computed in the lanes of vectors.
 
     **Raises:** :class:`UnsupportedError`.
     """
-    entry = written(module, arguments, large, rows, host_for(rows is not None or not in_lanes))
+    entry = written(module, arguments, large, rows, host_for(rows is not None))
     text = entry.text()
     code, routines = object_code(text, quickly), routines_in(text)
     return Form(
@@ -188,16 +186,15 @@ def written(module: Any, arguments: int, large: bool = True, rows: Rows | None =
     return Entry(Compiler(functions, target), rows)
 
 
-def compile_for_gpu(module: Any, gives: Any, arguments: int, large: bool, in_lanes: bool) -> GridForm:
+def compile_for_gpu(module: Any, gives: Any, arguments: int, large: bool) -> GridForm:
     """Compiles a StableHLO module for the GPUs of this machine.
 
     - ``gives``: as of :class:`GridForm`; ``arguments``: how many arrays it takes.
     - ``large``: even if its loops are over large arrays.
-    - ``in_lanes``: whether rows are computed in the lanes of vectors on a CPU.
 
     **Raises:** :class:`UnsupportedError` for what only a CPU can do, or where the driver cannot compile it.
     """
-    entry = written(module, arguments, large, target=thread_for(in_lanes))
+    entry = written(module, arguments, large, target=THREAD)
     try:
         return GridForm(code_for_gpus(ptx(kernel_text(entry))), object_code(launcher_text(entry)), gives)
     except CudaError as error:

@@ -102,8 +102,8 @@ def launcher(workspace: int) -> str:
 
 _LACKS_MEMORY = (
     "The GPU has not enough memory left for runs, of which each needs %ld bytes besides its arrays (CUDA error %d). "
-    "Map over fewer rows at a time, for example by jax.lax.map with batch_size, or set the environment variable "
-    "JAXBALL_COMPILER to xla."
+    "Set the environment variable XLA_PYTHON_CLIENT_MEM_FRACTION to 0.5, so that JAX reserves less for arrays; map "
+    "over fewer rows at a time, for example by jax.lax.map with batch_size; or set JAXBALL_COMPILER to xla."
 )
 _FAILED = (
     "The GPU did not start runs, of which each needs %ld bytes besides its arrays (CUDA error %d). Set the environment "

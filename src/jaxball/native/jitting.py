@@ -185,15 +185,12 @@ class Lowered:
         """The types of the results."""
         return [type_of(aval) for aval in self.traced.jaxpr.out_avals]
 
-    def natively(
-        self, large: bool = True, quickly: bool = False, rows: Any = None, in_lanes: bool = True
-    ) -> Program | Refusal:
+    def natively(self, large: bool = True, quickly: bool = False, rows: Any = None) -> Program | Refusal:
         """The program; a refusal if it contains something unsupported.
 
         - ``large``: whether it is compiled even if its loops are over large arrays, which XLA runs faster.
         - ``quickly``: whether LLVM optimises it less.
         - ``rows``: what it computes at once, as of :class:`~.table.Rows`.
-        - ``in_lanes``: whether its rows are computed in the lanes of vectors.
         """
         from . import operations  # noqa: F401 (whose rules are entered)
         from .entry import compiled
@@ -204,13 +201,13 @@ class Lowered:
                 form = Form(
                     tuple(map(_numpy_type, takes)),
                     _described(gives),
-                    compiled(self.for_cpu().compiler_ir("stablehlo"), len(takes), large, quickly, rows, in_lanes),
+                    compiled(self.for_cpu().compiler_ir("stablehlo"), len(takes), large, quickly, rows),
                 )
         except UnsupportedError as error:
             return Refusal(str(error))
         return Program(form)
 
-    def for_gpu(self, large: bool, in_lanes: bool) -> GridProgram | Refusal:
+    def for_gpu(self, large: bool) -> GridProgram | Refusal:
         """The program of a GPU's threads, each of which computes a row; otherwise as :meth:`natively`."""
         from . import operations  # noqa: F401 (whose rules are entered)
         from .entry import compile_for_gpu
@@ -219,7 +216,7 @@ class Lowered:
             with seldom_collected():
                 gives = _described(self.traced.jaxpr.out_avals)
                 module = self.for_cpu().compiler_ir("stablehlo")
-                return GridProgram(compile_for_gpu(module, gives, len(self.takes), large, in_lanes))
+                return GridProgram(compile_for_gpu(module, gives, len(self.takes), large))
         except UnsupportedError as error:
             return Refusal(str(error))
 

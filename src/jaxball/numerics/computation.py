@@ -228,7 +228,7 @@ class Computation:
             known, place = place.found(), place.of_quick_code()
         if not compiles:
             return known or (place and place.found())
-        program = known or self._obtained(place, lambda: self.traced.natively(large, quickly, self.rows, self.in_lanes))
+        program = known or self._obtained(place, lambda: self.traced.natively(large, quickly, self.rows))
         if isinstance(program, native.Refusal):
             native.warn_if_asked_for(program, self.name)
         return program
@@ -243,7 +243,7 @@ class Computation:
     def _described(self) -> list[Any]:
         """What determines its programs, besides the compiler."""
         takes = [(one.shape, one.dtype, one.weak_type) for one in self.takes]
-        return [self.function, self.opaque, self.in_lanes, self.rows, takes]
+        return [self.function, self.opaque, self.rows, takes]
 
     def _obtained(self, place: Place | None, make: Callable[[], Any]) -> Compiled | native.Refusal:
         """The program: loaded from the store, or compiled and written there."""
@@ -280,7 +280,7 @@ class Computation:
         place = place_in(store, self._described(), "gpu", large, *native.identity_on_gpu())
         if not compiles:
             return place and place.found()
-        program = self._obtained(place, lambda: self.traced.for_gpu(large, self.in_lanes))
+        program = self._obtained(place, lambda: self.traced.for_gpu(large))
         if isinstance(program, native.Refusal):
             native.warn_if_asked_for(program, self.name)
         return program
