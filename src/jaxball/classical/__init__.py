@@ -11,6 +11,14 @@ from .ellipsoid import (
     RollingEllipsoid as RollingEllipsoid,
 )
 from .heavy_top import HeavyTop as HeavyTop, HeavyTopLaws as HeavyTopLaws
+from .lagrangian import (
+    AbstractLagrangianSystem as AbstractLagrangianSystem,
+    HolonomicLaws as HolonomicLaws,
+    LagrangianLaws as LagrangianLaws,
+    LagrangianState as LagrangianState,
+    LagrangianSystem as LagrangianSystem,
+    NonholonomicLaws as NonholonomicLaws,
+)
 from .particle import (
     NonholonomicParticle as NonholonomicParticle,
     ParticleLaws as ParticleLaws,

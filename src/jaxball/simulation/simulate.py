@@ -32,7 +32,7 @@ from ..physics.packing import Packing, ravelled
 from ..physics.state import State
 from ..physics.system import AbstractState, AbstractSystem, require_system
 from ..physics.validity import possible_start
-from ..solvers import Projected, SwitchingMassMatrixTerm
+from ..solvers import ProjectedAt, SwitchingMassMatrixTerm
 from ..solvers.base import approach_of
 from ..solvers.collocation import fills_vectors
 from .arguments import (
@@ -99,7 +99,8 @@ def simulate(
     - ``dae``: whether to solve the differential-algebraic form of the paper, in which |q|² = 1 determines a
       component of q, the largest at the start of each step (module ``dae``), with a solver that knows mass
       matrices, such as :class:`jaxball.solvers.RadauIIA`.
-    - ``project``: whether each step ends with q normalised (Γ, or Λ, in states that have these instead).
+    - ``project``: whether each step ends with q normalised (Γ, or Λ, in states that have these instead), or, of a
+      :class:`~jaxball.classical.LagrangianSystem`, on its constraints; with holonomic ones it always does.
     - ``events``: the events to detect, by name: :class:`~jaxball.Detachment`, :class:`~jaxball.Slip` or any
       :class:`~jaxball.Event`; ``trajectory.events[name]`` says when each happened. One that ends the run sets its
       status, and the states saved after that are NaN.
@@ -289,7 +290,8 @@ def solve(
             mass=lambda component: packing.mass_diagonal(initial, component),
             choose=lambda t, x, _: packing.algebraic_component(x),
         )
-    solver = Projected(method.solver, packing.projected) if method.project else method.solver
+    projects = method.project or packing.system.always_projected
+    solver = ProjectedAt(method.solver, packing.projected) if projects else method.solver
     solution = diffrax.diffeqsolve(
         term,
         solver,
