@@ -19,6 +19,13 @@ from .lagrangian import (
     LagrangianSystem as LagrangianSystem,
     NonholonomicLaws as NonholonomicLaws,
 )
+from .nonholonomic import (
+    ChaplyginSleigh as ChaplyginSleigh,
+    KnifeEdge as KnifeEdge,
+    RollerRacer as RollerRacer,
+    RollingCoin as RollingCoin,
+    Snakeboard as Snakeboard,
+)
 from .particle import (
     NonholonomicParticle as NonholonomicParticle,
     ParticleLaws as ParticleLaws,

@@ -13,7 +13,7 @@ from .multipliers import saddle
 
 ALLOWED = 1e-6  # of the size of its terms: how far a constraint may be from 0 at the start
 SHOWN = 1e-6  # of the largest coefficient: one that is written in a sentence
-REMEDY = "the method `projected(t, state)` of the system gives the nearest state that keeps all constraints"
+REMEDY = "the method `consistent(t, state)` of the system gives the nearest state that keeps all constraints"
 
 
 class Constraints(NamedTuple):
@@ -58,7 +58,9 @@ class Satisfied(Condition):
         """A problem for each constraint that the start violates, under the name of the part of the state."""
         for holds, name, residual in zip(np.asarray(self.holds), self.name, np.asarray(self.value), strict=True):
             if not holds:
-                yield Problem(self.must, f"keep {name} at the start", f"it is {residual:.6g} there and not 0; {REMEDY}")
+                yield Problem(
+                    self.must, f"keep {name} at the start", f"that is {residual:.6g} there and not 0; {REMEDY}"
+                )
 
 
 class Independent(Condition):

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, PyTree
 
 from ..interface.arguments import described, refusal, require_callable, require_value, traceable
 from ..interface.printing import shown
-from ..numerics.arrays import Numbers, default_dtype, numbers, require_shape, to_array
+from ..numerics.arrays import Numbers, default_dtype, numbers, to_array
 from ..numerics.kinks import Traced, kinks_of_functions, kinks_seen
 from ..physics.conditions import Condition
 from .constraints_at_start import ALLOWED, Constraints, start_conditions
@@ -178,7 +178,9 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
     def _counts(self) -> tuple[int, int]:
         """How many constraints there are of velocities, and how many holonomic ones."""
         t, q = (jax.ShapeDtypeStruct(shape, default_dtype()) for shape in ((), (len(self.coordinates),)))
-        return tuple(eqx.filter_eval_shape(f, *at).size for f, at in ((self._of_velocity, (t, q, q)), (self._of_place, (t, q))))
+        return tuple(
+            eqx.filter_eval_shape(f, *at).size for f, at in ((self._of_velocity, (t, q, q)), (self._of_place, (t, q)))
+        )
 
     # What keeps the constraints.
 
@@ -188,12 +190,15 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
         return self._counts()[1] > 0
 
     def projected(self, t: Float[Array, ""], packed: LagrangianState) -> LagrangianState:
+        """The nearest state that keeps all constraints, for one that is as near as the end of a step."""
+        return self._moved(t, packed, IN_STEP)
+
+    def consistent(self, t: Numbers, state: LagrangianState) -> LagrangianState:
         """The nearest state that keeps all constraints: first q, then q̇, in the metric M of the kinetic energy.
 
-        It is where a step ends, and where a run can start. As many Newton steps are taken as the end of a step needs;
-        a state farther away than 1e-3 of its size is projected again.
+        Newton's method finds q from any state that is not too far away; :func:`jaxball.problems` says whether it did.
         """
-        return self._moved(t, packed, IN_STEP)
+        return self._moved(to_array(t, "t"), state, FROM_AFAR)
 
     def _moved(self, t: Float[Array, ""], state: LagrangianState, steps: int) -> LagrangianState:
         q, qdot = state.q, state.qdot
@@ -219,11 +224,12 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
             shape = np.shape(getattr(state, name))
             if shape[-1:] != (n,):
                 raise ValueError(
-                    f"Argument `state.{name}` must have {n} numbers, of {', '.join(self.coordinates)}, but its shape is "
-                    f"{shape}."
+                    f"Argument `state.{name}` must have {n} numbers, of {', '.join(self.coordinates)}, but its shape "
+                    f"is {shape}."
                 )
 
     def start_conditions(self, t: Float[Array, ""], state: LagrangianState) -> Iterator[Condition]:
+        self.require_state(state)
         q, qdot, one = state.q, state.qdot, jnp.ones_like(state.q)
         terms, places = self.equations(t, state), self._of_place(t, q)
         v, k = self._counts()
@@ -291,11 +297,12 @@ class LagrangianSystem(AbstractLagrangianSystem):
     - ``always_projected``: whether steps end on the constraints where some are holonomic. False shows how far the
       equations for q̈ alone drift away from them.
 
-    Constraints must be independent, and the start must keep them; :func:`jaxball.problems` names those that are not, and
-    do not. The mass matrix ∂²L/∂q̇² may be singular along what constraints fix.
+    Constraints must be independent, and the start must keep them: :func:`jaxball.problems` names each that does not fit,
+    and ``consistent(t, state)`` is the nearest start that keeps them. The mass matrix ∂²L/∂q̇² may be singular along what
+    constraints fix.
 
-    **Raises:** ``TypeError`` for functions that do not take these arguments, and ``ValueError`` for names of coordinates
-    that are missing or repeated.
+    **Raises:** ``TypeError`` for functions that do not take these arguments, and ``ValueError`` for coordinates without
+    names or with the same.
 
     **Example:**
 
@@ -324,7 +331,7 @@ class LagrangianSystem(AbstractLagrangianSystem):
     functions: "Functions" = eqx.field(static=True)
     coordinates: tuple[str, ...] = eqx.field(static=True)  # pyright: ignore[reportIncompatibleVariableOverride]
     parameters: PyTree
-    kink_times: Float[Array, " kinks"]
+    kink_times: Float[Array, " kinks"] | None
     projects: bool = eqx.field(static=True)
 
     def __init__(
@@ -336,7 +343,7 @@ class LagrangianSystem(AbstractLagrangianSystem):
         holonomic: Callable[..., Any] | None = None,
         forces: Callable[..., Any] | None = None,
         parameters: PyTree = None,
-        kink_times: Numbers = (),
+        kink_times: Numbers | None = None,
         always_projected: bool = True,
     ):
         self.coordinates = _check_names(coordinates)
@@ -345,7 +352,8 @@ class LagrangianSystem(AbstractLagrangianSystem):
             if function is not None or name == "lagrangian":
                 require_callable(name, function, *takes, *(() if parameters is None else ("parameters",)))
         self.parameters = jax.tree.map(_as_number, parameters)
-        self.kink_times = numbers("kink_times", ("kinks",))(kink_times)
+        # None takes no part where systems are stacked.
+        self.kink_times = None if kink_times is None else numbers("kink_times", ("kinks",))(kink_times)
         self.projects = always_projected
 
     def lagrangian(self, t: Float[Array, ""], q: Float[Array, " n"], qdot: Float[Array, " n"]) -> Float[Array, ""]:
@@ -382,14 +390,16 @@ class LagrangianSystem(AbstractLagrangianSystem):
                     return system._called(name, t, *at)
 
                 seen.append(Traced(function, evaluate, (q,) * (len(takes) - 1)))
-        return kinks_of_functions(self, seen)
+        return kinks_of_functions(self, seen, jnp.zeros((0,), q.dtype) if self.kink_times is None else self.kink_times)
 
     def __repr__(self) -> str:
-        first, *others = ((name, function) for name, function in self.functions._asdict().items() if function is not None)
+        first, *others = (
+            (name, function) for name, function in self.functions._asdict().items() if function is not None
+        )
         parts = [shown(first[1]), f"coordinates={self.coordinates}"]
         parts += [f"{name}={shown(function)}" for name, function in others]
         parts += [] if self.parameters is None else [f"parameters={shown(self.parameters)}"]
-        parts += [f"kink_times={shown(self.kink_times)}"] if self.kink_times.size else []
+        parts += [f"kink_times={shown(self.kink_times)}"] if self.kink_times is not None else []
         parts += [] if self.projects else ["always_projected=False"]
         return f"LagrangianSystem({', '.join(parts)})"
 
@@ -427,6 +437,6 @@ def _vector(name: str, value: Any, dtype: Any) -> Float[Array, " m"]:
         for k, item in enumerate(value):
             require_value(f"{name}[{k}]", item, ())
         return jnp.stack([jnp.asarray(item, dtype) for item in value]) if value else jnp.zeros((0,), dtype)
-    if np.ndim(value) > 1 or isinstance(value, str) or not hasattr(value, "dtype") and not isinstance(value, int | float):
+    if np.ndim(value) > 1 or not isinstance(value, jax.Array | np.ndarray | np.generic | int | float):
         raise TypeError(f"Argument `{name}` must give a number, or a list of numbers, but it gives {described(value)}.")
     return jnp.atleast_1d(jnp.asarray(value, dtype))

@@ -37,12 +37,13 @@ def kinks_of_function(part: Any, *others: Any) -> Float[Array, " kinks"]:
     def evaluate(part: Any, t: Float[Array, ""], *others: Any) -> Any:
         return part.function(t, *others, part.parameters)
 
-    return kinks_of_functions(part, [Traced(part.function, evaluate, others)])
+    return kinks_of_functions(part, [Traced(part.function, evaluate, others)], part.kink_times)
 
 
-def kinks_of_functions(part: Any, functions: Sequence[Traced]) -> Float[Array, " kinks"]:
-    """The same of a ``part`` with several functions and ``kink_times``."""
-    declared = part.kink_times
+def kinks_of_functions(
+    part: Any, functions: Sequence[Traced], declared: Float[Array, " declared"]
+) -> Float[Array, " kinks"]:
+    """The same of a ``part`` with several functions, whose ``kink_times`` are ``declared``."""
     remedy = None if declared.size else "give the times in `kink_times`"
     seen = concatenated([_times_seen(part, one.evaluate, one.others, one.function, remedy) for one in functions])
     if not (seen.size and declared.size):

@@ -32,7 +32,7 @@ from ..physics.packing import Packing, ravelled
 from ..physics.state import State
 from ..physics.system import AbstractState, AbstractSystem, require_system
 from ..physics.validity import possible_start
-from ..solvers import ProjectedAt, SwitchingMassMatrixTerm
+from ..solvers import ProjectedSteps, SwitchingMassMatrixTerm
 from ..solvers.base import approach_of
 from ..solvers.collocation import fills_vectors
 from .arguments import (
@@ -278,7 +278,13 @@ def solve(
 
     def event_state(t, x, parameters):
         packing, _ = unpack_parameters(parameters)
+        x = packing.projected(t, x) if projects else x
         return ravelled(system.shown_state(packing.unpack(t, x)))[0]
+
+    projects = method.project or packing.system.always_projected
+
+    def projected(t, x, parameters):
+        return unpack_parameters(parameters)[0].projected(t, x)
 
     term = diffrax.ODETerm(field)
     order = float(method.solver.error_order(term) or 1)  # pyright: ignore
@@ -290,8 +296,7 @@ def solve(
             mass=lambda component: packing.mass_diagonal(initial, component),
             choose=lambda t, x, _: packing.algebraic_component(x),
         )
-    projects = method.project or packing.system.always_projected
-    solver = ProjectedAt(method.solver, packing.projected) if projects else method.solver
+    solver = ProjectedSteps(method.solver, projected) if projects else method.solver
     solution = diffrax.diffeqsolve(
         term,
         solver,
@@ -318,7 +323,7 @@ def solve(
     if isinstance(adjoint, diffrax.ForwardMode):
         solution = forward_only(solution)
     states, ended = cast(Array, solution.ys), cast(Array, solution.ts)
-    saved = _unpacked(packing, startable & jnp.all(jnp.isfinite(states), axis=1), times, states)
+    saved = _unpacked(packing, startable & jnp.all(jnp.isfinite(states), axis=1), times, states, projects)
     reached, status, occurrences = ended[0], status_of(solution.result), {}
     if events:
         unravel_shown = ravelled(system.shown_state(packing.unpack(times[0], initial)))[1]
@@ -339,7 +344,7 @@ def solve(
         status,
         cast(Array, solution.stats["num_steps"]),
         cast(Array, solution.stats["num_rejected_steps"]),
-        Interpolant.of(solution, solver, packing) if method.dense else None,
+        Interpolant.of(solution, solver, packing, projects) if method.dense else None,
         occurrences,
         record,
         solution.stats.get("found"),
@@ -364,11 +369,18 @@ def _packed(system: AbstractSystem, t: Array, state: AbstractState) -> tuple[Pac
     return packing, packing.pack(t, state)
 
 
-def _unpacked(packing: Packing[Any, Any], known: Array, times: Array, states: Array) -> Any:
-    """The states of the vectors that are ``known``; of the others NaN, and nothing that has derivatives."""
+def _unpacked(packing: Packing[Any, Any], known: Array, times: Array, states: Array, projects: bool) -> Any:
+    """The states of the vectors that are ``known``; of the others NaN, and nothing that has derivatives.
+
+    - ``projects``: whether steps end on the constraints; so do then states within steps.
+    """
     times, states = jnp.where(known, times, times[0]), jnp.where(known[:, None], states, states[0])
 
-    unpacked = jax.lax.map(lambda at: packing.unpack(*at), (times, states))
+    def unpack(at: tuple[Array, Array]) -> Any:
+        t, x = at
+        return packing.unpack(t, packing.projected(t, x) if projects else x)
+
+    unpacked = jax.lax.map(unpack, (times, states))
     return jax.tree.map(functools.partial(known_rows, known), unpacked)
 
 

@@ -32,7 +32,7 @@ from .stages import (
 from .wrapping import (
     AbstractWrappingSolver as AbstractWrappingSolver,
     Projected as Projected,
-    ProjectedAt as ProjectedAt,
+    ProjectedSteps as ProjectedSteps,
 )
 
 __all__, __dir__ = _interface(globals())

@@ -79,58 +79,48 @@ class Projected(AbstractWrappingSolver):
 
     def projecting(self, interpolation: Callable[..., diffrax.AbstractLocalInterpolation]) -> Any:
         """An interpolation, projected."""
-        return _ProjectedInterpolation(interpolation, _AtAnyTime(self.project))
+        return _ProjectedInterpolation(interpolation, self.project)
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         y1, y_error, dense, state, result = self.solver.step(terms, t0, t1, y0, args, solver_state, made_jump)
         return self.project(y1), y_error, dense, state, result
 
 
-class ProjectedAt(Projected):
-    """The same with a constraint that may depend on the time.
+class ProjectedSteps(AbstractWrappingSolver):
+    """``solver`` with each step followed by a projection that may depend on the time and on the arguments of the field.
+
+    Dense output is that of ``solver``, so that what is read off within a step is projected where it is read.
 
     **Arguments:**
 
     - ``solver``: any diffrax solver.
-    - ``project``: maps a time and a state to a state on the constraint at that time.
+    - ``project``: maps a time, a state and the field's arguments to a state on the constraint at that time.
 
     **Example:**
 
     >>> import diffrax
     >>> import jax.numpy as jnp
-    >>> from jaxball.solvers import ProjectedAt
-    >>> solver = ProjectedAt(diffrax.Euler(), project=lambda t, y: y.at[0].set(jnp.exp(t)))
+    >>> from jaxball.solvers import ProjectedSteps
+    >>> solver = ProjectedSteps(diffrax.Euler(), project=lambda t, y, args: y.at[0].set(jnp.exp(t)))
     >>> growing = diffrax.ODETerm(lambda t, y, args: y)
     >>> end = diffrax.diffeqsolve(growing, solver, 0.0, 1.0, 0.1, jnp.array([1.0, 1.0])).ys[-1]
     >>> print(end.round(6))  # Euler's method alone gives 1.1¹⁰
     [2.718282 2.593742]
     """
 
-    project: Callable[[Any, PyTree[Array]], PyTree[Array]]  # pyright: ignore[reportIncompatibleVariableOverride]
-
-    def projecting(self, interpolation: Callable[..., diffrax.AbstractLocalInterpolation]) -> Any:
-        """An interpolation, projected."""
-        return _ProjectedInterpolation(interpolation, self.project)
+    solver: diffrax.AbstractSolver  # pyright: ignore[reportIncompatibleVariableOverride]
+    project: Callable[[Any, PyTree[Array], Any], PyTree[Array]] = eqx.field(static=True)
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         y1, y_error, dense, state, result = self.solver.step(terms, t0, t1, y0, args, solver_state, made_jump)
-        return self.project(t1, y1), y_error, dense, state, result
-
-
-class _AtAnyTime(eqx.Module):
-    """A projection that does not depend on the time, as a function of it."""
-
-    project: Callable[[PyTree[Array]], PyTree[Array]]
-
-    def __call__(self, t: Any, y: PyTree[Array]) -> PyTree[Array]:
-        return self.project(y)
+        return self.project(t1, y1, args), y_error, dense, state, result
 
 
 class _ProjectedInterpolation(eqx.Module):
     """Makes the interpolation of a step, like an interpolation class."""
 
     inner: Callable[..., diffrax.AbstractLocalInterpolation] = eqx.field(static=True)
-    project: Callable[[Any, PyTree[Array]], PyTree[Array]]
+    project: Callable[[PyTree[Array]], PyTree[Array]]
 
     def __call__(self, *, t0, t1, **dense_info) -> "_ProjectedStep":
         return _ProjectedStep(t0, t1, self.inner(t0=t0, t1=t1, **dense_info), self.project)
@@ -140,9 +130,9 @@ class _ProjectedStep(diffrax.AbstractLocalInterpolation):
     t0: Any
     t1: Any
     inner: diffrax.AbstractLocalInterpolation
-    project: Callable[[Any, PyTree[Array]], PyTree[Array]]
+    project: Callable[[PyTree[Array]], PyTree[Array]]
 
     def evaluate(self, t0, t1=None, left=True):
         if t1 is not None:
             return jax.tree.map(lambda a, b: b - a, self.evaluate(t0, left=left), self.evaluate(t1, left=left))
-        return self.project(t0, self.inner.evaluate(t0, left=left))
+        return self.project(self.inner.evaluate(t0, left=left))
