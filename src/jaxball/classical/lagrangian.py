@@ -16,6 +16,7 @@ from jaxtyping import Array, Float, PyTree
 
 from ..interface.arguments import described, refusal, require_callable, require_value, traceable
 from ..interface.printing import shown
+from ..numerics import programs
 from ..numerics.arrays import Numbers, default_dtype, numbers, to_array
 from ..numerics.kinks import Traced, kinks_of_functions, kinks_seen
 from ..physics.conditions import Condition
@@ -198,7 +199,8 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
 
         Newton's method finds q from any state that is not too far away; :func:`jaxball.problems` says whether it did.
         """
-        return self._moved(to_array(t, "t"), state, FROM_AFAR)
+        self.require_state(state)
+        return _move_from_afar(self, to_array(t, "t"), state)
 
     def _moved(self, t: Float[Array, ""], state: LagrangianState, steps: int) -> LagrangianState:
         q, qdot = state.q, state.qdot
@@ -230,30 +232,26 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
 
     def start_conditions(self, t: Float[Array, ""], state: LagrangianState) -> Iterator[Condition]:
         self.require_state(state)
-        q, qdot, one = state.q, state.qdot, jnp.ones_like(state.q)
-        terms, places = self.equations(t, state), self._of_place(t, q)
         v, k = self._counts()
+        names = (*(f"constraints[{j}]" for j in range(v)), *(f"holonomic[{j}]" for j in range(k)))
+        mass, measured = _measure(self, t, state)
+        yield from start_conditions(mass, Constraints(names, v, *measured))
+
+    def _measured(self, t: Float[Array, ""], state: LagrangianState) -> tuple[Array, tuple[Array, ...]]:
+        """M, and the fields of :class:`Constraints` from ``rows`` on."""
+        q, qdot = state.q, state.qdot
+        terms, places = self.equations(t, state), self._of_place(t, q)
         free, residual = self._rates(t, q, jnp.zeros_like(qdot)), self._rates(t, q, qdot)
         across = jnp.asarray(np.sqrt(2.0 + np.arange(q.size)), q.dtype)  # a direction that is no special one
 
         def slope(qdot: Float[Array, " n"]) -> Float[Array, " m"]:
             return jax.jvp(lambda qdot: self._rates(t, q, qdot), (qdot,), (across,))[1]
 
-        lengths = jnp.sqrt(jnp.sum(terms.rows**2, axis=1))
-        near = ALLOWED * lengths
-        yield from start_conditions(
-            terms.mass,
-            Constraints(
-                names=(*(f"constraints[{j}]" for j in range(v)), *(f"holonomic[{j}]" for j in range(k))),
-                velocities=v,
-                rows=terms.rows,
-                residual=residual,
-                allowed=near * (LEAST + jnp.sqrt(jnp.sum(qdot**2))) + ALLOWED * jnp.abs(free),
-                second=jax.jvp(slope, (qdot + one,), (across,))[1],
-                places=places,
-                places_allowed=near[v:] * (LEAST + jnp.sqrt(jnp.sum(q**2))),
-            ),
-        )
+        second = jax.jvp(slope, (qdot + 1.0,), (across,))[1]
+        near = ALLOWED * jnp.sqrt(jnp.sum(terms.rows**2, axis=1))
+        allowed = near * (LEAST + jnp.sqrt(jnp.sum(qdot**2))) + ALLOWED * jnp.abs(free)
+        places_allowed = near[near.size - places.size :] * (LEAST + jnp.sqrt(jnp.sum(q**2)))
+        return terms.mass, (terms.rows, residual, allowed, second, places, places_allowed)
 
     def driving_kinks(self) -> Float[Array, " kinks"]:
         return kinks_seen(self, type(self).field, self.default_state(), method="driving_kinks")
@@ -278,6 +276,16 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
         return {"energy": work - explicit - jnp.sum(self.multipliers(t, state) * free)}
 
 
+@programs.filter_jit
+def _move_from_afar(system: AbstractLagrangianSystem, t: Array, state: LagrangianState) -> LagrangianState:
+    return system._moved(t, state, FROM_AFAR)
+
+
+@programs.filter_jit
+def _measure(system: AbstractLagrangianSystem, t: Array, state: LagrangianState) -> tuple[Array, tuple[Array, ...]]:
+    return system._measured(t, state)
+
+
 class LagrangianSystem(AbstractLagrangianSystem):
     """A system from functions: a Lagrangian, and whatever constrains and drives it.
 
@@ -297,9 +305,9 @@ class LagrangianSystem(AbstractLagrangianSystem):
     - ``always_projected``: whether steps end on the constraints where some are holonomic. False shows how far the
       equations for q̈ alone drift away from them.
 
-    Constraints must be independent, and the start must keep them: :func:`jaxball.problems` names each that does not fit,
-    and ``consistent(t, state)`` is the nearest start that keeps them. The mass matrix ∂²L/∂q̇² may be singular along what
-    constraints fix.
+    Constraints must be independent, and the start must keep them: :func:`jaxball.problems` names each that does not
+    fit, and ``consistent(t, state)`` is the nearest start that keeps them. The mass matrix ∂²L/∂q̇² may be singular
+    along what constraints fix.
 
     **Raises:** ``TypeError`` for functions that do not take these arguments, and ``ValueError`` for coordinates without
     names or with the same.

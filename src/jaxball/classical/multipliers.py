@@ -9,7 +9,7 @@ and d'Alembert, ``LdA`` of Putkaradze & Rogers (2018); Bloch, Nonholonomic Mecha
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -99,7 +99,7 @@ def nearest_place(
     """
     n = q.size
 
-    def newton(_: int, q: Float[Array, " n"]) -> Float[Array, " n"]:
+    def newton(_: Any, q: Float[Array, " n"]) -> Float[Array, " n"]:
         rows = jax.jacfwd(positions, argnums=1)(t, q)
         return q - _times(inverse(saddle(mass, rows))[:n, n:], positions(t, q))
 
