@@ -1,5 +1,7 @@
 """Classical systems of mechanics, those of the appendix of Putkaradze & Rogers (2018) and others, with their laws.
 
+:class:`LagrangianSystem` makes one of a Lagrangian, with or without constraints.
+
 :func:`jaxball.simulate` takes them like a ball, and also a user's own system: an :class:`AbstractClassicalSystem` with
 an :class:`AbstractClassicalState`. No integrator, no figures and no files are imported here.
 """

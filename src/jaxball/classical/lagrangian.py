@@ -337,7 +337,7 @@ class LagrangianSystem(AbstractLagrangianSystem):
     """
 
     functions: "Functions" = eqx.field(static=True)
-    coordinates: tuple[str, ...] = eqx.field(static=True)  # pyright: ignore[reportIncompatibleVariableOverride]
+    coordinates: tuple[str, ...] = eqx.field(static=True)  # pyright: ignore
     parameters: PyTree
     kink_times: Float[Array, " kinks"] | None
     projects: bool = eqx.field(static=True)
@@ -354,9 +354,9 @@ class LagrangianSystem(AbstractLagrangianSystem):
         kink_times: Numbers | None = None,
         always_projected: bool = True,
     ):
-        self.coordinates = _check_names(coordinates)
+        self.coordinates = _check_names(coordinates)  # pyright: ignore[reportIncompatibleVariableOverride]
         self.functions = Functions(lagrangian, constraints, holonomic, forces)
-        for (name, function), takes in zip(self.functions._asdict().items(), TAKES, strict=True):
+        for (name, function), takes in zip(self.functions._asdict().items(), TAKES.values(), strict=True):
             if function is not None or name == "lagrangian":
                 require_callable(name, function, *takes, *(() if parameters is None else ("parameters",)))
         self.parameters = jax.tree.map(_as_number, parameters)
@@ -391,7 +391,7 @@ class LagrangianSystem(AbstractLagrangianSystem):
     def driving_kinks(self) -> Float[Array, " kinks"]:
         q = self.default_state().q
         seen = []
-        for (name, function), takes in zip(self.functions._asdict().items(), TAKES, strict=True):
+        for (name, function), takes in zip(self.functions._asdict().items(), TAKES.values(), strict=True):
             if function is not None:
 
                 def evaluate(system: "LagrangianSystem", t: Array, *at: Array, name: str = name) -> Any:
@@ -422,7 +422,7 @@ class Functions(NamedTuple):
 
 
 OF_MOTION = ("t", "q", "qdot")
-TAKES = Functions(OF_MOTION, OF_MOTION, ("t", "q"), OF_MOTION)  # pyright: ignore[reportArgumentType]
+TAKES = {"lagrangian": OF_MOTION, "constraints": OF_MOTION, "holonomic": ("t", "q"), "forces": OF_MOTION}
 
 
 def _check_names(coordinates: Sequence[str]) -> tuple[str, ...]:
