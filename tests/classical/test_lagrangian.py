@@ -276,6 +276,52 @@ def test_saved_and_read_back_by_the_names_of_coordinates(tmp_path):
     assert [line.get_label() for line in jaxball.plot.classical_motion(run).lines[:2]] != ["", ""]
 
 
+SLEIGH = """
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jaxball.classical import AbstractLagrangianSystem
+
+
+class Sleigh(AbstractLagrangianSystem):
+    ahead: Float[Array, ""] = eqx.field(converter=jnp.asarray)
+
+    coordinates = ("x", "y", "theta")
+
+    def lagrangian(self, t, q, qdot):
+        across = self.ahead * qdot[2]
+        square = (qdot[0] - across * jnp.sin(q[2])) ** 2 + (qdot[1] + across * jnp.cos(q[2])) ** 2
+        return 0.5 * square + 0.195 * qdot[2] ** 2
+
+    def constraints(self, t, q, qdot):
+        return qdot[0] * jnp.sin(q[2]) - qdot[1] * jnp.cos(q[2])
+"""
+SCENARIO = """
+format = 1
+kind = "my_sleigh:Sleigh"
+body = { ahead = 0.5 }
+initial = { q = [0.0, 0.0, 0.0], qdot = [0.0, 0.0, 1.0] }
+time = { start = 0.0, end = 3.0, saves = 4 }
+"""
+
+
+@pytest.mark.thorough
+def test_a_class_in_a_scenario_file(tmp_path, monkeypatch):
+    (tmp_path / "my_sleigh.py").write_text(SLEIGH)
+    monkeypatch.chdir(tmp_path)
+    scenario = jaxball.read_scenario(SCENARIO)
+    run = scenario.simulate()
+    np.testing.assert_allclose(run.state.qdot[:, 2], 1 / np.cosh(0.625 * run.times), rtol=0, atol=1e-8)
+    assert jaxball.read_scenario(jaxball.write_scenario(scenario)).state.qdot[2] == 1.0
+    for wrong, sentence in {
+        "qdot = [0.0, 1.0, 1.0]": r"Key `initial.qdot` must keep constraints\[0\] at the start, but that is -1 there",
+        "qdot = [0.0, 1.0]": "Key `initial.qdot` must have 3 numbers, of x, y, theta",
+    }.items():
+        with pytest.raises(jaxball.ScenarioError, match=sentence):
+            jaxball.read_scenario(SCENARIO.replace("qdot = [0.0, 0.0, 1.0]", wrong))
+
+
 def test_times_at_which_a_force_jumps_are_found():
     pushed = LagrangianSystem(
         lambda t, q, qdot, start: free(t, q, qdot) + jnp.where(t > start, q[0], 0.0), ("x",), parameters=1.5

@@ -79,8 +79,8 @@ def test_a_coin_that_rolls_fast_enough_stays_upright():
 
 @pytest.mark.long
 def test_a_coin_that_rolls_too_slowly_falls_over():
-    """From a lean θ₀ = 1e-4, which grows. With 3 r ω² = s g, s > 1, I φ̇ = J ω (θ − θ₀) of both moments of inertia makes it
-    oscillate about θ₀ s / (s − 1). What a coin that leans keeps is its energy and the constraints.
+    """From a lean θ₀ = 1e-4, which grows; with 3 r ω² = s g, s > 1, it oscillates about θ₀ s / (s − 1), because the
+    coin turns at φ̇ = 2 ω (θ − θ₀). What it keeps is its energy and the constraints.
     """
     runs = {}
     for part in (0.7, 1.3):
