@@ -78,7 +78,8 @@ class NonholonomicLaws(NamedTuple):
 class HolonomicLaws(NamedTuple):
     """The same with holonomic constraints.
 
-    - ``energy``, ``velocity_constraints``: as of :class:`NonholonomicLaws`.
+    - ``energy``: as of :class:`LagrangianLaws`.
+    - ``velocity_constraints``: as of :class:`NonholonomicLaws`, shape (m,).
     - ``position_constraints``: φ(t, q) = 0, shape (k,).
     """
 
