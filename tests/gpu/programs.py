@@ -58,7 +58,7 @@ def sliding(friction: Any) -> Any:
 def with_reductions(speeds: Any) -> Any:
     system, times = Disk(mass=1.0, inertia=0.5), jnp.linspace(0.0, END, 4)
     return simulate_ensemble(
-        system, times, DiskState(phidot=-speeds), reductions={"energy": REDUCTIONS["energy"]}, in_axes=(None, 0)
+        system, times, DiskState(phidot=-speeds), reductions=REDUCTIONS, in_axes=(None, 0)
     )
 
 

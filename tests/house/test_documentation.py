@@ -47,6 +47,7 @@ LONG_PAGES = (
     "holding-a-motion.md",
     "jax.md",
     "mechanisms.md",
+    "own-nonholonomic-system.md",
     "sensors.md",
     "shaping-a-rail.md",
     "slip-and-flight.md",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.numerics.linear import complex_inverses, inverses
+from jaxball.numerics.linear import complex_inverses, inverse, inverses
 
 rng = np.random.default_rng(11)
 COMPILERS = {"native": jaxball.jit, "xla": jax.jit}
@@ -59,3 +59,20 @@ def test_that_of_a_singular_matrix_is_not_finite(compiler):
     real, imaginary = COMPILERS[compiler](complex_inverses)(A, jnp.zeros_like(A))
     assert np.all(np.isfinite(real[0]))
     assert not np.all(np.isfinite(real[1] + imaginary[1]))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_derivatives_of_an_inverse_of_any_order(compiler):
+    """Of a sum of entries of (A + x B)⁻¹, beside those of LAPACK's, in both modes and twice."""
+    A, B = rng.normal(size=(2, 4, 4))
+    A += 4 * np.eye(4)
+
+    def derivatives(invert):
+        def total(x):
+            return jnp.sum(jnp.sin(invert(jnp.asarray(A) + x * jnp.asarray(B))))
+
+        return lambda x: jnp.stack([jax.grad(total)(x), jax.jacfwd(total)(x), jax.hessian(total)(x)])
+
+    found = COMPILERS[compiler](derivatives(inverse))(jnp.array(0.3))
+    np.testing.assert_allclose(found, jax.jit(derivatives(jnp.linalg.inv))(jnp.array(0.3)), rtol=1e-12)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxball.numerics.reverse_rules import with_rule
-from jaxball.solvers import Projected
+from jaxball.solvers import Projected, ProjectedSteps
 from jaxball.solvers.explicit import depends_on_arguments_alone, with_stages_pulled_back
 
 TERMS = diffrax.ODETerm(lambda t, y, args: jnp.sin(args[0] * y[::-1] + t) * args[1] - y * t)
@@ -73,13 +73,17 @@ def test_what_does_not_vary_is_left_out():
 @pytest.mark.thorough
 def test_solvers_that_wrap_a_method_and_others():
     projected = Projected(diffrax.Tsit5(), lambda y: y / jnp.sqrt(jnp.sum(y**2)))
-    own = with_stages_pulled_back(projected, carried_out)
+    at_times = ProjectedSteps(diffrax.Tsit5(), lambda t, y, args: y / jnp.sqrt(jnp.sum(y**2)) * (1 + t * args[0]))
 
-    def end(solver, y):
-        return solver.step(TERMS, jnp.asarray(0.0), jnp.asarray(0.1), y, ARGS, (jnp.asarray(True), SLOPE), False)[0]
+    def end(solver, y, args):
+        return solver.step(TERMS, jnp.asarray(0.0), jnp.asarray(0.1), y, args, (jnp.asarray(True), SLOPE), False)[0]
 
-    for one, other in zip(*(jax.jacrev(lambda y, s=s: end(s, y))(Y) for s in (own, projected)), strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-14, atol=1e-15)
+    np.testing.assert_allclose(jnp.sum(end(at_times, Y, ARGS) ** 2), (1 + 0.1 * 1.3) ** 2, rtol=1e-14)
+    for solver in (projected, at_times):
+        own = with_stages_pulled_back(solver, carried_out)
+        pulled = [jax.tree.leaves(jax.jacrev(lambda *at, s=s: end(s, *at), (0, 1))(Y, ARGS)) for s in (own, solver)]
+        for one, other in zip(*pulled, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-13, atol=1e-15)
     implicit = diffrax.Kvaerno3()
     assert with_stages_pulled_back(implicit, carried_out) is implicit
 

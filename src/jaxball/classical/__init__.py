@@ -1,5 +1,7 @@
 """Classical systems of mechanics, those of the appendix of Putkaradze & Rogers (2018) and others, with their laws.
 
+:class:`LagrangianSystem` makes one of a Lagrangian, with or without constraints.
+
 :func:`jaxball.simulate` takes them like a ball, and also a user's own system: an :class:`AbstractClassicalSystem` with
 an :class:`AbstractClassicalState`. No integrator, no figures and no files are imported here.
 """
@@ -11,6 +13,21 @@ from .ellipsoid import (
     RollingEllipsoid as RollingEllipsoid,
 )
 from .heavy_top import HeavyTop as HeavyTop, HeavyTopLaws as HeavyTopLaws
+from .lagrangian import (
+    AbstractLagrangianSystem as AbstractLagrangianSystem,
+    HolonomicLaws as HolonomicLaws,
+    LagrangianLaws as LagrangianLaws,
+    LagrangianState as LagrangianState,
+    LagrangianSystem as LagrangianSystem,
+    NonholonomicLaws as NonholonomicLaws,
+)
+from .nonholonomic import (
+    ChaplyginSleigh as ChaplyginSleigh,
+    KnifeEdge as KnifeEdge,
+    RollerRacer as RollerRacer,
+    RollingCoin as RollingCoin,
+    Snakeboard as Snakeboard,
+)
 from .particle import (
     NonholonomicParticle as NonholonomicParticle,
     ParticleLaws as ParticleLaws,

@@ -4,8 +4,8 @@ A function that a user gives may compare the time with something, which is a kin
 are read off its trace, with their derivatives.
 """
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,10 +14,18 @@ from jaxtyping import Array, Float
 
 from ..interface.printing import is_array
 from ..interface.warning import warn_of_kinks
-from .arrays import default_dtype
+from .arrays import concatenated, default_dtype
 from .time_comparisons import compared_times
 
 CLOSE = 100  # roundings within which two times are the same: a kink and the end of a run, or two kinks
+
+
+class Traced(NamedTuple):
+    """A function that a user gives, and how a part evaluates it: ``evaluate(part, t, *others)``."""
+
+    function: Callable[..., Any]
+    evaluate: Callable[..., Any]
+    others: tuple[Any, ...]
 
 
 def kinks_of_function(part: Any, *others: Any) -> Float[Array, " kinks"]:
@@ -25,13 +33,19 @@ def kinks_of_function(part: Any, *others: Any) -> Float[Array, " kinks"]:
 
     A declared time that is also seen in the trace is taken from there, for its derivatives.
     """
-    declared = part.kink_times
 
     def evaluate(part: Any, t: Float[Array, ""], *others: Any) -> Any:
         return part.function(t, *others, part.parameters)
 
+    return kinks_of_functions(part, [Traced(part.function, evaluate, others)], part.kink_times)
+
+
+def kinks_of_functions(
+    part: Any, functions: Sequence[Traced], declared: Float[Array, " declared"]
+) -> Float[Array, " kinks"]:
+    """The same of a ``part`` with several functions, whose ``kink_times`` are ``declared``."""
     remedy = None if declared.size else "give the times in `kink_times`"
-    seen = _times_seen(part, evaluate, others, part.function, remedy)
+    seen = concatenated([_times_seen(part, one.evaluate, one.others, one.function, remedy) for one in functions])
     if not (seen.size and declared.size):
         return declared if declared.size else seen
     near = CLOSE * jnp.finfo(seen.dtype).eps * jnp.abs(seen)

@@ -30,6 +30,21 @@ def inverses(matrices: Float[Array, "k n n"]) -> Float[Array, "k n n"]:
     return _eliminated((matrices,))[0]
 
 
+@jax.custom_jvp
+def inverse(A: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """The inverse of one matrix, whose derivatives, of any order and in both modes, are those of −A⁻¹ dA A⁻¹.
+
+    So reverse mode goes through products, and not back through the elimination.
+    """
+    return inverses(A[None])[0]
+
+
+@inverse.defjvp
+def _inverse_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    found = inverse(*primals)
+    return found, -product(product(found, tangents[0]), found)
+
+
 def complex_inverses(
     real: Float[Array, "k n n"], imaginary: Float[Array, "k n n"]
 ) -> tuple[Float[Array, "k n n"], Float[Array, "k n n"]]:

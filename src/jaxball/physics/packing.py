@@ -70,9 +70,9 @@ class Packing(eqx.Module, Generic[AnySystem, AnyState]):
         """The component that is algebraic in a step that starts at ``x``."""
         return algebraic_component(self.unravel(x))
 
-    def projected(self, x: Float[Array, " size"]) -> Float[Array, " size"]:
-        """The vector of the nearest state with |q| = 1."""
-        return ravelled(self.unravel(x).projected())[0]
+    def projected(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " size"]:
+        """The vector of the nearest state on the constraints, such as |q| = 1."""
+        return ravelled(self.system.projected(t, self.unravel(x)))[0]
 
 
 class _Unravelling(NamedTuple):

@@ -156,6 +156,8 @@ class AbstractSystem(Printed, Generic[AnyState]):
     - ``driving_kinks``, ``motion_kinks``: the times to which a solve steps, because the field is not smooth there;
     - ``to_packed``, ``from_packed``, ``packed_field``: other coordinates for a solve to advance, such as a momentum
       instead of a velocity;
+    - ``projected``, ``always_projected``: the nearest state on the constraints, to which ``project`` of
+      :func:`jaxball.simulate` moves the end of each step, and whether that is always done;
     - ``guards``, ``reset``, ``time_event``: for a hybrid system, what ends a mode, and the state that follows;
     - ``phase_point``: which part of a state the motion depends on;
     - ``confined``, ``time_of_leaving``, ``clearance``, ``breaches``: for a system with an inside, checks that nothing
@@ -249,6 +251,15 @@ class AbstractSystem(Printed, Generic[AnyState]):
                 f"of the state, but it returns {described(rates)}."
             )
         return rates
+
+    def projected(self, t: Float[Array, ""], packed: AnyState) -> AnyState:
+        """The nearest packed state on the constraints at ``t``: by default, that of the state itself."""
+        return packed.projected()
+
+    @property
+    def always_projected(self) -> bool:
+        """Whether steps end on the constraints even where :func:`jaxball.simulate` is not asked to ``project``."""
+        return False
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
         """The unsorted times of kinks at which the packed field is continuous. They need no derivatives."""

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from ..classical import LagrangianState
 from ..classical.state import OrientedState
 from ..physics.body import AbstractBody
 from ..simulation.trajectory import Trajectory
@@ -44,13 +45,26 @@ def classical_motion(trajectory: Trajectory[Any, Any], ax: Axes | None = None) -
         Omega = components(np.asarray(state.Omega)[rows], r"\Omega")
         return over_time(trajectory.system, times, Omega, r"$\Omega_i$", ax)
     series = []
-    for name, leaf in vars(state).items():
+    for name, leaf in _numbers(trajectory).items():
         for k, values in enumerate(np.asarray(leaf).reshape(len(trajectory.times), -1).T):
             label = symbol(name) if symbol_of(name) else name if leaf.ndim == 1 else f"{name} {k + 1}"
             others = sum(earlier.colour in COLOURS for earlier in series)
             look = _LOOKS.get(name) or (COLOURS[others % len(COLOURS)], SOLID)
             series.append(Series(values[rows], label, *look))
     return over_time(trajectory.system, times, series, "state", ax, most=6)
+
+
+def _numbers(trajectory: Trajectory[Any, Any]) -> dict[str, Any]:
+    """The fields of the state; of a system with a Lagrangian, its coordinates and their rates by name."""
+    state = trajectory.state
+    if not isinstance(state, LagrangianState):
+        return vars(state)
+    names = trajectory.system.coordinates
+    return {
+        f"{name}{dot}": x
+        for dot, of in (("", state.q), ("dot", state.qdot))
+        for name, x in zip(names, of.T, strict=True)
+    }
 
 
 def law_errors(trajectory: Trajectory[Any, Any]) -> Figure:

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from ..classical import LagrangianState
 from ..numerics.arrays import to_array
 from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import NOWHERE, ContactHistory
@@ -20,7 +21,17 @@ from ..scenario.body import CONTACT
 from ..sensors import AbstractSensor
 from ..simulation.events import Occurrences
 from ..simulation.trajectory import Trajectory, always_rolls
-from ..simulation.variables import CLASSICAL_STATE, EVENTS, HISTORY, LAWS, OBSERVABLES, STATE, SWITCHES, Variable
+from ..simulation.variables import (
+    CLASSICAL_STATE,
+    EVENTS,
+    HISTORY,
+    LAGRANGIAN_STATE,
+    LAWS,
+    OBSERVABLES,
+    STATE,
+    SWITCHES,
+    Variable,
+)
 
 Variables = dict[str, tuple[Variable, np.ndarray]]
 
@@ -77,13 +88,14 @@ def described_fields(states: Any) -> dict[str, Variable]:
     """The variables of the fields of states along a leading axis, by name."""
     if isinstance(states, AbstractBodyState):
         return {name: described(name, isinstance(states, DiskState)) for name in vars(states)}
+    if isinstance(states, LagrangianState):
+        return {name: LAGRANGIAN_STATE[name] for name in vars(states)}
     return {name: of_classical_state(name, np.ndim(leaf) - 1) for name, leaf in vars(states).items()}
 
 
 def _classical_values(trajectory: Trajectory[Any, Any]) -> Variables:
-    variables = {}
-    for name, leaf in vars(trajectory.state).items():
-        variables[name] = of_classical_state(name, np.ndim(leaf) - 1), np.asarray(leaf)
+    described_state = described_fields(trajectory.state)
+    variables = {name: (described_state[name], np.asarray(leaf)) for name, leaf in vars(trajectory.state).items()}
     for name, leaf in trajectory.laws._asdict().items():
         variables[name] = LAWS.get(name) or undescribed(name, np.ndim(leaf) - 1), np.asarray(leaf)
     if always_rolls(trajectory):
@@ -112,6 +124,8 @@ def labels(system: Any, sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
     Along ``driven`` are the numbers of the driven masses or, where joints are among what is driven, the names of all.
     """
     coordinates = {name: np.arange(size) for name, size in sizes.items()}
+    if "coordinate" in sizes:
+        coordinates["coordinate"] = np.asarray(system.coordinates)
     if "driven" in sizes:
         coordinates["driven"] = np.asarray(system.coordinates if system.joints else system.driven)
     if "joint" in sizes:

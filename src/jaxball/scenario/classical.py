@@ -5,6 +5,7 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from ..classical import (
@@ -20,10 +21,11 @@ from ..classical import (
     VakonomicParticle,
     VakonomicState,
 )
-from ..numerics.arrays import to_array
+from ..numerics.arrays import is_traced, to_array
 from ..physics.conditions import Condition
 from ..physics.system import AbstractState, AbstractSystem
 from .body import read_resistance, write_surroundings
+from .errors import ScenarioError
 from .initial import read_orientation
 from .motions import SERIES, WAVES_IN_SPACE, check_lengths, given_waves
 from .own import Open, module_of, trying_class
@@ -112,6 +114,10 @@ def read_classical(
         system = eqx.tree_at(lambda s: s.resistance, system, read, is_leaf=lambda leaf: leaf is None)
     state = _read_state(system.state_type, {} if initial is None else initial)
     _refuse(state.conditions())
+    try:
+        system.require_state(state)
+    except ValueError as error:
+        raise ScenarioError(str(error).replace("Argument `state.", "Key `initial.")) from None
     _refuse(system.start_conditions(to_array(start), state))
     if kind not in CLASSICAL:
         _require_rates(kind, system, to_array(start), state)
@@ -161,7 +167,19 @@ def _require_rates(kind: str, system: AbstractSystem, start: Any, state: Abstrac
 
 
 def _refuse(conditions: Iterable[Condition]) -> None:
-    """Raises for the first condition that does not hold, with the path of its key; see ``require``."""
+    """Raises for the first condition that does not hold, with the path of its key; see ``require``.
+
+    One of a kind of its own, as of constraints, says itself what does not fit, of a key or of a part of the class.
+    """
     for condition in conditions:
+        if type(condition) is not Condition:
+            if not is_traced(condition.holds):
+                for problem in condition.problems():
+                    table, _, name = problem.name.rpartition(".")
+                    raise ScenarioError(
+                        problem.sentence("Key", f"initial.{name}") if table else problem.sentence("Part")
+                    )
+                continue
+            condition = Condition(jnp.all(condition.holds), "constraints", condition.value, condition.must)
         table, _, name = str(condition.name).rpartition(".")
         require_condition(condition, join("initial" if table else "body", name))

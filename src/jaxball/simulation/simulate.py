@@ -32,7 +32,7 @@ from ..physics.packing import Packing, ravelled
 from ..physics.state import State
 from ..physics.system import AbstractState, AbstractSystem, require_system
 from ..physics.validity import possible_start
-from ..solvers import Projected, SwitchingMassMatrixTerm
+from ..solvers import ProjectedSteps, SwitchingMassMatrixTerm
 from ..solvers.base import approach_of
 from ..solvers.collocation import fills_vectors
 from .arguments import (
@@ -99,7 +99,8 @@ def simulate(
     - ``dae``: whether to solve the differential-algebraic form of the paper, in which |q|² = 1 determines a
       component of q, the largest at the start of each step (module ``dae``), with a solver that knows mass
       matrices, such as :class:`jaxball.solvers.RadauIIA`.
-    - ``project``: whether each step ends with q normalised (Γ, or Λ, in states that have these instead).
+    - ``project``: whether each step ends with q normalised (Γ, or Λ, in states that have these instead), or, of a
+      :class:`~jaxball.classical.LagrangianSystem`, on its constraints; with holonomic ones it always does.
     - ``events``: the events to detect, by name: :class:`~jaxball.Detachment`, :class:`~jaxball.Slip` or any
       :class:`~jaxball.Event`; ``trajectory.events[name]`` says when each happened. One that ends the run sets its
       status, and the states saved after that are NaN.
@@ -277,7 +278,13 @@ def solve(
 
     def event_state(t, x, parameters):
         packing, _ = unpack_parameters(parameters)
+        x = packing.projected(t, x) if projects else x
         return ravelled(system.shown_state(packing.unpack(t, x)))[0]
+
+    projects = method.project or packing.system.always_projected
+
+    def projected(t, x, parameters):
+        return unpack_parameters(parameters)[0].projected(t, x)
 
     term = diffrax.ODETerm(field)
     order = float(method.solver.error_order(term) or 1)  # pyright: ignore
@@ -289,7 +296,7 @@ def solve(
             mass=lambda component: packing.mass_diagonal(initial, component),
             choose=lambda t, x, _: packing.algebraic_component(x),
         )
-    solver = Projected(method.solver, packing.projected) if method.project else method.solver
+    solver = ProjectedSteps(method.solver, projected) if projects else method.solver
     solution = diffrax.diffeqsolve(
         term,
         solver,
@@ -316,7 +323,7 @@ def solve(
     if isinstance(adjoint, diffrax.ForwardMode):
         solution = forward_only(solution)
     states, ended = cast(Array, solution.ys), cast(Array, solution.ts)
-    saved = _unpacked(packing, startable & jnp.all(jnp.isfinite(states), axis=1), times, states)
+    saved = _unpacked(packing, startable & jnp.all(jnp.isfinite(states), axis=1), times, states, projects)
     reached, status, occurrences = ended[0], status_of(solution.result), {}
     if events:
         unravel_shown = ravelled(system.shown_state(packing.unpack(times[0], initial)))[1]
@@ -337,7 +344,7 @@ def solve(
         status,
         cast(Array, solution.stats["num_steps"]),
         cast(Array, solution.stats["num_rejected_steps"]),
-        Interpolant.of(solution, solver, packing) if method.dense else None,
+        Interpolant.of(solution, solver, packing, projects) if method.dense else None,
         occurrences,
         record,
         solution.stats.get("found"),
@@ -362,11 +369,18 @@ def _packed(system: AbstractSystem, t: Array, state: AbstractState) -> tuple[Pac
     return packing, packing.pack(t, state)
 
 
-def _unpacked(packing: Packing[Any, Any], known: Array, times: Array, states: Array) -> Any:
-    """The states of the vectors that are ``known``; of the others NaN, and nothing that has derivatives."""
+def _unpacked(packing: Packing[Any, Any], known: Array, times: Array, states: Array, projects: bool) -> Any:
+    """The states of the vectors that are ``known``; of the others NaN, and nothing that has derivatives.
+
+    - ``projects``: whether steps end on the constraints; so do then states within steps.
+    """
     times, states = jnp.where(known, times, times[0]), jnp.where(known[:, None], states, states[0])
 
-    unpacked = jax.lax.map(lambda at: packing.unpack(*at), (times, states))
+    def unpack(at: tuple[Array, Array]) -> Any:
+        t, x = at
+        return packing.unpack(t, packing.projected(t, x) if projects else x)
+
+    unpacked = jax.lax.map(unpack, (times, states))
     return jax.tree.map(functools.partial(known_rows, known), unpacked)
 
 

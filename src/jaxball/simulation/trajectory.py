@@ -58,17 +58,28 @@ class Interpolant(eqx.Module, Generic[AnyState]):
 
     solution: "diffrax.Solution"
     packing: Packing[Any, AnyState]
+    projects: bool = eqx.field(static=True, default=False)
 
     @classmethod
-    def of(cls, solution: "diffrax.Solution", solver: Any, packing: Packing[Any, Any]) -> "Interpolant[Any]":
-        """Of a solution by :class:`SolveLoop`, whose steps have the dense output of ``DenseOutput.of(solver)``."""
+    def of(
+        cls, solution: "diffrax.Solution", solver: Any, packing: Packing[Any, Any], projects: bool
+    ) -> "Interpolant[Any]":
+        """Of a solution by :class:`SolveLoop`, whose steps have the dense output of ``DenseOutput.of(solver)``.
+
+        - ``projects``: whether the states are those on the constraints that are nearest to it.
+        """
         # Imported here, because a run is read from a file and drawn without solvers.
         from ..solvers.dense.continuous import DenseOutput
 
         steps = dataclasses.replace(
             cast(Any, solution.interpolation), interpolation_cls=DenseOutput.of(solver).interpolation
         )
-        return cls(dataclasses.replace(solution, interpolation=steps), packing)
+        return cls(dataclasses.replace(solution, interpolation=steps), packing, projects)
+
+    def vector(self, t: Float[Array, ""]) -> Float[Array, " size"]:
+        """The vector that a solve advances, at a time."""
+        x = self.solution.evaluate(t)
+        return self.packing.projected(t, x) if self.projects else x
 
 
 class Trajectory(Printed, Generic[AnySystem, AnyState]):
@@ -265,6 +276,19 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
             )
         return self._evaluated(_laws_of_all, self.system, self.state)
 
+    @property
+    def multipliers(self) -> Float[Array, "*batch T m"]:
+        """The forces of constraints, λ, of a system with a Lagrangian at every saved time; in a batch, of each run.
+
+        **Raises:** ``ValueError`` for a system that has no multipliers.
+        """
+        if not hasattr(self.system, "multipliers"):
+            raise ValueError(
+                "The multipliers are those of a LagrangianSystem of jaxball.classical, but this trajectory is of a "
+                f"{type(self.system).__name__}."
+            )
+        return self._evaluated(_multiply_all, self.system, self.state)
+
     def _require_one(self, what: str, remedy: str = "the array `status` says how each run ended") -> None:
         """**Raises:** ``ValueError`` for a batch of trajectories."""
         if np.ndim(self.status):
@@ -427,6 +451,11 @@ def _laws_of_all(system, times, state, reached) -> Any:
     return _at_each(lambda system, t, x: system.laws(t, x), system, times, state, reached)
 
 
+@programs.filter_jit
+def _multiply_all(system, times, state, reached) -> Array:
+    return _at_each(lambda system, t, x: system.multipliers(t, x), system, times, state, reached)
+
+
 def _at_each(function: Callable[..., Any], system: Any, times: Array, state: Any, reached: Array) -> Any:
     """``function(system, t, state)`` at each time; where the solve did not get, its derivatives are NaN as well."""
     prepared = system.prepare()
@@ -450,7 +479,7 @@ def times_looked_at(system: AbstractSystem, times: Float[Array, " T"], reached: 
 def _evaluate(interpolant, t, start, reached, status, given) -> Any:
     def one(t):
         inside = jnp.clip(t, start, reached)
-        x = interpolant.solution.evaluate(inside)
+        x = interpolant.vector(inside)
         known = (t == inside) & jnp.all(jnp.isfinite(x)) & (status != Status.IMPOSSIBLE)
         state = interpolant.packing.system.shown_state(interpolant.packing.unpack_where(known, inside, x))
         return with_unknown_derivatives(state, given)

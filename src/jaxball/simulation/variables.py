@@ -63,6 +63,11 @@ CLASSICAL_STATE = {
     "multiplier": Variable((), "momentum", "multiplier of the constraint", symbol=r"\lambda"),
 }
 
+LAGRANGIAN_STATE = {
+    "q": Variable(("coordinate",), "", "generalised coordinates", symbol="q"),
+    "qdot": Variable(("coordinate",), "", "rates of the generalised coordinates", symbol=r"\dot{q}"),
+}
+
 LAWS = {
     "energy": Variable((), "energy", "total energy"),
     "spatial_momentum": Variable(("axis",), "angular momentum", "angular momentum in space axes"),
@@ -72,6 +77,8 @@ LAWS = {
     "vertical_squared": Variable((), "1", "square of the upward vertical in body axes"),
     "versor_squared": Variable((), "1", "square of the versor"),
     "constraint": Variable((), "rad/time", "angular velocity along xi, 0 by the constraint"),
+    "velocity_constraints": Variable(("constraint",), "", "constraints of velocities, 0 along every motion"),
+    "position_constraints": Variable(("holonomic",), "", "holonomic constraints, 0 along every motion"),
     "p_y": Variable((), "momentum", "momentum along y", symbol="p_y"),
     "p_xz": Variable((), "momentum", "momentum in the plane of x and z", symbol="p_{xz}"),
     "p_x": Variable((), "momentum", "momentum along x, that of the multiplier included", symbol="p_x"),

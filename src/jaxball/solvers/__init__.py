@@ -29,6 +29,10 @@ from .stages import (
     FixedPoint as FixedPoint,
     SimplifiedNewton as SimplifiedNewton,
 )
-from .wrapping import AbstractWrappingSolver as AbstractWrappingSolver, Projected as Projected
+from .wrapping import (
+    AbstractWrappingSolver as AbstractWrappingSolver,
+    Projected as Projected,
+    ProjectedSteps as ProjectedSteps,
+)
 
 __all__, __dir__ = _interface(globals())

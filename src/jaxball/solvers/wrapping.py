@@ -86,6 +86,36 @@ class Projected(AbstractWrappingSolver):
         return self.project(y1), y_error, dense, state, result
 
 
+class ProjectedSteps(AbstractWrappingSolver):
+    """``solver`` with each step followed by a projection that may depend on the time and on the arguments of the field.
+
+    Dense output is that of ``solver``, so that what is read off within a step is projected where it is read.
+
+    **Arguments:**
+
+    - ``solver``: any diffrax solver.
+    - ``project``: maps a time, a state and the field's arguments to a state on the constraint at that time.
+
+    **Example:**
+
+    >>> import diffrax
+    >>> import jax.numpy as jnp
+    >>> from jaxball.solvers import ProjectedSteps
+    >>> solver = ProjectedSteps(diffrax.Euler(), project=lambda t, y, args: y.at[0].set(jnp.exp(t)))
+    >>> growing = diffrax.ODETerm(lambda t, y, args: y)
+    >>> end = diffrax.diffeqsolve(growing, solver, 0.0, 1.0, 0.1, jnp.array([1.0, 1.0])).ys[-1]
+    >>> print(end.round(6))  # Euler's method alone gives 1.1¹⁰
+    [2.718282 2.593742]
+    """
+
+    solver: diffrax.AbstractSolver  # pyright: ignore[reportIncompatibleVariableOverride]
+    project: Callable[[Any, PyTree[Array], Any], PyTree[Array]] = eqx.field(static=True)
+
+    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+        y1, y_error, dense, state, result = self.solver.step(terms, t0, t1, y0, args, solver_state, made_jump)
+        return self.project(t1, y1, args), y_error, dense, state, result
+
+
 class _ProjectedInterpolation(eqx.Module):
     """Makes the interpolation of a step, like an interpolation class."""
 

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ..classical import LagrangianState
 from ..interface.status import Status
 from ..physics.contact.body_on_plane import BodyOnPlane, ContactHistory
 from ..physics.contact.modes import Mode
@@ -24,6 +25,7 @@ from ..sensors.base import Measurement
 from ..simulation.variables import (
     EXTREMES,
     HISTORY,
+    LAGRANGIAN_STATE,
     LEFT_PLANE,
     RUN,
     RUN_SWITCHES,
@@ -259,4 +261,6 @@ def _variable(state: Any, name: str, shape: tuple[int, ...]) -> Variable:
     if isinstance(state, BallState | DiskState):
         known = STATE[name]
         return known if len(shape) == len(known.dimensions) else known._replace(dimensions=())
+    if isinstance(state, LagrangianState) and len(shape) == 1:
+        return LAGRANGIAN_STATE[name]
     return of_classical_state(name, len(shape))

@@ -9,10 +9,11 @@ import diffrax
 import jax
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from ..interface.status import Status
 from ..numerics import programs
+from ..numerics.arrays import to_array
 from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario
 from ..scenario.body import rolling_state
@@ -133,7 +134,7 @@ class Case:
         factors = []
         for direction in generic_vectors(DIRECTIONS, self.weights.size):
             change = DEVIATION * direction / np.linalg.norm(direction) * self.weights
-            nearby = self.precise(_displaced(self.state, change))
+            nearby = self.precise(_displaced(self.scenario.system, self.scenario.times[0], self.state, change))
             # A constrained body cannot start from every nearby state.
             if nearby.ok:
                 deviation = self.distance(nearby.state, self.reference.state)
@@ -149,10 +150,12 @@ class Case:
         return SAFETY * self.steps * self.tolerance * float(np.max(self.growth))
 
 
-@programs.jit
-def _displaced(state: AbstractState, change: Float[Array, " size"]) -> AbstractState:
+@programs.filter_jit
+def _displaced(
+    system: AbstractSystem, t: Float[ArrayLike, ""], state: AbstractState, change: Float[Array, " size"]
+) -> AbstractState:
     vector, unravel = ravel_pytree(state)
-    return unravel(vector + change).projected()
+    return system.prepare().projected(to_array(t), unravel(vector + change))
 
 
 def flat(state: AbstractState) -> Float[np.ndarray, "T size"]:

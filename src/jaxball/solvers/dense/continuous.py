@@ -24,7 +24,7 @@ from ...numerics.batches import fill_vectors
 from ..interpolation import CollocationPolynomial
 from ..stages import combine
 from ..tableau import integrals
-from ..wrapping import Projected
+from ..wrapping import Projected, ProjectedSteps
 
 # The orders of diffrax's interpolants; for other methods, of the cubic with the values and slopes at the ends.
 ORDERS: dict[Any, int] = {
@@ -95,6 +95,8 @@ class DenseOutput(NamedTuple):
         if isinstance(solver, Projected):
             inner = cls.of(solver.solver)
             return inner._replace(interpolation=solver.projecting(inner.interpolation), weights=None)
+        if isinstance(solver, ProjectedSteps):
+            return cls.of(solver.solver)
         method = continuous(solver)
         interpolation = solver.interpolation_cls if method is None else CollocationPolynomial
         return cls(method, interpolation, _stage_weights(solver, default_dtype()) if has_one_tableau(solver) else None)

@@ -1,0 +1,159 @@
+"""What the constraints of a Lagrangian system must fulfil at the start of a run, each told in a sentence."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ..numerics.linear import inverse
+from ..physics.conditions import Condition, Problem
+from .multipliers import saddle
+
+ALLOWED = 1e-6  # of the size of its terms: how far a constraint may be from 0 at the start
+SHOWN = 1e-6  # of the largest coefficient: one that is written in a sentence
+REMEDY = "the method `consistent(t, state)` of the system gives the nearest state that keeps all constraints"
+
+
+class Constraints(NamedTuple):
+    """The constraints A q̇ + b = 0 in one state: those of velocities, then the rates of holonomic ones.
+
+    - ``names``: one for each row, and ``velocities`` how many of them are constraints of velocities.
+    - ``rows``: A.
+    - ``residual``, ``allowed``: A q̇ + b, and how far from 0 it may be.
+    - ``second``: a second derivative by q̇, which is 0 where a constraint is affine.
+    - ``places``, ``places_allowed``: φ of the holonomic ones, and how far from 0 it may be.
+    """
+
+    names: tuple[str, ...]
+    velocities: int
+    rows: Float[Array, "m n"]
+    residual: Float[Array, " m"]
+    allowed: Float[Array, " m"]
+    second: Float[Array, " m"]
+    places: Float[Array, " k"]
+    places_allowed: Float[Array, " k"]
+
+
+class Affine(Condition):
+    """That constraints of velocities are affine in q̇; ``value`` has their second derivatives in one direction."""
+
+    __slots__ = ()
+
+    def problems(self) -> Iterator[Problem]:
+        """A problem for each that is not."""
+        for holds, name, second in zip(np.asarray(self.holds), self.name, np.asarray(self.value), strict=True):
+            if not holds:
+                but = f"a second derivative of it by qdot is {second:.6g} at the start"
+                yield Problem(str(name), "be affine in qdot, A(t, q) qdot + b(t, q)", but)
+
+
+class Satisfied(Condition):
+    """That the start keeps the constraints ``name[k]``; ``value`` has what each of them is there."""
+
+    __slots__ = ()
+
+    def problems(self) -> Iterator[Problem]:
+        """A problem for each constraint that the start violates, under the name of the part of the state."""
+        for holds, name, residual in zip(np.asarray(self.holds), self.name, np.asarray(self.value), strict=True):
+            if not holds:
+                yield Problem(
+                    self.must, f"keep {name} at the start", f"that is {residual:.6g} there and not 0; {REMEDY}"
+                )
+
+
+class Independent(Condition):
+    """That no row of A depends on those before it; ``value`` has A and, in two more columns, residuals and how far
+    from 0 they may be.
+    """
+
+    __slots__ = ()
+
+    def problems(self) -> Iterator[Problem]:
+        """A problem for each row of A that is a combination of rows before it, which are named."""
+        holds, table = np.asarray(self.holds), np.asarray(self.value)
+        A, residual, allowed = table[:, :-2], table[:, -2], table[:, -1]
+        for k in np.flatnonzero(~holds):
+            before = np.flatnonzero(holds[:k])
+            parts = np.linalg.lstsq(A[before].T, A[k], rcond=None)[0]
+            named = [(c, str(self.name[j])) for c, j in zip(parts, before, strict=True) if abs(c) > SHOWN]
+            mismatch = abs(residual[k] - parts @ residual[before])
+            if not np.any(A[k]):
+                but = "its row of A is 0 there, so that it restricts no velocity; leave it out"
+            elif mismatch > allowed[k] + np.abs(parts) @ allowed[before]:
+                but = f"its row of A is {_sum(named)}, and its other terms are not, so that nothing keeps them all"
+            else:
+                but = f"its row of A is {_sum(named)}, so that its multiplier is not determined; leave it out"
+            yield Problem(str(self.name[k]), "be independent of the constraints before it at the start", but)
+
+
+class Regular(Condition):
+    """That [M −Aᵀ; A 0] is regular; ``value`` is M."""
+
+    __slots__ = ()
+
+    def problems(self) -> Iterator[Problem]:
+        """The problem that a motion that the constraints allow has no inertia."""
+        if not bool(self.holds):
+            mass = np.array2string(np.asarray(self.value), precision=4, separator=", ").replace("\n", "")
+            but = f"∂²L/∂q̇² is {mass} at the start; give each coordinate a mass or a constraint"
+            yield Problem(str(self.name), self.must, but)
+
+
+def start_conditions(mass: Float[Array, "n n"], given: Constraints) -> Iterator[Condition]:
+    """The conditions on constraints, and on the mass matrix that goes with them, in one state."""
+    independent, v = _are_independent(given.rows), given.velocities
+    if v:
+        affine = jnp.abs(given.second) <= jnp.maximum(given.allowed, ALLOWED * _lengths(given.rows))
+        yield Affine(affine[:v], given.names[:v], given.second[:v], "affine in qdot")
+    if given.names:
+        # Holonomic constraints depend on each other only if they do so themselves, and not their rates alone.
+        residual = jnp.concatenate([given.residual[:v], given.places])
+        allowed = jnp.concatenate([given.allowed[:v], given.places_allowed])
+        table = jnp.concatenate([given.rows, residual[:, None], allowed[:, None]], axis=1)
+        yield Independent(independent, given.names, table, "independent of each other")
+        near = (jnp.abs(given.places) <= given.places_allowed) | ~independent[v:]
+        yield Satisfied(near, given.names[v:], given.places, "state.q")
+        kept = (jnp.abs(given.residual) <= given.allowed) | ~independent
+        yield Satisfied(kept, given.names, given.residual, "state.qdot")
+    regular = _is_regular(mass, given.rows) | ~jnp.all(independent)
+    yield Regular(regular, "lagrangian", mass, "give an inertia to every motion that the constraints allow")
+
+
+def _lengths(rows: Float[Array, "m n"]) -> Float[Array, " m"]:
+    return jnp.sqrt(jnp.sum(rows**2, axis=1))
+
+
+def _are_independent(rows: Float[Array, "m n"]) -> Bool[Array, " m"]:
+    """Whether each row is independent of those before it, by Gram and Schmidt, with the rows scaled to length 1."""
+    tolerance = float(jnp.finfo(rows.dtype).eps) ** 0.5
+    basis: list[Float[Array, " n"]] = []
+    holds: list[Bool[Array, ""]] = []
+    for row, length in zip(rows, _lengths(rows), strict=True):
+        rest = row / jnp.where(length > 0, length, 1.0)
+        for unit in (*basis, *basis):  # twice, for what the first turn leaves by rounding
+            rest = rest - jnp.sum(rest * unit) * unit
+        left = jnp.sqrt(jnp.sum(rest**2))
+        holds.append(left > tolerance)
+        basis.append(jnp.where(left > tolerance, rest / jnp.where(left > 0, left, 1.0), 0.0))
+    return jnp.stack(holds) if holds else jnp.zeros((0,), bool)
+
+
+def _is_regular(mass: Float[Array, "n n"], rows: Float[Array, "m n"]) -> Bool[Array, ""]:
+    """Whether the condition number of the matrix, with rows and columns scaled alike, leaves digits."""
+    K = saddle(mass, rows)
+    largest = jnp.max(jnp.abs(K), axis=1)
+    scale = 1 / jnp.sqrt(jnp.where(largest > 0, largest, 1.0))
+    K = K * scale[:, None] * scale[None]
+    number = jnp.max(jnp.sum(jnp.abs(K), axis=1)) * jnp.max(jnp.sum(jnp.abs(inverse(K)), axis=1))
+    return number < 1e-2 / float(jnp.finfo(K.dtype).eps)
+
+
+def _sum(parts: list[tuple[float, str]]) -> str:
+    """A linear combination in words."""
+    text = ""
+    for c, name in parts:
+        sign = ("−" if c < 0 else "") if not text else (" − " if c < 0 else " + ")
+        text += sign + ("" if abs(abs(c) - 1) < SHOWN else f"{abs(c):.6g} times ") + f"that of {name}"
+    return text

@@ -1,0 +1,270 @@
+"""Vehicles and bodies on blades and wheels, each from its Lagrangian and its constraints.
+
+Sources: Neimark & Fufaev, Dynamics of Nonholonomic Systems (1972); Bloch, Nonholonomic Mechanics and Control (2015);
+Ostrowski, Lewis, Murray & Burdick (1994) for the snakeboard; Krishnaprasad & Tsakiris (2001) for the roller racer.
+"""
+
+from collections.abc import Iterator
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..numerics.arrays import Numbers, numbers
+from ..numerics.vectors import sine_cosine
+from ..physics.conditions import Condition, positive
+from .lagrangian import AbstractLagrangianSystem
+
+
+class ChaplyginSleigh(AbstractLagrangianSystem):
+    """A rigid body on a level plane with a blade that cannot slip sideways.
+
+    Its coordinates are the place of the blade and the heading, ``x``, ``y`` and ``theta``. The multiplier is the force
+    of the plane on the blade, to its right.
+
+    **Arguments:**
+
+    - ``mass``: m, in units of mass.
+    - ``inertia``: I about the centre of mass, mass length².
+    - ``ahead``: a, from the blade to the centre of mass, along the blade, length.
+
+    With a > 0 it ends on a straight line, the blade behind: v̇ = a ω² and (I + m a²) ω̇ = −m a ω v.
+
+    **Example:**
+
+    >>> from jaxball import simulate
+    >>> from jaxball.classical import ChaplyginSleigh, LagrangianState
+    >>> sleigh = ChaplyginSleigh(mass=1.0, inertia=0.39, ahead=0.5)
+    >>> run = simulate(sleigh, [0.0, 1.0], LagrangianState([0.0, 0.0, 0.0], [0.0, 0.0, 1.0]))
+    >>> float(run.state.qdot[-1, 2].round(6))  # 1 / cosh(a / √(I + m a²))
+    0.832117
+    """
+
+    mass: Float[Array, ""]
+    inertia: Float[Array, ""]
+    ahead: Float[Array, ""]
+
+    coordinates = ("x", "y", "theta")
+    title: ClassVar[str] = "Chaplygin sleigh"
+
+    def __init__(self, *, mass: Numbers = 1.0, inertia: Numbers, ahead: Numbers):
+        self.mass, self.inertia = numbers("mass")(mass), numbers("inertia")(inertia)
+        self.ahead = numbers("ahead")(ahead)
+
+    def lagrangian(self, t: Float[Array, ""], q: Float[Array, "3"], qdot: Float[Array, "3"]) -> Float[Array, ""]:
+        xdot, ydot, omega = qdot
+        sine, cosine = sine_cosine(q[2])
+        across = self.ahead * omega
+        square = (xdot - across * sine) ** 2 + (ydot + across * cosine) ** 2
+        return 0.5 * self.mass * square + 0.5 * self.inertia * omega**2
+
+    def constraints(self, t: Float[Array, ""], q: Float[Array, "3"], qdot: Float[Array, "3"]) -> Any:
+        return _sideways(q[2], qdot)
+
+    def conditions(self) -> Iterator[Condition]:
+        yield from _positive(mass=self.mass, inertia=self.inertia)
+
+
+class KnifeEdge(AbstractLagrangianSystem):
+    """A blade on an incline, with its centre of mass above the point of contact.
+
+    Its coordinates are the place, ``x`` down the slope and ``y`` across, and the heading ``theta`` from x. It does not
+    go down: spun at ω from rest, it moves on a cycloid across the slope.
+
+    **Arguments:**
+
+    - ``mass``: m, in units of mass.
+    - ``inertia``: about the normal of the incline, mass length².
+    - ``slope``: α, the angle of the incline, rad.
+    - ``gravity``: g, length/time².
+    """
+
+    mass: Float[Array, ""]
+    inertia: Float[Array, ""]
+    slope: Float[Array, ""]
+    gravity: Float[Array, ""]
+
+    coordinates = ("x", "y", "theta")
+    title: ClassVar[str] = "knife edge"
+
+    def __init__(self, *, mass: Numbers = 1.0, inertia: Numbers = 1.0, slope: Numbers, gravity: Numbers = 1.0):
+        self.mass, self.inertia = numbers("mass")(mass), numbers("inertia")(inertia)
+        self.slope, self.gravity = numbers("slope")(slope), numbers("gravity")(gravity)
+
+    def lagrangian(self, t: Float[Array, ""], q: Float[Array, "3"], qdot: Float[Array, "3"]) -> Float[Array, ""]:
+        kinetic = 0.5 * self.mass * (qdot[0] ** 2 + qdot[1] ** 2) + 0.5 * self.inertia * qdot[2] ** 2
+        return kinetic + self.mass * self.gravity * jnp.sin(self.slope) * q[0]
+
+    def constraints(self, t: Float[Array, ""], q: Float[Array, "3"], qdot: Float[Array, "3"]) -> Any:
+        return _sideways(q[2], qdot)
+
+    def conditions(self) -> Iterator[Condition]:
+        yield from _positive(mass=self.mass, inertia=self.inertia)
+
+
+class RollingCoin(AbstractLagrangianSystem):
+    """A thin disk that rolls on a level plane without slipping, and may lean and turn.
+
+    Its coordinates are the place ``x``, ``y`` of the contact, the ``heading``, the ``lean`` to the left from upright,
+    and the angle ``roll`` about its axis, which grows as it rolls ahead. Upright, it is stable if it rolls faster than
+    ω² = g/(3r), a hoop than g/(4r).
+
+    **Arguments:**
+
+    - ``mass``: m, in units of mass.
+    - ``radius``: r, length.
+    - ``inertia``: about the axis and about a diameter, mass length², shape (2,); if not given those of a uniform disk,
+      m r²/2 and m r²/4.
+    - ``gravity``: g, length/time².
+    """
+
+    mass: Float[Array, ""]
+    radius: Float[Array, ""]
+    inertia: Float[Array, "2"]
+    gravity: Float[Array, ""]
+
+    coordinates = ("x", "y", "heading", "lean", "roll")
+    title: ClassVar[str] = "rolling coin"
+
+    def __init__(
+        self,
+        *,
+        mass: Numbers = 1.0,
+        radius: Numbers = 1.0,
+        inertia: Numbers | None = None,
+        gravity: Numbers = 1.0,
+    ):
+        self.mass, self.radius = numbers("mass")(mass), numbers("radius")(radius)
+        self.gravity = numbers("gravity")(gravity)
+        disk = self.mass * self.radius**2 * jnp.array([0.5, 0.25], self.mass.dtype)
+        self.inertia = disk if inertia is None else numbers("inertia", (2,))(inertia)
+
+    def lagrangian(self, t: Float[Array, ""], q: Float[Array, "5"], qdot: Float[Array, "5"]) -> Float[Array, ""]:
+        xdot, ydot, turn, tilt, roll = qdot
+        (sine, cosine), (s, c) = sine_cosine(q[2]), sine_cosine(q[3])
+        # The centre is at r (sin lean, cos lean) to the left of the contact and above it.
+        left, up = self.radius * s, self.radius * c
+        along = xdot * cosine + ydot * sine - turn * left
+        across = ydot * cosine - xdot * sine + tilt * up
+        square = along**2 + across**2 + (tilt * left) ** 2
+        axial, diametral = self.inertia
+        spin = 0.5 * axial * (roll - turn * s) ** 2 + 0.5 * diametral * (tilt**2 + (turn * c) ** 2)
+        return 0.5 * self.mass * square + spin - self.mass * self.gravity * up
+
+    def constraints(self, t: Float[Array, ""], q: Float[Array, "5"], qdot: Float[Array, "5"]) -> Any:
+        sine, cosine = sine_cosine(q[2])
+        travelled = self.radius * qdot[4]
+        return [qdot[0] - travelled * cosine, qdot[1] - travelled * sine]
+
+    def conditions(self) -> Iterator[Condition]:
+        yield from _positive(mass=self.mass, radius=self.radius, inertia=self.inertia)
+
+
+class Snakeboard(AbstractLagrangianSystem):
+    """A board on two wheeled trucks that turn, with a rotor in the middle, on a level plane.
+
+    Its coordinates are the place ``x``, ``y`` of the middle, the heading ``theta``, the angle ``psi`` of the rotor
+    against the board, and those of the ``back`` and the ``front`` truck. No constraint contains ψ̇, so without a torque
+    on the rotor its momentum J₀ (θ̇ + ψ̇) is constant, and so are those of the trucks.
+
+    **Arguments:**
+
+    - ``mass``: m of all, in units of mass.
+    - ``board``, ``rotor``, ``truck``: moments of inertia about the vertical, of one truck, mass length².
+    - ``half_length``: l, from the middle to the axle of a truck, length.
+    """
+
+    mass: Float[Array, ""]
+    board: Float[Array, ""]
+    rotor: Float[Array, ""]
+    truck: Float[Array, ""]
+    half_length: Float[Array, ""]
+
+    coordinates = ("x", "y", "theta", "psi", "back", "front")
+    title: ClassVar[str] = "snakeboard"
+
+    def __init__(
+        self,
+        *,
+        mass: Numbers = 1.0,
+        board: Numbers = 0.1,
+        rotor: Numbers = 0.1,
+        truck: Numbers = 0.01,
+        half_length: Numbers = 0.5,
+    ):
+        self.mass, self.board, self.rotor = numbers("mass")(mass), numbers("board")(board), numbers("rotor")(rotor)
+        self.truck, self.half_length = numbers("truck")(truck), numbers("half_length")(half_length)
+
+    def lagrangian(self, t: Float[Array, ""], q: Float[Array, "6"], qdot: Float[Array, "6"]) -> Float[Array, ""]:
+        xdot, ydot, turn, psidot, back, front = qdot
+        turning = self.board * turn**2 + self.rotor * (turn + psidot) ** 2
+        trucks = self.truck * ((turn + back) ** 2 + (turn + front) ** 2)
+        return 0.5 * (self.mass * (xdot**2 + ydot**2) + turning + trucks)
+
+    def constraints(self, t: Float[Array, ""], q: Float[Array, "6"], qdot: Float[Array, "6"]) -> Any:
+        arm = self.half_length * qdot[2]
+        return [
+            _sideways(q[2] + q[4], qdot) + arm * jnp.cos(q[4]),
+            _sideways(q[2] + q[5], qdot) - arm * jnp.cos(q[5]),
+        ]
+
+    def conditions(self) -> Iterator[Condition]:
+        inertias = {"board": self.board, "rotor": self.rotor, "truck": self.truck}
+        yield from _positive(mass=self.mass, **inertias, half_length=self.half_length)
+
+
+class RollerRacer(AbstractLagrangianSystem):
+    """A vehicle of two bodies on an axle each, which moves as its rider swings the handlebar.
+
+    Its coordinates are the place ``x``, ``y`` of the rear axle's middle, where the centre of mass is, the heading
+    ``theta``, and the angle ``phi`` of the front body, which has no mass but a moment of inertia.
+
+    **Arguments:**
+
+    - ``mass``: m of the rear body, in units of mass.
+    - ``rear``, ``front``: moments of inertia about the vertical, mass length².
+    - ``lengths``: from the rear axle to the joint, and from the joint to the front axle, shape (2,).
+    """
+
+    mass: Float[Array, ""]
+    rear: Float[Array, ""]
+    front: Float[Array, ""]
+    lengths: Float[Array, "2"]
+
+    coordinates = ("x", "y", "theta", "phi")
+    title: ClassVar[str] = "roller racer"
+
+    def __init__(
+        self,
+        *,
+        mass: Numbers = 1.0,
+        rear: Numbers = 0.2,
+        front: Numbers = 0.05,
+        lengths: Numbers = (0.5, 0.1),
+    ):
+        self.mass, self.rear, self.front = numbers("mass")(mass), numbers("rear")(rear), numbers("front")(front)
+        self.lengths = numbers("lengths", (2,))(lengths)
+
+    def lagrangian(self, t: Float[Array, ""], q: Float[Array, "4"], qdot: Float[Array, "4"]) -> Float[Array, ""]:
+        xdot, ydot, turn, swing = qdot
+        turning = self.rear * turn**2 + self.front * (turn + swing) ** 2
+        return 0.5 * (self.mass * (xdot**2 + ydot**2) + turning)
+
+    def constraints(self, t: Float[Array, ""], q: Float[Array, "4"], qdot: Float[Array, "4"]) -> Any:
+        to_joint, to_front = self.lengths
+        arm = to_joint * jnp.cos(q[3]) * qdot[2] + to_front * (qdot[2] + qdot[3])
+        return [_sideways(q[2], qdot), _sideways(q[2] + q[3], qdot) - arm]
+
+    def conditions(self) -> Iterator[Condition]:
+        yield from _positive(mass=self.mass, rear=self.rear, front=self.front)
+
+
+def _sideways(heading: Float[Array, ""], qdot: Float[Array, " n"]) -> Float[Array, ""]:
+    """ẋ sin θ − ẏ cos θ, the velocity to the right of the heading θ."""
+    sine, cosine = sine_cosine(heading)
+    return qdot[0] * sine - qdot[1] * cosine
+
+
+def _positive(**values: Float[Array, "..."]) -> Iterator[Condition]:
+    for name, value in values.items():
+        yield Condition(positive(value), name, value, "positive" if value.ndim else "a positive number")
