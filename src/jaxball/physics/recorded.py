@@ -38,8 +38,8 @@ class AbstractRecorded(Printed):
 
     times: eqx.AbstractVar[Float[Array, "*group n"]]
     values: eqx.AbstractVar[Float[Array, "*group n"]]
-    outside: eqx.AbstractVar[str]
-    choices_outside: eqx.AbstractClassVar[tuple[str, ...]]
+    outside: eqx.AbstractVar[Any]
+    choices_outside: ClassVar[tuple[str, ...]]
 
     def __check_init__(self):
         if self.times.shape != self.values.shape or self.times.shape[-1] < 2:
@@ -49,13 +49,13 @@ class AbstractRecorded(Printed):
             )
         _require_one_of("outside", self.outside, self.choices_outside)
         for name, array in (("times", self.times), ("values", self.values)):
-            wrong = () if is_traced(array) else np.flatnonzero(~np.isfinite(np.asarray(array)))
+            wrong = np.flatnonzero([] if is_traced(array) else ~np.isfinite(np.asarray(array)))
             if len(wrong):
                 raise ValueError(
                     f"Argument `{name}[{wrong[0]}]` must be a finite number, but it is {array[wrong[0]]}; leave such "
                     "rows out, and the log is interpolated between those on both sides."
                 )
-        wrong = () if is_traced(self.times) else np.flatnonzero(np.diff(np.asarray(self.times)) <= 0)
+        wrong = np.flatnonzero([] if is_traced(self.times) else np.diff(np.asarray(self.times)) <= 0)
         if len(wrong):
             row, (before, here) = wrong[0] + 1, np.asarray(self.times)[wrong[0] : wrong[0] + 2]
             raise ValueError(
@@ -84,9 +84,9 @@ def _require_one_of(name: str, value: Any, choices: tuple[str, ...]) -> None:
 class RecordedSignal(AbstractRecorded, AbstractIntegrableSignal):
     """s(t) from a log: its ``values`` at ``times``, and interpolated between them.
 
-    Steps end at every sample of up to 66, and in a longer log where a jump (of "previous") or a corner (of "linear") is
-    more than 8 times the mean of all, at up to 64 of these; otherwise they are as long as the tolerances allow. A gap
-    in the log is an interval like any other.
+    Steps end at every sample of up to 258, and in a longer log where a jump (of "previous") or a corner (of "linear")
+    is more than 8 times the mean of all, at up to 256 of these; otherwise they are as long as the tolerances allow. A
+    gap in the log is an interval like any other.
 
     **Arguments:**
 
@@ -174,7 +174,7 @@ class RecordedSchedule(AbstractRecorded, AbstractSchedule):
     """θ(t) from a log: the not-a-knot cubic spline through its ``values`` at ``times``, with θ̇ and θ̈ continuous.
 
     Noise in θ is amplified in θ̈ by the inverse square of the distance of samples: filter a noisy log first. Steps end
-    at the samples of a log of up to 66; in a longer one they are as long as the tolerances allow.
+    at the samples of a log of up to 258; in a longer one they are as long as the tolerances allow.
 
     **Arguments:**
 

@@ -9,7 +9,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from ..numerics import programs
 from ..numerics.arrays import Numbers, default_dtype, to_array, to_numpy
-from .conditions import Problem, all_hold
+from .conditions import Condition, ExplainedCondition, Problem, all_hold
 from .packing import Packing
 from .system import AbstractState, AbstractSystem, require_one, require_system, shapes_of_state
 
@@ -60,7 +60,7 @@ def find_problems(
     states: AbstractState | None = None,
 ) -> list[Problem]:
     """The problems that :func:`problems` reports; with the ``states`` of a run, also where it carried its masses."""
-    conditions = list(system.conditions())
+    conditions: list[Condition | ExplainedCondition] = list(system.conditions())
     if state is not None:
         conditions += state.conditions()
         conditions += system.start_conditions(jnp.asarray(times[0], default_dtype()), state)
