@@ -133,9 +133,14 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
         return tuple(self.coordinates[slot] for slot in sticking_slots(self))
 
     @property
+    def is_held(self) -> bool:
+        """Whether exact dry resistance may hold it at rest."""
+        return self.resistance is not None and self.resistance.holds
+
+    @property
     def is_hybrid(self) -> bool:
-        """Whether joints stick and slip, so that a run has modes."""
-        return bool(self.sticking)
+        """Whether joints stick and slip, or dry resistance holds the body, so that a run has modes."""
+        return bool(self.sticking) or self.is_held
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
         """The unsorted times at which χ̈ of a prescribed motion jumps or has a kink; none with dry friction."""
