@@ -28,7 +28,18 @@ from .conditions import Condition, Problem
 from .contact import slip as slips
 from .contact.slip import Beginning
 from .dynamics import turning
-from .hybrid import NONE, START, AbstractHistory, Accuracy, Assessment, GuardedStep, Record, Switches, Transition, at_zero
+from .hybrid import (
+    NONE,
+    START,
+    AbstractHistory,
+    Accuracy,
+    Assessment,
+    GuardedStep,
+    Record,
+    Switches,
+    Transition,
+    at_zero,
+)
 from .resistance import Resistance, TurningMode
 from .rest import Turning, begun, candidates, needs, resisted
 from .state import PlacedState, ReducedState
@@ -213,9 +224,7 @@ class DryRolling(AbstractSystem[DryRollingState]):
         assert isinstance(resistance, Resistance)
         return resistance
 
-    def mode(
-        self, t: Float[Array, ""], state: DryRollingState, sigma: Float[Array, "2"] | None = None
-    ) -> TurningMode:
+    def mode(self, t: Float[Array, ""], state: DryRollingState, sigma: Float[Array, "2"] | None = None) -> TurningMode:
         """The mode, in space axes, of a body that rolls in the direction ``sigma``, if that is known otherwise."""
         direction = self.direction(t, state) if sigma is None else sigma
         rests = state.rolls == 0
@@ -229,14 +238,8 @@ class DryRolling(AbstractSystem[DryRollingState]):
         omega = apply(state.body.Lambda, state.body.Omega)
         return jnp.where(t <= state.begun.until, state.begun.direction(t), unit(omega[:2]))
 
-    def moving(self, state: PlacedState, mode: TurningMode) -> AbstractBody:
-        """The body in a mode that is given in space axes."""
-        into_body = state.Lambda.T
-        own = mode._replace(sigma=apply(into_body, mode.sigma), braking=apply(into_body, mode.braking))
-        return eqx.tree_at(lambda body: body.resistance.mode, self.body, own, is_leaf=lambda x: x is None)
-
     def field(self, t: Float[Array, ""], state: DryRollingState) -> DryRollingState:
-        moved = self.moving(state.body, self.mode(t, state)).field(t, state.body)
+        moved = rates(self.body, t, state.body, self.mode(t, state))
         return eqx.tree_at(lambda x: x.body, jax.tree.map(jnp.zeros_like, state), moved)
 
     def turning(self, t: Float[Array, ""], state: DryRollingState) -> Turning:
@@ -310,8 +313,8 @@ class DryRolling(AbstractSystem[DryRollingState]):
 
     def start(self, t: Float[Array, ""], state: PlacedState) -> DryRollingState:
         """The state with which a solve starts; its mode is decided by the first transition."""
-        one = jnp.ones_like(self.body.radius)
-        return DryRollingState(state, one, jnp.zeros_like(one), Beginning.none(one))
+        one = jnp.ones_like(self.body.radius)  # nothing is held before it
+        return DryRollingState(state, one, one, Beginning.none(one))
 
     def transition(
         self, t: Float[Array, ""], state: DryRollingState, event: Int[Array, ""], accuracy: Accuracy
@@ -388,7 +391,7 @@ class DryRolling(AbstractSystem[DryRollingState]):
         rate = -omega / jnp.where(time > 0, time, 1.0)
         braking = jnp.concatenate([rate, jnp.zeros_like(rate[:1])])
         held = self.mode(t, state, unit(omega))._replace(rests=jnp.asarray(True), braking=braking)
-        moved = self.moving(where.body, held).field(t + (time * HALFWAY if share == 1.0 else 0.0), where.body)
+        moved = rates(self.body, t + (time * HALFWAY if share == 1.0 else 0.0), where.body, held)
         body = jax.tree.map(lambda x, rate: x + share * time * rate, state.body, moved)
         return eqx.tree_at(lambda x: x.body, state, body)
 
@@ -466,8 +469,17 @@ class _FromRest(NamedTuple):
         self, t: Float[Array, ""], body: PlacedState, prepared: tuple[()], sigma: Float[Array, "2"]
     ) -> tuple[Float[Array, "2"], PlacedState]:
         """ω̇_h in space axes, and the rates of the body."""
-        moved = self.system.moving(body, self.system.mode(t, self.state, sigma)).field(t, body)
+        moved = rates(self.system.body, t, body, self.system.mode(t, self.state, sigma))
         return apply(body.Lambda, moved.Omega)[:2], moved
+
+
+@jax.jit
+def rates(body: AbstractBody, t: Float[Array, ""], state: PlacedState, mode: TurningMode) -> PlacedState:
+    """ẋ of a body in a mode that is given in space axes."""
+    into_body = state.Lambda.T
+    own = mode._replace(sigma=apply(into_body, mode.sigma), braking=apply(into_body, mode.braking))
+    moving = eqx.tree_at(lambda body: body.resistance.mode, body, own, is_leaf=lambda x: x is None)
+    return moving.field(t, state)
 
 
 def _pull(about: tuple[Resistance, Turning, TurningMode], sigma: Float[Array, "2"]) -> slips.Pull:

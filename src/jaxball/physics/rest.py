@@ -207,5 +207,3 @@ def axes(up: Float[Array, "3"]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
 
 def _product(A: Float[Array, "3 3"], B: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
     return jnp.sum(A[:, :, None] * B[None], axis=1)
-
-

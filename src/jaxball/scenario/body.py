@@ -64,6 +64,16 @@ if TYPE_CHECKING:
     from .scenario import Scenario
 
 _NONE = Key(Numbers(), 0.0)
+
+
+def _check_exact(values: dict[str, Any], path: str) -> None:
+    if values["exact"] and values["dry"] is None and values["dry_spinning"] is None:
+        raise ScenarioError(
+            f"Key `{path}.exact` must be false where there is no dry friction, but it is true; give `{path}.dry` or "
+            f"`{path}.dry_spinning`."
+        )
+
+
 RESISTANCE = Module(
     Resistance,
     {
@@ -74,7 +84,10 @@ RESISTANCE = Module(
         "dry": Key(Numbers(), None),
         "smoothing": Key(Numbers(dimension=RATE), SMOOTHING),
         "negative": Key(Flag(), False),
+        "dry_spinning": Key(Numbers(), None),
+        "exact": Key(Flag(), False),
     },
+    check=_check_exact,
 )
 
 
@@ -136,7 +149,12 @@ def read_contact(values: Any, path: str) -> Contact:
 
 
 def check_no_sticking(system: AbstractBody) -> None:
-    """Raises a :class:`ScenarioError` for joints that stick beside a law of contact."""
+    """Raises a :class:`ScenarioError` for joints that stick, or exact dry resistance, beside a law of contact."""
+    if system.is_held:
+        raise ScenarioError(
+            "Key `contact` must be left out where dry resistance is exact, because both have modes, which are not "
+            "combined; leave out `resistance.exact`."
+        )
     if system.sticking:
         have = "has" if len(system.sticking) == 1 else "have"
         raise ScenarioError(

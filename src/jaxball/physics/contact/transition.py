@@ -179,9 +179,7 @@ def _begun(plane: "BodyOnPlane", done: "_Progress") -> ContactState:
     else:
         begun = jax.lax.cond(
             begins,
-            lambda: slips.beginning(
-                slips.OnPlane(plane.body, plane.coefficient), t, state.released, sigma, longest
-            ),
+            lambda: slips.beginning(slips.OnPlane(plane.body, plane.coefficient), t, state.released, sigma, longest),
             lambda: slips.Beginning.along(t + longest, sigma),
         )
     return eqx.tree_at(lambda x: x.begun, state, selected(begins, begun, slips.Beginning.none(t)))
