@@ -18,12 +18,14 @@ from jaxball import Ball, BallState, Disk, DiskState, Ground, Resistance
 from jaxball.chaos import lyapunov_spectrum
 from jaxball.classical import RollingEllipsoid
 from jaxball.ensemble import simulate_ensemble
+from jaxball.numerics import versor
 from jaxball.verify import verify
 
 G, M, R, C, SPINNING = 9.81, 2.0, 0.3, 0.2, 0.01
 SOLID = 0.4 * M * R**2
 ALPHA, SPEED, PHI, SPIN = 0.1, 1.5, 2.0, 1.0
 TIMES = np.linspace(0.0, 4.0, 9)
+NOW = jnp.array(0.0)
 
 
 def disk(c=C, angle=0.0, **others):
@@ -61,6 +63,38 @@ def stop(c, v):
     return jnp.stack([run.switches.times[0], run.state.z[-1]])
 
 
+@pytest.mark.long
+def test_accelerations_follow_from_a_state_alone():
+    """As observables need them, without a solve that knows the modes: held, rolling down, and with ω_h of rounding."""
+    c = jnp.tan(ALPHA) * jnp.array([1.01, 0.99, 0.5])
+    balls = jax.vmap(lambda c: ball(c, ground=Ground(angle=ALPHA, heading=0.7)))(c)
+    at_rest = BallState(q=versor.from_axis_angle(jnp.array([0.6, 0.0, 0.8]), jnp.array(0.4)))
+    rates = jax.jit(jax.vmap(lambda ball, state: jaxball.vector_field(ball, NOW, state), in_axes=(0, None)))
+    a = 5 / 7 * G * (np.sin(ALPHA) - np.asarray(c) * np.cos(ALPHA))
+    turns = np.where(a > 0, a, 0.0)[:, None] * np.array([-np.sin(0.7), np.cos(0.7), 0.0]) / R
+    in_space = jnp.einsum("ij,kj->ki", at_rest.Lambda, rates(balls, at_rest).Omega)
+    np.testing.assert_allclose(in_space, turns, atol=1e-14)
+    spins = at_rest.with_Omega(at_rest.Lambda.T @ jnp.array([0.0, 0.0, 3.0]))
+    slows = turns - np.array([0.0, 0.0, SPINNING * M * G * np.cos(ALPHA) * R / SOLID])
+    in_space = jnp.einsum("ij,kj->ki", at_rest.Lambda, rates(balls, spins).Omega)
+    np.testing.assert_allclose(in_space, slows, atol=1e-13)
+
+
+@pytest.mark.thorough
+def test_in_motion_it_is_the_smoothed_law_without_smoothing():
+    """In a body with a mass before and above its centre, so that friction changes N."""
+    state = BallState(Omega=(0.5, -1.0, 0.7))
+
+    def rate(**resistance):
+        masses = [jaxball.PointMass(MASS, jaxball.Fixed((0.1, 0.05, 0.15)))]
+        law = Resistance(rolling=0.01, dry=C, dry_spinning=SPINNING, **resistance)
+        return jaxball.vector_field(ball(masses=masses, resistance=law), NOW, state).Omega
+
+    exact, smoothed = jax.jit(lambda: (rate(exact=True), rate(smoothing=1e-9)))()
+    np.testing.assert_allclose(exact, smoothed, rtol=1e-12)
+
+
+@pytest.mark.long
 def test_a_disk_on_level_ground_stops_after_a_finite_time_and_stays():
     run = jaxball.simulate(disk(), TIMES, DiskState(phidot=-SPEED / R), throw=True)
     time, way = 7 * SPEED / (5 * C * G), 7 * SPEED**2 / (10 * C * G)
@@ -77,7 +111,7 @@ def test_a_disk_on_level_ground_stops_after_a_finite_time_and_stays():
     assert run.history.lines[1] == f"  t = {time:.10g}: the body comes to rest"
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_derivatives_of_where_and_when_a_disk_stops():
     expected = [
         [-7 * SPEED / (5 * C**2 * G), 7 / (5 * C * G)],
@@ -89,7 +123,7 @@ def test_derivatives_of_where_and_when_a_disk_stops():
     np.testing.assert_allclose(forward, expected, rtol=1e-8)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_disk_rests_on_a_slope_up_to_the_angle_of_its_resistance():
     """Thrown uphill it turns back where that is steeper; in rows of one program."""
     c = jnp.tan(ALPHA) * jnp.array([1.01, 1.0 + 1e-9, 0.99, 0.5])
@@ -186,8 +220,8 @@ def loose(c):
     return brentq(spare, times[first - 1], times[first], xtol=1e-14)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("kind", ["disk", pytest.param("ball", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("kind", ["disk", "ball"])
 def test_a_moving_mass_breaks_a_body_loose_when_its_torque_exceeds_friction(kind):
     masses = [jaxball.PointMass(MASS, jaxball.Free(carried, SHAKE))]
     resting = disk(0.02, masses=masses) if kind == "disk" else ball(0.02, 0.0, masses=masses)
@@ -196,7 +230,7 @@ def test_a_moving_mass_breaks_a_body_loose_when_its_torque_exceeds_friction(kind
     assert run.switches.lines[0].endswith("the body rolls")
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_motor_breaks_a_disk_loose_when_the_torque_about_the_contact_exceeds_friction():
     """The pendulum swings in a disk at rest until then: the moment of its momentum about the contact needs the rest."""
     bob, l, ramp, c = 0.7, 0.2, 0.1, 0.03
@@ -227,7 +261,7 @@ def test_a_motor_breaks_a_disk_loose_when_the_torque_about_the_contact_exceeds_f
 
 def robot(resistance):
     """A ball without symmetry, in which a mass moves so that it rolls, rests and breaks loose in several directions."""
-    rail = jaxball.Circle(0.2, jaxball.Placement(shift=(0.02, -0.03, 0.05)))
+    rail = jaxball.Circle(0.2, centre=(0.02, -0.03, 0.05), frame=jaxball.SphericalFrame(0.4, 0.3))
     masses = [jaxball.PointMass(MASS, jaxball.OnRail(rail, jaxball.Sinusoids(0.3, amplitude=[1.2], frequency=[1.5])))]
     moments = (0.9 * SOLID, 1.1 * SOLID, 1.3 * SOLID)
     return ball(0.0, 0.02, inertia=moments, offset=(0.01, 0.0, -0.02), masses=masses, resistance=resistance)

@@ -367,7 +367,7 @@ class DryRolling(AbstractSystem[DryRollingState]):
             spin = apply(stopped.body.Lambda, stopped.body.Omega)[2]
             at_rest = stopped.body.with_Omega(apply(stopped.body.Lambda.T, jnp.stack([0 * spin, 0 * spin, spin])))
             stopped = eqx.tree_at(lambda x: x.body, stopped, at_rest)
-            return selected(ends, (t + end.time, stopped), (t, state)) + (ends,)
+            return (*selected(ends, (t + end.time, stopped), (t, state)), ends)
 
         return jax.lax.cond(stops, lambda: follow(t, state), lambda: (t, state, jnp.asarray(False)))
 
@@ -457,20 +457,20 @@ class _Event(NamedTuple):
 
 
 class _FromRest(NamedTuple):
-    """A ball that begins to roll, in the mode of ``state``."""
+    """A ball that begins to roll, in the mode of ``begins``."""
 
     system: DryRolling
-    state: DryRollingState
+    begins: DryRollingState
 
-    def prepared(self, t: Float[Array, ""], body: PlacedState) -> tuple[()]:
+    def prepared(self, t: Float[Array, ""], state: PlacedState) -> tuple[()]:
         return ()
 
     def pulled(
-        self, t: Float[Array, ""], body: PlacedState, prepared: tuple[()], sigma: Float[Array, "2"]
+        self, t: Float[Array, ""], state: PlacedState, prepared: tuple[()], sigma: Float[Array, "2"]
     ) -> tuple[Float[Array, "2"], PlacedState]:
         """ω̇_h in space axes, and the rates of the body."""
-        moved = rates(self.system.body, t, body, self.system.mode(t, self.state, sigma))
-        return apply(body.Lambda, moved.Omega)[:2], moved
+        moved = rates(self.system.body, t, state, self.system.mode(t, self.begins, sigma))
+        return apply(state.Lambda, moved.Omega)[:2], moved
 
 
 @jax.jit

@@ -22,6 +22,7 @@ from .linkage import Linkage, along, linkages
 from .load import Load, load
 from .moments import AbstractMoments, Moments, moments, velocity_moments
 from .parameters import BodyParameters
+from .resistance import Resistance
 from .rest import Turning, mode_of, resisted
 from .state import Rates, State
 from .sticking import has_directions, held, of_sticking, released, sticking_slots, with_directions
@@ -136,10 +137,10 @@ def accelerations(
     Omega, Gamma, at, free = found.Omega, found.Gamma, found.at, found.free
     Omegadot, thetaddot = found.solved(r, t, state, acting)
     dry = None if system.resistance is None else system.resistance.dry_torque(r, Omega, Gamma)
-    if system.resistance is not None and system.resistance.holds:
-        turning = _turning(system, found, acting, Omegadot, thetaddot)
-        mode = mode_of(system.resistance, turning, Omega)
-        dry = resisted(system.resistance, turning, mode).torque
+    if isinstance(system.resistance, Resistance) and system.resistance.holds:
+        turns = _turning(system, found, acting, Omegadot, thetaddot)
+        mode = mode_of(system.resistance, turns, Omega)
+        dry = resisted(system.resistance, turns, mode).torque
         change, joint_changes, _ = _dry_friction(at, Gamma, free, found.matrix, dry)
         Omegadot = Omegadot + change
         thetaddot = [x + y for x, y in zip(thetaddot, joint_changes, strict=True)]

@@ -22,7 +22,7 @@ from ..numerics.directions import diverging
 from ..numerics.vectors import apply, cross, dot, inverse, outer, root
 from .resistance import Resistance, TurningMode
 
-ROUNDING = 8  # of a rate, in units of rounding: what is smaller is none
+ROUNDING = 64  # of a rate, in units of rounding: what is smaller is none
 TORQUES = 32  # of a torque, in units of rounding of what it compares with: what is smaller is none
 
 
@@ -50,10 +50,11 @@ class Turning(NamedTuple):
 
     def in_space(self, Lambda: Float[Array, "3 3"]) -> "Turning":
         """The same in space axes, from body axes."""
-        up, rate, lift = (apply(Lambda, x) for x in (self.up, self.rate, self.lift))
+        rate, lift = apply(Lambda, self.rate), apply(Lambda, self.lift)
+        _, across, up = jnp.eye(3, dtype=rate.dtype)  # exactly, as a product with Λ would not be
         half = jnp.sum(Lambda[:, None, :] * self.compliance.T[None], axis=-1)
         G = jnp.sum(half[:, None, :] * Lambda[None], axis=-1)
-        axle = None if self.axle is None else apply(Lambda, self.axle)
+        axle = None if self.axle is None else across
         return Turning(up, axle, rate, G, self.normal, lift, self.radius)
 
 
@@ -112,7 +113,7 @@ def needs(resistance: Resistance, turning: Turning, acting: Resisted) -> Needs:
         slack = TORQUES * float(limits.eps) * size + float(limits.tiny) ** 0.25
         spare.append(largest * jnp.abs(largest) - square + slack**2 + 2 * slack * size)
         loads.append(square / jnp.maximum(largest, float(limits.tiny) ** 0.25) ** 2)
-    return Needs(*spare, jnp.stack(loads))
+    return Needs(spare[0], spare[1], jnp.stack(loads))
 
 
 def mode_of(resistance: Resistance, turning: Turning, omega: Float[Array, "3"]) -> TurningMode:

@@ -24,6 +24,7 @@ from ..numerics.arrays import to_array
 from ..physics.conditions import Condition
 from ..physics.system import AbstractState, AbstractSystem
 from .body import read_resistance, write_surroundings
+from .errors import ScenarioError
 from .initial import read_orientation
 from .motions import SERIES, WAVES_IN_SPACE, check_lengths, given_waves
 from .own import Open, module_of, trying_class
@@ -109,6 +110,10 @@ def read_classical(
     _refuse(system.conditions())
     if resistance is not None:
         read = read_resistance(resistance, "resistance")
+        if read.holds:
+            raise ScenarioError(
+                "Key `resistance.exact` must be false for a rolling ellipsoid, which has no mode of rest; leave it out."
+            )
         system = eqx.tree_at(lambda s: s.resistance, system, read, is_leaf=lambda leaf: leaf is None)
     state = _read_state(system.state_type, {} if initial is None else initial)
     _refuse(state.conditions())

@@ -82,7 +82,8 @@ class Rolling(AbstractControlProblem):
 
         **Raises:** :class:`DesignError` for a system without controls, for one on a turntable, where nothing can rest,
         for one with joints that stick or exact dry resistance, for an objective or a constraint that a disk cannot
-        meet, and for a ``place`` of the wrong size, and ``ValueError`` for a system with a feedback law, and for one with free joints but no state.
+        meet, and for a ``place`` of the wrong size, and ``ValueError`` for a system with a feedback law, and for one
+        with free joints but no state.
         """
         start, end = (to_array(t) for t in to_array(times))
         if system.ground is not None and system.ground.turntable is not None:
