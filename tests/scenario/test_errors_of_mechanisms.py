@@ -194,7 +194,7 @@ CASES = {
     ),
     "exact resistance of none": (
         with_parts("[resistance]\nrolling = 0.1\nexact = true"),
-        "Key `resistance.exact` must be false where there is no dry friction, but it is true; give `resistance.dry` or ",
+        "Key `resistance.exact` must be false where there is no dry friction, but it is true; give `resistance.dry`",
     ),
     "exact resistance of 0": (
         with_parts("[resistance]\ndry = 0\nexact = true"),
