@@ -259,45 +259,55 @@ def test_a_motor_breaks_a_disk_loose_when_the_torque_about_the_contact_exceeds_f
     np.testing.assert_allclose(run.switches.times[0], expected, rtol=1e-9)
 
 
-def robot(resistance):
-    """A ball without symmetry, in which a mass moves so that it rolls, rests and breaks loose in several directions."""
-    rail = jaxball.Circle(0.2, centre=(0.02, -0.03, 0.05), frame=jaxball.SphericalFrame(0.4, 0.3))
-    masses = [jaxball.PointMass(MASS, jaxball.OnRail(rail, jaxball.Sinusoids(0.3, amplitude=[1.2], frequency=[1.5])))]
+def robot(c=0.1, spinning=0.03, **others):
+    """A ball without symmetry, in which a mass swings: it rests, breaks loose and rests again, each in a direction."""
+    frame = jaxball.SphericalFrame(0.4, 0.3)
+    swing = jaxball.Sinusoids(-1.6, amplitude=[0.6], frequency=[1.5])
+    masses = [jaxball.PointMass(0.4, jaxball.OnRail(jaxball.Circle(0.2, (0.02, -0.03, 0.05), frame), swing))]
+    law = Resistance(dry=c, dry_spinning=spinning, **{"exact": True, **others})
     moments = (0.9 * SOLID, 1.1 * SOLID, 1.3 * SOLID)
-    return ball(0.0, 0.02, inertia=moments, offset=(0.01, 0.0, -0.02), masses=masses, resistance=resistance)
+    return ball(0.0, 0.02, inertia=moments, offset=(0.01, 0.0, -0.02), masses=masses, resistance=law)
+
+
+PUSHED = jnp.array([0.75, 3.0, 0.7])
+SPAN = (0.0, 5.0)
 
 
 @pytest.mark.slow
 def test_the_smoothed_law_tends_to_the_exact_one():
-    """By a half where its width is halved: what is left is extrapolated to none."""
-    start = BallState(Omega=(0.5, 1.0, 0.7))
-    run = jaxball.simulate(robot(Resistance(dry=0.03, dry_spinning=0.01, exact=True)), (0.0, 3.0), start, throw=True)
-    assert int(run.switches.count) >= 4
-    ends = []
+    """Its distance is proportional to its width, so it halves with that."""
+    run = jaxball.simulate(robot(), SPAN, BallState(Omega=PUSHED), throw=True)
+    assert [line.split(": ")[1] for line in run.switches.lines] == [
+        "its spinning ends",
+        "the body comes to rest",
+        "the body rolls",
+        "the body comes to rest",
+    ]
+    errors = []
     for smoothing in (4e-4, 2e-4, 1e-4):
-        smoothed = robot(Resistance(dry=0.03, dry_spinning=0.01, smoothing=smoothing))
-        solver = jaxball.solvers.RadauIIA()
-        ends.append(jaxball.simulate(smoothed, (0.0, 3.0), start, solver=solver, throw=True).state.z[-1])
-    errors = [float(jnp.linalg.norm(end - run.state.z[-1])) for end in ends]
-    assert errors[1] < 0.6 * errors[0]
-    assert errors[2] < 0.6 * errors[1]
+        smoothed = robot(exact=False, smoothing=smoothing)
+        solver = jaxball.solvers.RadauIIA(3)
+        end = jaxball.simulate(smoothed, SPAN, BallState(Omega=PUSHED), solver=solver, throw=True).state.z[-1]
+        errors.append(float(jnp.linalg.norm(end - run.state.z[-1])))
+    np.testing.assert_allclose(np.divide(errors[1:], errors[:-1]), 0.5, atol=0.05)
+    assert errors[-1] < 1e-3
 
 
 @pytest.mark.slow
 def test_derivatives_of_a_robot_that_rests_and_breaks_loose():
-    """Against differences over four points, whose errors are some 1e-8 of the derivative."""
+    """Against differences over four points, whose errors are some 1e-7 of the derivative."""
 
     def end(x, tolerance=1e-10):
-        resistance = Resistance(dry=x[0], dry_spinning=x[1], exact=True)
-        start = BallState(Omega=x[2:5])
-        return jaxball.simulate(robot(resistance), (0.0, 3.0), start, rtol=tolerance, atol=tolerance).state.z[-1]
+        start = BallState(Omega=x[2:])
+        run = jaxball.simulate(robot(x[0], x[1]), SPAN, start, rtol=tolerance, atol=tolerance)
+        return jnp.concatenate([run.state.z[-1], run.switches.times[:4]])
 
-    x, h = jnp.array([0.03, 0.01, 0.5, 1.0, 0.7]), 1e-4
+    x, h = jnp.array([0.1, 0.03, *PUSHED]), 1e-5
     reverse = jaxball.jit(jax.jacrev(end))(x)
-    run = jaxball.jit(lambda x: end(x, 1e-12))
+    run = jaxball.jit(lambda x: end(x, 1e-13))
     for k, step in enumerate(h * np.eye(x.size)):
         near, far = (run(x + s * step) - run(x - s * step) for s in (1, 2))
-        np.testing.assert_allclose(reverse[:, k], (8 * near - far) / (12 * h), rtol=1e-5, atol=1e-6)
+        np.testing.assert_allclose(reverse[:, k], (8 * near - far) / (12 * h), rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.slow
@@ -309,7 +319,7 @@ def test_other_solvers(solver):
 
 @pytest.mark.slow
 def test_a_run_with_rest_obeys_the_laws_of_mechanics():
-    report = verify(robot(Resistance(dry=0.03, dry_spinning=0.01, exact=True)), np.linspace(0.0, 3.0, 31))
+    report = verify(robot(), np.linspace(*SPAN, 51), BallState(Omega=PUSHED))
     assert report.ok
     assert {row.law for row in report.rows if row.applies} >= {"energy", "momentum", "rolling", "error", "solvers"}
 
