@@ -275,8 +275,9 @@ SPAN = (0.0, 5.0)
 
 @pytest.mark.slow
 def test_the_smoothed_law_tends_to_the_exact_one():
-    """Its distance is proportional to its width, so it halves with that."""
-    run = jaxball.simulate(robot(), SPAN, BallState(Omega=PUSHED), throw=True)
+    """Its distance is proportional to its width at first; a little more remains once it has crept loose."""
+    times = (0.0, 1.3, 5.0)  # at rest in between, and again at the end
+    run = jaxball.simulate(robot(), times, BallState(Omega=PUSHED), throw=True)
     assert [line.split(": ")[1] for line in run.switches.lines] == [
         "its spinning ends",
         "the body comes to rest",
@@ -287,10 +288,11 @@ def test_the_smoothed_law_tends_to_the_exact_one():
     for smoothing in (4e-4, 2e-4, 1e-4):
         smoothed = robot(exact=False, smoothing=smoothing)
         solver = jaxball.solvers.RadauIIA(3)
-        end = jaxball.simulate(smoothed, SPAN, BallState(Omega=PUSHED), solver=solver, throw=True).state.z[-1]
-        errors.append(float(jnp.linalg.norm(end - run.state.z[-1])))
-    np.testing.assert_allclose(np.divide(errors[1:], errors[:-1]), 0.5, atol=0.05)
-    assert errors[-1] < 1e-3
+        ends = jaxball.simulate(smoothed, times, BallState(Omega=PUSHED), solver=solver, throw=True).state.z[1:]
+        errors.append(np.linalg.norm(ends - run.state.z[1:], axis=1))
+    np.testing.assert_allclose(np.divide(errors[1:], errors[:-1])[:, 0], 0.5, atol=0.05)
+    assert np.all(np.divide(errors[1:], errors[:-1])[:, 1] < 0.6)
+    assert np.all(errors[-1] < 2e-4)
 
 
 @pytest.mark.slow
