@@ -192,6 +192,25 @@ CASES = {
         with_parts("[resistance]\ndry = 0.1\nsmoothing = 0"),
         "Key `resistance.smoothing` must be a positive number, but it is 0.0.",
     ),
+    "exact resistance of none": (
+        with_parts("[resistance]\nrolling = 0.1\nexact = true"),
+        "Key `resistance.exact` must be false where there is no dry friction, but it is true; give `resistance.dry`",
+    ),
+    "exact resistance of 0": (
+        with_parts("[resistance]\ndry = 0\nexact = true"),
+        "Key `resistance.dry` must be a positive number, as it is `exact`, but it is 0.0.",
+    ),
+    "exact resistance with contact": (
+        with_parts("[resistance]\ndry = 0.1\nexact = true\n[contact]\nsliding = 0.3"),
+        "Key `contact` must be left out where dry resistance is exact, because both have modes, which are not combined",
+    ),
+    "dry spinning on a turntable": (
+        with_parts(
+            "[resistance]\ndry_spinning = 0.1\n[ground.turntable]\n"
+            'turning = { kind = "constant-rate", theta = 0, rate = 1 }'
+        ),
+        "Key `ground.turntable` must be left out where dry friction against spinning acts",
+    ),
     "powers in two dimensions": (
         with_parts("[force]\npowers = [[1, 2]]"),
         "Key `force.powers` must be a list of rows of 3 finite numbers, but it is [[1, 2]].",

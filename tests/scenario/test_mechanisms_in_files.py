@@ -175,6 +175,9 @@ def test_resistance():
     text = with_parts("[resistance]", "rolling = -0.1\nnegative = true")
     assert_reads(text, ball(resistance=negative), BallState())
     assert_reads(with_parts("[resistance]"), ball(resistance=jaxball.Resistance()), BallState())
+    exact = jaxball.Resistance(dry=0.05, dry_spinning=0.01, exact=True)
+    text = with_parts("[resistance]", "dry = 0.05\ndry_spinning = 0.01\nexact = true")
+    assert_reads(text, ball(resistance=exact), BallState())
 
 
 def test_forces_with_powers():

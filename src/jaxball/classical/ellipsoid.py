@@ -69,8 +69,8 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState], AbstractRollingS
     - ``resistance``: such as a :class:`~jaxball.Resistance`, at the contact and of a medium; None without. The radius
       by which dry friction is multiplied is the height of the geometric centre.
 
-    **Raises:** ``ValueError`` when a shape is wrong. Values are not checked here, so that they may be traced; see
-    :func:`jaxball.problems`.
+    **Raises:** ``ValueError`` when a shape is wrong, and for a resistance that is ``exact``. Values are not
+    checked here, so that they may be traced; see :func:`jaxball.problems`.
 
     **Source:** the equations are those of a rolling rigid body, E. J. Routh, *Dynamics of a System of Rigid Bodies,
     Advanced Part*, 6th edition, 1905, §241; T. R. Kane and D. A. Levinson, *Realistic mathematical modeling of the
@@ -115,6 +115,11 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState], AbstractRollingS
         self.semiaxes, self.inertia = numbers("semiaxes", (3,))(semiaxes), principal_moments(inertia)
         self.offset = numbers("offset", (3,))(offset)
         self.resistance = resistance
+        if resistance is not None and resistance.holds:
+            raise ValueError(
+                "Argument `resistance` must not be exact for a RollingEllipsoid, which has no mode of rest; leave "
+                "`exact` out."
+            )
 
     @property
     def J(self) -> Float[Array, "3 3"]:

@@ -129,6 +129,11 @@ def _check(system: System) -> None:
             "Key `resistance` must be coefficients of jaxball's own to be written as MJCF, but it is a "
             f"{type(resistance).__name__}."
         )
+    if resistance.dry_spinning is not None:
+        raise MJCFError(
+            "Key `resistance.dry_spinning` must be left out to be written as MJCF, because it has no counterpart in "
+            "what is read back."
+        )
     for name in ("rolling", "spinning", "drag", "rotational_drag"):
         if float(getattr(resistance, name)) != 0:
             raise MJCFError(

@@ -138,9 +138,14 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
         return tuple(self.coordinates[slot] for slot in sticking_slots(self))
 
     @property
+    def is_held(self) -> bool:
+        """Whether exact dry resistance may hold it at rest."""
+        return self.resistance is not None and self.resistance.holds
+
+    @property
     def is_hybrid(self) -> bool:
-        """Whether joints stick and slip, so that a run has modes."""
-        return bool(self.sticking)
+        """Whether joints stick and slip, or dry resistance holds the body, so that a run has modes."""
+        return bool(self.sticking) or self.is_held
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
         """The unsorted times at which χ̈ of a prescribed motion jumps or has a kink; none with dry friction."""
@@ -229,8 +234,9 @@ class Ball(AbstractBody):
 
     Any consistent units will do; the paper rescales so that m = r = g = 1.
 
-    **Raises:** ``ValueError`` when a shape is wrong, or when there are driven masses but no law, or a law but nothing
-    that it drives. Values are not checked here, so that they may be traced; see :func:`jaxball.problems`.
+    **Raises:** ``ValueError`` when a shape is wrong, when there are driven masses but no law, or a law but nothing
+    that it drives, and for a turntable with dry friction against spinning. Values are not checked here, so
+    that they may be traced; see :func:`jaxball.problems`.
 
     **Example:**
 

@@ -8,6 +8,7 @@ import dataclasses
 from collections.abc import Iterator
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -21,6 +22,8 @@ from .linkage import Linkage, along, linkages
 from .load import Load, load
 from .moments import AbstractMoments, Moments, moments, velocity_moments
 from .parameters import BodyParameters
+from .resistance import Resistance
+from .rest import Turning, mode_of, resisted
 from .state import Rates, State
 from .sticking import has_directions, held, of_sticking, released, sticking_slots, with_directions
 
@@ -134,7 +137,14 @@ def accelerations(
     Omega, Gamma, at, free = found.Omega, found.Gamma, found.at, found.free
     Omegadot, thetaddot = found.solved(r, t, state, acting)
     dry = None if system.resistance is None else system.resistance.dry_torque(r, Omega, Gamma)
-    if dry is not None:
+    if isinstance(system.resistance, Resistance) and system.resistance.holds:
+        turns = _turning(system, found, acting, Omegadot, thetaddot)
+        mode = mode_of(system.resistance, turns, Omega)
+        dry = resisted(system.resistance, turns, mode).torque
+        change, joint_changes, _ = _dry_friction(at, Gamma, free, found.matrix, dry)
+        Omegadot = Omegadot + change
+        thetaddot = [x + y for x, y in zip(thetaddot, joint_changes, strict=True)]
+    elif dry is not None:
         change, joint_changes, slope = _dry_friction(at, Gamma, free, found.matrix, dry)
         # N = N(without dry friction) + N times what a unit of N changes; nothing where N would be negative.
         without = dot(Gamma, found.reaction_without_motion(acting)) + _normal(at, Gamma, free, Omegadot, thetaddot)
@@ -148,6 +158,24 @@ def accelerations(
     if any(which is not None for which in found.held):
         holding = of_sticking(system, found.holding(t, state, acting, Omegadot, thetaddot))
     return Accelerations(Omegadot, angles, found.completed(thetaddot), dry, holding)
+
+
+@jax.jit
+def turning(system: BodyParameters, t: Float[Array, ""], state: State) -> Turning:
+    """How a body would turn without dry friction, and how a torque at its contact changes that; body axes."""
+    found, acting = equations(system, t, state), load(system, t, state)
+    return _turning(system, found, acting, *found.solved(system.radius, t, state, acting))
+
+
+def _turning(
+    system: BodyParameters, found: Equations, acting: Load, Omegadot: Float[Array, "3"], thetaddot: Joints
+) -> Turning:
+    at, Gamma, free = found.at, found.Gamma, found.free
+    torques = np.eye(3, dtype=Gamma.dtype)
+    changes = jax.vmap(lambda torque: _dry_friction(at, Gamma, free, found.matrix, torque))(jnp.asarray(torques))
+    normal = dot(Gamma, found.reaction_without_motion(acting)) + _normal(at, Gamma, free, Omegadot, thetaddot)
+    ahead = jnp.asarray(torques[1]) if system.planar else None
+    return Turning(Gamma, ahead, Omegadot, changes[0].T, normal, changes[2], system.radius)
 
 
 def holding_friction(

@@ -23,7 +23,7 @@ from .ground import Ground
 from .mechanisms import AbstractMechanism
 from .motion import AbstractMotion, Driven
 from .rails import AbstractRail
-from .resistance import AbstractResistance
+from .resistance import AbstractResistance, Resistance
 from .schedules import AbstractSchedule
 
 MOST_PRINTED = 12
@@ -117,6 +117,12 @@ class BodyParameters(Printed):
         if self.planar and ground is not None and ground.turntable is not None:
             raise ValueError(
                 "Argument `ground` must have no turntable under a disk, which rolls on a line; use a Ball."
+            )
+        has_table = ground is not None and ground.turntable is not None
+        if has_table and isinstance(resistance, Resistance) and resistance.dry_spinning is not None:
+            raise ValueError(
+                "Argument `ground` must have no turntable where dry friction against spinning acts, which would be "
+                "relative to it; leave `dry_spinning` of the `resistance` out, or the turntable."
             )
         _require_force(self)
         _require_law(self)

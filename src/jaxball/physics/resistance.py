@@ -2,18 +2,35 @@
 
 import abc
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..interface.arguments import require_flags
 from ..interface.printing import Printed
 from ..numerics.arrays import namespace_of, number_or_none, numbers
 from ..numerics.vectors import dot
-from .conditions import Condition
+from .conditions import Condition, positive
 
 SMOOTHING = 1e-3  # of dry friction by default, rad/time
+
+
+class TurningMode(NamedTuple):
+    """How a body turns over its plane where dry friction is exact, as a solve knows it.
+
+    - ``sigma``: the direction of ω_h, body axes, shape (3,); 0 where the body rests.
+    - ``spin``: 1 or −1, the sign of ω₃; 0 where the body does not spin.
+    - ``rests``: whether friction holds ω_h. ``still``: whether friction holds ω₃.
+    - ``braking``: the rate that ω_h has where friction holds it, body axes, shape (3,): 0 but at the end of rolling.
+    """
+
+    sigma: Float[Array, "3"]
+    spin: Float[Array, ""]
+    rests: Bool[Array, ""]
+    still: Bool[Array, ""]
+    braking: Float[Array, "3"]
 
 
 class AbstractResistance(Printed):
@@ -70,6 +87,11 @@ class AbstractResistance(Printed):
         """Whether there is a dry torque."""
         return type(self).dry_torque is not AbstractResistance.dry_torque
 
+    @property
+    def holds(self) -> bool:
+        """Whether dry friction is exact, so that it may hold a body at rest."""
+        return False
+
     def conditions(self) -> Iterator[Condition]:
         """Every condition that its numbers must meet, named ``resistance.…``; traceable."""
         yield from ()
@@ -80,12 +102,18 @@ class Resistance(AbstractResistance):
 
     With ω_h the horizontal part of ω, over a plane whose turntable turns at W,
 
-    - at the contact T = −rolling ω_h − spinning (ω₃ − W) e3 − N dry r ω_h / √(ω_h² + smoothing²);
+    - at the contact T = −rolling ω_h − spinning (ω₃ − W) e3 − N dry r ω_h / √(ω_h² + smoothing²) and
+      −N dry_spinning r ω₃ / √(ω₃² + smoothing²);
     - from the medium, the force −drag ż at the geometric centre and the torque −rotational_drag ω.
 
     Dry friction is proportional to the normal force N, which it changes in turn; both are solved for together. Being
     smoothed, it cannot hold a body at rest: on a slope whose tangent is s times ``dry``, with s < 1, the body creeps at
     ω = smoothing s / √(1 − s²).
+
+    With ``exact``, smoothing is 0: the dry torques are −N dry r ω_h / |ω_h| and −N dry_spinning r sign ω₃. Where ω_h
+    falls to 0 the body rests, exactly: its centre stays, ω̇_h = 0, with the torque that this needs, until that exceeds
+    N dry r; where ω₃ falls to 0, likewise. So a body with it is a hybrid system, and ``trajectory.switches`` says when
+    it comes to rest and breaks loose.
 
     **Arguments:**
 
@@ -96,6 +124,13 @@ class Resistance(AbstractResistance):
       cheapest.
     - ``smoothing``: rad/time, far below the rates of interest; the smaller, the stiffer the equations.
     - ``negative``: whether coefficients may be negative, and so supply energy.
+    - ``dry_spinning``: the coefficient of dry friction against spinning, a length over the radius; None for none. A
+      disk, which does not spin, does not feel it. Not on a turntable.
+    - ``exact``: whether dry friction stops a body and holds it at rest; ``dry`` and ``dry_spinning`` are then positive,
+      and ``smoothing`` is not used.
+    - ``mode``: what a solve knows of the motion; not to be given.
+
+    **Raises:** ``ValueError`` for ``exact`` without ``dry`` and ``dry_spinning``.
 
     **Example:**
 
@@ -114,15 +149,25 @@ class Resistance(AbstractResistance):
     dry: Float[Array, "*group"] | None = eqx.field(converter=number_or_none("dry"), default=None)
     smoothing: Float[Array, "*group"] = eqx.field(converter=numbers("smoothing"), default=SMOOTHING)
     negative: bool = eqx.field(static=True, default=False)
+    dry_spinning: Float[Array, "*group"] | None = eqx.field(converter=number_or_none("dry_spinning"), default=None)
+    exact: bool = eqx.field(static=True, default=False)
+    mode: TurningMode | None = None
 
     def __check_init__(self):
-        require_flags(negative=self.negative)
+        require_flags(negative=self.negative, exact=self.exact)
+        if self.exact and self.dry is None and self.dry_spinning is None:
+            raise ValueError(
+                "Argument `exact` must be False where there is no dry friction, but it is True; give `dry` or "
+                "`dry_spinning`."
+            )
 
     def conditions(self) -> Iterator[Condition]:
         """What the coefficients must be; traceable."""
-        for name in ("rolling", "spinning", "drag", "rotational_drag", "dry"):
+        for name in ("rolling", "spinning", "drag", "rotational_drag", "dry", "dry_spinning"):
             value = getattr(self, name)
-            if value is not None:
+            if value is not None and self.exact and name.startswith("dry"):
+                yield Condition(positive(value), f"resistance.{name}", value, "a positive number, as it is `exact`")
+            elif value is not None:
                 finite = namespace_of(value).isfinite(value)
                 must = "a finite number" if self.negative else "0 or positive, unless `negative` allows it"
                 yield Condition(finite if self.negative else finite & (value >= 0), f"resistance.{name}", value, must)
@@ -131,7 +176,12 @@ class Resistance(AbstractResistance):
 
     @property
     def is_dry(self) -> bool:
-        return self.dry is not None or type(self).dry_torque is not Resistance.dry_torque
+        given = self.dry is not None or self.dry_spinning is not None
+        return given or type(self).dry_torque is not Resistance.dry_torque
+
+    @property
+    def holds(self) -> bool:
+        return self.exact
 
     def medium(self, velocity: Float[Array, "3"], Omega: Float[Array, "3"]) -> tuple[Float[Array, "3"], ...] | None:
         """−drag ż and −rotational_drag ω, body axes."""
@@ -148,8 +198,19 @@ class Resistance(AbstractResistance):
     def dry_torque(
         self, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
     ) -> Float[Array, "3"] | None:
-        """The dry torque over N, body axes; None without dry friction."""
-        if self.dry is None:
+        """The dry torque over N, body axes; None without dry friction. If that is exact, of a body in motion."""
+        if self.dry is None and self.dry_spinning is None:
             return None
-        rolling = Omega - dot(Omega, Gamma) * Gamma
-        return -self.dry * r * rolling / jnp.sqrt(dot(rolling, rolling) + self.smoothing**2)
+        spin = dot(Omega, Gamma)
+        rolling, torque = Omega - spin * Gamma, jnp.zeros_like(Omega)
+        if self.dry is not None:
+            torque = torque - self.dry * r * rolling / self._size(dot(rolling, rolling))
+        if self.dry_spinning is not None:
+            torque = torque - self.dry_spinning * r * spin * Gamma / self._size(spin**2)
+        return torque
+
+    def _size(self, square: Float[Array, ""]) -> Float[Array, ""]:
+        """The size of a rate as dry friction has it: with smoothing, and positive where the rate is 0."""
+        if self.exact:
+            return jnp.sqrt(jnp.where(square > 0, square, 1.0))
+        return jnp.sqrt(square + self.smoothing**2)

@@ -64,6 +64,16 @@ if TYPE_CHECKING:
     from .scenario import Scenario
 
 _NONE = Key(Numbers(), 0.0)
+
+
+def _check_exact(values: dict[str, Any], path: str) -> None:
+    if values["exact"] and values["dry"] is None and values["dry_spinning"] is None:
+        raise ScenarioError(
+            f"Key `{path}.exact` must be false where there is no dry friction, but it is true; give `{path}.dry` or "
+            f"`{path}.dry_spinning`."
+        )
+
+
 RESISTANCE = Module(
     Resistance,
     {
@@ -74,7 +84,10 @@ RESISTANCE = Module(
         "dry": Key(Numbers(), None),
         "smoothing": Key(Numbers(dimension=RATE), SMOOTHING),
         "negative": Key(Flag(), False),
+        "dry_spinning": Key(Numbers(), None),
+        "exact": Key(Flag(), False),
     },
+    check=_check_exact,
 )
 
 
@@ -135,10 +148,22 @@ def read_contact(values: Any, path: str) -> Contact:
     return contact
 
 
-def check_no_sticking(system: AbstractBody) -> None:
-    """Raises a :class:`ScenarioError` for joints that stick beside a law of contact."""
+def check_modes(system: AbstractBody, contact: Contact | None) -> None:
+    """Raises a :class:`ScenarioError` for two of these: a law of contact, joints that stick, exact dry resistance."""
+    have = "has" if len(system.sticking) == 1 else "have"
+    if system.is_held and system.sticking:
+        raise ScenarioError(
+            "Key `resistance.exact` must be false where joints stick, because both have modes, which are not combined, "
+            f"but {all_of(system.sticking)} {have} a force of the kind joint-friction; give that `smoothing`."
+        )
+    if contact is None:
+        return
+    if system.is_held:
+        raise ScenarioError(
+            "Key `contact` must be left out where dry resistance is exact, because both have modes, which are not "
+            "combined; leave out `resistance.exact`."
+        )
     if system.sticking:
-        have = "has" if len(system.sticking) == 1 else "have"
         raise ScenarioError(
             "Key `contact` must be left out where joints stick, because both have modes, which are not combined, but "
             f"{all_of(system.sticking)} {have} a force of the kind joint-friction; give that `smoothing`."
@@ -246,7 +271,14 @@ def read_surroundings(document: dict[str, Any], kind: str) -> dict[str, Any]:
         "resistance": read_resistance,
     }
     present = {name: functools.partial(read, document[name], name) for name, read in tables.items() if name in document}
-    return dict(zip(present, each_of(*present.values()), strict=True))
+    parts = dict(zip(present, each_of(*present.values()), strict=True))
+    ground, resistance = parts.get("ground"), parts.get("resistance")
+    if ground is not None and ground.turntable is not None and getattr(resistance, "dry_spinning", None) is not None:
+        raise ScenarioError(
+            "Key `ground.turntable` must be left out where dry friction against spinning acts, which would be relative "
+            "to it; leave out `resistance.dry_spinning`, or the turntable."
+        )
+    return parts
 
 
 def check_force(force: AbstractWrench | None, path: str, coordinates: int) -> None:

@@ -111,6 +111,10 @@ def read_classical(
     _refuse(system.conditions())
     if resistance is not None:
         read = read_resistance(resistance, "resistance")
+        if read.holds:
+            raise ScenarioError(
+                "Key `resistance.exact` must be false for a rolling ellipsoid, which has no mode of rest; leave it out."
+            )
         system = eqx.tree_at(lambda s: s.resistance, system, read, is_leaf=lambda leaf: leaf is None)
     state = _read_state(system.state_type, {} if initial is None else initial)
     _refuse(state.conditions())

@@ -26,7 +26,7 @@ from .body import (
     CONTACT,
     KEYS as BODY_KEYS,
     check_force,
-    check_no_sticking,
+    check_modes,
     check_sensors,
     kind_of,
     read_contact,
@@ -259,7 +259,7 @@ def _contents(
     span = namespace(times.start, times.end).stack([times.start, times.end])
     fixed = Fixed(system, times, solve or {})
     *_, first_state, _, _ = each_of(
-        lambda: contact and check_no_sticking(system),
+        lambda: check_modes(system, contact),
         lambda: solve and check_dae(system, contact, solve["solver"], solve["dae"]),
         lambda: check_run(system, span),
         lambda: check_confined(system, span, state),

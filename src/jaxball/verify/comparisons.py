@@ -85,7 +85,7 @@ def dae(case: Case) -> Row:
     if case.state.unit_vector is None:
         return Row("dae", reason=f"it is for {WITH_UNIT}, in which a component of a unit vector is algebraic")
     if case.scenario.system.is_hybrid:
-        return Row("dae", reason="joints that stick have modes, which have no differential-algebraic form")
+        return Row("dae", reason="it has modes, which have no differential-algebraic form")
     return _agreement("dae", case, case.other(RadauIIA(stages=7), dae=True), "RadauIIA")
 
 

@@ -200,7 +200,7 @@ class Drift:
     - ``residuals``: |A(t) − A(t0) − ∫ R dt| at the end of each step, where dA/dt = R is the law; of a vector, the
       largest component.
     - ``sensitivity``: the largest change of A, along the run, for a change of every component of the state by its
-      tolerance, Σ |∂A/∂x_j| (atol + rtol |x_j|).
+      tolerance, Σ |∂A/∂x_j| (atol + rtol |x_j|); at least the rounding of A, as where a solve keeps a versor's length.
     """
 
     residuals: Float[np.ndarray, " steps"]
@@ -250,9 +250,10 @@ def sample(trajectory: Trajectory[Any, Any], rtol: float, atol: float) -> Sample
         A, A_displaced = along(value), np.asarray(value)[number:].reshape(len(starts), size, -1)[:count]
         slope = np.abs(A_displaced - A[:, :1]) / change[:count, :, None]
         allowed = (atol + rtol * np.abs(starts[:count]))[:, :, None]
+        rounding = np.finfo(A.dtype).eps * np.max(np.abs(A))
         drifts[name] = Drift(
             residuals=drift(A[:, 0], A[:, -1], along(rate)[:, 1:-1], lengths),
-            sensitivity=float(np.max(np.sum(slope * allowed, axis=1))),
+            sensitivity=float(max(np.max(np.sum(slope * allowed, axis=1)), rounding)),
         )
     if evaluated.moments is None:
         return Samples(times[:count, -1], drifts, None, None)

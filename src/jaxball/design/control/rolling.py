@@ -81,13 +81,19 @@ class Rolling(AbstractControlProblem):
         - ``constraints``: those that must hold at all times.
 
         **Raises:** :class:`DesignError` for a system without controls, for one on a turntable, where nothing can rest,
-        for one with joints that stick, for an objective or a constraint that a disk cannot meet, and for a ``place`` of
-        the wrong size, and ``ValueError`` for a system with a feedback law, and for one with free joints but no state.
+        for one with joints that stick or exact dry resistance, for an objective or a constraint that a disk cannot
+        meet, and for a ``place`` of the wrong size, and ``ValueError`` for a system with a feedback law, and for one
+        with free joints but no state.
         """
         start, end = (to_array(t) for t in to_array(times))
         if system.ground is not None and system.ground.turntable is not None:
             raise DesignError(
                 "Argument `system` must be on a plane on which it can come to rest, but it is on a turntable."
+            )
+        if system.is_held:
+            raise DesignError(
+                "Argument `system` must not have exact dry resistance, because collocation is for smooth motions; "
+                "leave `exact` of its `resistance` out."
             )
         if system.sticking:
             raise DesignError(

@@ -24,9 +24,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ...numerics import cooper_verner
+from ...numerics.directions import diverging
 from ...numerics.vectors import apply, dot, inverse, root
 from ..body import AbstractBody
-from .friction import diverging, push, slip_direction
+from .friction import push, slip_direction
 from .released import ReleasedState, Response, slip_velocity, with_slip
 
 MOST_STEPS = 20_000

@@ -1,5 +1,7 @@
 """The two ends of a slip, where its direction σ = v_s/|v_s| cannot be computed from its velocity.
 
+Rolling under exact dry resistance has the same two ends, with ω_h in place of v_s (``dry_rolling``).
+
 With the angle φ of σ and the speed s, a slip obeys ṡ = a·σ and s φ̇ = a·n, where n is σ turned by a right angle and
 the slip acceleration a = v̇_s is a smooth function of φ and of the motion of the rest. Both ends, s = 0, are singular.
 
@@ -15,8 +17,8 @@ followed to its end with the response of the body halfway.
 """
 
 from collections.abc import Callable
-from functools import cache
-from typing import NamedTuple
+from functools import cache, partial
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -28,11 +30,12 @@ from ...numerics import cooper_verner
 from ...numerics.arrays import selected
 from ...numerics.calculus import with_derivatives
 from ...numerics.differentiation import without_derivatives
+from ...numerics.directions import across, left, unit
 from ...numerics.linear import inverses, solutions
 from ...numerics.vectors import root
 from ..body import AbstractBody
 from ..hybrid import Accuracy
-from .friction import across, left, sliding, unit
+from .friction import sliding
 from .released import ReleasedState, Response, rates, response, slip_velocity
 
 DEGREE = 6  # of the polynomial through the directions of a slip that begins
@@ -78,6 +81,62 @@ class Beginning(NamedTuple):
         return _turned(self.sigma, tangent)
 
 
+class Pull(NamedTuple):
+    """What acts on a slip in some direction σ.
+
+    ``acceleration`` is a, ``power`` that of friction over the speed, and ``normal`` the normal force.
+    """
+
+    acceleration: Float[Array, "2"]
+    power: Float[Array, ""]
+    normal: Float[Array, ""]
+
+
+@runtime_checkable
+class Pulled(Protocol):
+    """What slips, a PyTree: how it is pulled in a direction σ.
+
+    ``prepared`` is whatever does not depend on σ, and ``pulled`` gives a and the rates of the state.
+    """
+
+    def prepared(self, t: Float[Array, ""], state: Any) -> Any: ...
+
+    def pulled(
+        self, t: Float[Array, ""], state: Any, prepared: Any, sigma: Float[Array, "2"]
+    ) -> tuple[Float[Array, "2"], Any]: ...
+
+
+class OnPlane(NamedTuple):
+    """A body that slips; ``coefficient`` gives μ for a slip velocity."""
+
+    body: AbstractBody
+    coefficient: Callable[[Float[Array, "3"]], Float[Array, ""]]
+
+    def prepared(self, t: Float[Array, ""], state: ReleasedState) -> tuple[Response, Float[Array, ""]]:
+        """The response of the body, and μ."""
+        found = response(self.body, t, state, touching=jnp.asarray(True))  # as elsewhere, so that it is traced once
+        return found, self.coefficient(slip_velocity(self.body, t, state))
+
+    def pulled(
+        self,
+        t: Float[Array, ""],
+        state: ReleasedState,
+        prepared: tuple[Response, Float[Array, ""]],
+        sigma: Float[Array, "2"],
+    ) -> tuple[Float[Array, "2"], ReleasedState]:
+        """The slip acceleration along the plane, and ẋ."""
+        found, mu = prepared
+        acting = sliding(found, mu, sigma)
+        moved = rates(self.body, state, found, acting.slip_acceleration, acting.normal)
+        return acting.slip_acceleration[:2], moved
+
+
+def pull_of_friction(about: tuple[Response, Float[Array, ""]], sigma: Float[Array, "2"]) -> Pull:
+    """How a body with some response slips, at a coefficient μ."""
+    acting = sliding(*about, sigma)
+    return Pull(acting.slip_acceleration[:2], -jnp.sum(sigma * acting.R[:2]), acting.normal)
+
+
 class End(NamedTuple):
     """The end of a slow slip: whether it ends, in which time, and the work of friction.
 
@@ -90,36 +149,34 @@ class End(NamedTuple):
     normal: Float[Array, ""]
 
 
-@jax.jit
-def end(found: Response, mu: Float[Array, ""], slip: Float[Array, "3"]) -> End:
-    """The end of a slow slip, during which the body's response is constant.
+@partial(jax.jit, static_argnums=0)
+def end(pull: Callable[[Any, Float[Array, "2"]], Pull], about: Any, slip: Float[Array, "2"]) -> End:
+    """The end of a slow slip, during which what it depends on, ``about``, is constant.
 
     It ends if the direction to which the slip turns is one in which it slows down.
     """
-    speed = root(jnp.sum(slip[:2] ** 2))
-    still = jax.lax.stop_gradient((found, mu))
+    speed = root(jnp.sum(slip**2))
+    still = jax.lax.stop_gradient(about)
 
     @jax.jit
     def motion(x: Float[Array, "6"]) -> Float[Array, "6"]:
         sigma, slower = unit(x[:2]), jnp.exp(x[2])
-        acting = sliding(found, mu, sigma)
-        a = acting.slip_acceleration[:2]
-        growth, power = jnp.sum(sigma * a), -jnp.sum(sigma * acting.R[:2])
-        rest = jnp.stack([growth, slower, power * slower**2, acting.normal * slower])
+        acting = pull(about, sigma)
+        a = acting.acceleration
+        rest = jnp.stack([jnp.sum(sigma * a), slower, acting.power * slower**2, acting.normal * slower])
         return jnp.concatenate([across(sigma, a) * left(sigma), rest])
 
     def fastest(x: Float[Array, "6"]) -> Float[Array, ""]:
         sigma = unit(x[:2])
-        acting, turned = jax.jvp(lambda sigma: sliding(*still, sigma), (sigma,), (left(sigma),))
-        a, change = acting.slip_acceleration[:2], turned.slip_acceleration[:2]
-        return root(jnp.sum(a**2)) + root(jnp.sum(change**2))
+        acting, turned = jax.jvp(lambda sigma: pull(still, sigma), (sigma,), (left(sigma),))
+        return root(jnp.sum(acting.acceleration**2)) + root(jnp.sum(turned.acceleration**2))
 
     def advanced(x: Float[Array, "6"], _: None) -> tuple[Float[Array, "6"], None]:
         rate = fastest(jax.lax.stop_gradient(x))
         h = jnp.where(rate > 0, TURN / jnp.where(rate > 0, rate, 1.0), 0.0)
         return cooper_verner.step(motion, x, h), None
 
-    start = jnp.concatenate([unit(slip[:2]), jnp.zeros((4,), slip.dtype)])
+    start = jnp.concatenate([unit(slip), jnp.zeros((4,), slip.dtype)])
     x = jax.lax.scan(advanced, start, None, length=STEPS)[0]
     growth, slower, power, normal = motion(x)[2:]
     comes = (growth < 0) & (x[2] < 0)
@@ -161,17 +218,12 @@ def longest_step(
 
 
 def beginning(
-    body: AbstractBody,
-    coefficient: Callable[[Float[Array, "3"]], Float[Array, ""]],
-    t: Float[Array, ""],
-    state: ReleasedState,
-    sigma: Float[Array, "2"],
-    longest: Float[Array, ""],
+    what: Pulled, t: Float[Array, ""], state: Any, sigma: Float[Array, "2"], longest: Float[Array, ""]
 ) -> Beginning:
     """How a slip begins at ``t``, where its velocity is zero, in the direction ``sigma``: in the ``longest`` window, or
-    a shorter one in which a polynomial can follow it. ``coefficient`` gives μ for a slip velocity.
+    a shorter one in which a polynomial can follow it.
     """
-    given = _Start(body, coefficient, t, state, sigma)
+    given = _Start(what, t, state, sigma)
     still, highest = without_derivatives(given), _lobatto(sigma.dtype).highest
     longest = jax.lax.stop_gradient(longest)
     begun = still.window(longest)
@@ -215,10 +267,9 @@ class _Window(NamedTuple):
 class _Start(NamedTuple):
     """Where a slip begins, and in which direction."""
 
-    body: AbstractBody
-    coefficient: Callable[[Float[Array, "3"]], Float[Array, ""]]
+    what: Pulled
     t: Float[Array, ""]
-    state: ReleasedState
+    state: Any
     sigma: Float[Array, "2"]
 
     def window(self, span: Float[Array, ""]) -> _Window:
@@ -238,13 +289,11 @@ class _Start(NamedTuple):
 
         def at_node(t: Float[Array, ""], x: Float[Array, " size"], tangent: Float[Array, ""]) -> tuple:
             state = unravel(x)
-            found = response(self.body, t, state, touching=jnp.asarray(True))  # as elsewhere, so that it is traced once
-            mu = self.coefficient(slip_velocity(self.body, t, state))
+            prepared = self.what.prepared(t, state)
 
             def pulled(tangent: Float[Array, ""]) -> tuple[Array, Array]:
-                acting = sliding(found, mu, _turned(self.sigma, tangent))
-                moved = rates(self.body, state, found, acting.slip_acceleration, acting.normal)
-                return acting.slip_acceleration[:2], ravel_pytree(moved)[0]
+                a, moved = self.what.pulled(t, state, prepared, _turned(self.sigma, tangent))
+                return a, ravel_pytree(moved)[0]
 
             if not turned:
                 return *pulled(tangent), jnp.zeros_like(self.sigma)

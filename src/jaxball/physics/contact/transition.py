@@ -112,7 +112,7 @@ def _end(
 ) -> tuple[slips.End, Response]:
     """The end of a slip with the response at some time and state, and that response."""
     found, slip = _response(plane, t, where), slip_velocity(plane.body, done.t, done.state.released)
-    return slips.end(found, plane.coefficient(slip, HALFWAY), slip), found
+    return slips.end(slips.pull_of_friction, (found, plane.coefficient(slip, HALFWAY)), slip[:2]), found
 
 
 def _slowed(
@@ -179,7 +179,7 @@ def _begun(plane: "BodyOnPlane", done: "_Progress") -> ContactState:
     else:
         begun = jax.lax.cond(
             begins,
-            lambda: slips.beginning(plane.body, plane.coefficient, t, state.released, sigma, longest),
+            lambda: slips.beginning(slips.OnPlane(plane.body, plane.coefficient), t, state.released, sigma, longest),
             lambda: slips.Beginning.along(t + longest, sigma),
         )
     return eqx.tree_at(lambda x: x.begun, state, selected(begins, begun, slips.Beginning.none(t)))
