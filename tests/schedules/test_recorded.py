@@ -239,7 +239,7 @@ def test_a_log_shorter_than_the_run_is_impossible_and_says_why():
     signal = RecordedSignal([0.0, 1.0], [0.1, 0.2])
     run = end_of_run(Motor(signal))
     assert run.status == jaxball.Status.IMPOSSIBLE
-    assert run.message == (
+    assert run.message.endswith(
         "Argument `mechanisms[0].joints[0].drive.signal` must be a log that lasts as long as the run, from t = 0 to "
         "t = 2, but it lasts from t = 0 to t = 1; change the times of the run, or give `outside`, one of "
         '"hold", "zero".'
@@ -264,8 +264,3 @@ def test_a_log_shorter_than_the_run_is_impossible_and_says_why():
 def test_impossible_logs_are_refused_in_a_sentence(arguments, message):
     with pytest.raises(ValueError, match=re.escape(message)):
         RecordedSignal(*arguments)
-
-
-def test_a_signal_is_no_schedule():
-    with pytest.raises(TypeError, match="`schedule` must be a schedule"):
-        OnRail(Circle(0.5), sampled(5))  # pyright: ignore[reportArgumentType]
