@@ -47,6 +47,7 @@ def scenario():
 
 MOTIONS = [
     (lambda: OnRail(RAIL, 0.3), "`schedule` must be a schedule.*but it is 0.3; .*ConstantRate"),
+    (lambda: OnRail(RAIL, jaxball.RecordedSignal([0.0, 1.0], [0.0, 1.0])), "must be a schedule.*is a RecordedSignal"),
     (lambda: OnRail(PULSE, RAIL), r"`rail` must be a rail.*but it is a Pulse; the rail comes first"),
     (lambda: OnRail(Circle, PULSE), r"`rail` must be a rail.*the class Circle; make one with Circle\(\.\.\.\)"),
     (lambda: Driven(0.5), "`rail` must be a rail.*but it is 0.5"),
