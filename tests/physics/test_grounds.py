@@ -1,0 +1,212 @@
+"""Balls on curved and moving grounds: balances of momenta, closed forms, and a model written apart."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.special import ellipk
+
+from jaxball import (
+    Ball,
+    BallState,
+    Bowl,
+    ConstantRate,
+    Cylinder,
+    Detachment,
+    Event,
+    Free,
+    FunctionSchedule,
+    Ground,
+    HarmonicForce,
+    HarmonicSeries,
+    HeightField,
+    Hinge,
+    Mechanism,
+    MovingFrame,
+    ParametricSurface,
+    Paraboloid,
+    PointMass,
+    Resistance,
+    SphereOutside,
+    Spring,
+    TiltingPlane,
+    Turn,
+    Turntable,
+    Washboard,
+    contact_extremes,
+    observe,
+    simulate,
+    vector_field,
+)
+from jaxball.ensemble import simulate_ensemble
+from jaxball.physics.packing import Packing
+from jaxball.physics.system import AbstractSystem
+from tests.support.on_surfaces import residuals
+
+G = 9.81
+SOLID = {"mass": 1.0, "radius": 0.1, "inertia": (0.004, 0.004, 0.004), "gravity": G}
+HOMOGENEOUS = {"mass": 1.0, "inertia": (0.4, 0.4, 0.4), "gravity": G}
+
+
+def path(t, _):
+    return jnp.stack([0.5 * jnp.cos(t), 0.4 * jnp.sin(1.1 * t), 0.3 + 0.0 * t])
+
+
+def hills(t, x, y, _):
+    return 0.15 * jnp.sin(0.8 * x) * jnp.cos(0.6 * y) + 0.02 * x**2
+
+
+def loaded(ground, **others):
+    """The ball of the model that was written apart."""
+    shell = {"mass": 1.2, "inertia": (0.5, 0.6, 0.7), "offset": (0.1, -0.05, 0.08), "gravity": G}
+    return Ball(**shell, masses=[PointMass(0.4, Free(path))], ground=ground, **others)
+
+
+START = BallState(z=(0.3, -0.2), Omega=(0.4, -0.8, 0.3))
+TILT = (
+    FunctionSchedule(lambda t, _: 0.2 * jnp.sin(1.3 * t)),
+    FunctionSchedule(lambda t, _: 0.15 * jnp.sin(0.9 * t + 0.4)),
+)
+SHAKEN = Free(lambda t, _: jnp.stack([0.1 * jnp.sin(t), 0.0 * t, 0.05 * jnp.cos(2 * t)]))
+
+# A model written apart, in NumPy, solved by SciPy's DOP853 at 1e-13; its Radau agrees to 1e-10.
+GOLDEN = {
+    "hills": (
+        HeightField(hills),
+        {
+            "z": (-2.71206791670, -2.27544583722),
+            "q": (-0.12265978094, 0.29065948151, -0.91503719928, -0.25135347201),
+            "Omega": (-1.83815503385, 0.69529065773, 0.43778446589),
+        },
+        (-2.59099978237, -2.20339806666, 1.11184681939),
+        (2.21860243249, 0.55459006656, 16.39539125511),
+        (15.4307803181, 16.5404238580),
+    ),
+    "tilting plane": (
+        TiltingPlane(*TILT, displacement=SHAKEN),
+        {
+            "z": (7.90551652688, -8.10496462303),
+            "q": (0.62465811997, -0.52346732780, -0.29346030643, 0.49966512629),
+            "Omega": (2.27228225413, -0.82721345327, -0.48922278894),
+        },
+        (7.66567554324, -7.64672795248, 3.27702175835),
+        (-0.87039381191, 0.94454107016, 8.36326312113),
+        (14.9948682499, 8.4436125060),
+    ),
+}
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", GOLDEN)
+def test_runs_agree_with_a_model_written_apart(name):
+    ground, state, centre, force, normal = GOLDEN[name]
+    run = simulate(loaded(ground), [0.0, 4.0], START, rtol=1e-12, atol=1e-13)
+    assert run.ok
+    for field, expected in state.items():
+        np.testing.assert_allclose(getattr(run.state, field)[-1], expected, atol=1e-9)
+    seen = run.observables
+    np.testing.assert_allclose(seen.geometric_centre[-1], centre, atol=1e-9)
+    np.testing.assert_allclose(seen.contact_force[-1], force, atol=1e-9)
+    np.testing.assert_allclose(seen.normal_force, normal, atol=1e-9)
+
+
+# Residuals are sums of some ten terms of the order of 100.
+ROUNDING = 2e-11
+
+
+def swelling(t, x, y, size):
+    return size * jnp.sin(0.8 * x + 0.3 * t) * jnp.cos(0.6 * y) + 0.02 * x**2 * jnp.cos(t)
+
+
+def moving_frame():
+    axes = ((1.0, 0.3, 0.0), (0.0, 1.0, -0.5))
+    return MovingFrame([Turn(x, a) for x, a in zip(axes, TILT, strict=True)], SHAKEN, pivot=(0.4, -0.3, 0.2))
+
+
+def moved(t, x):
+    """The same motion, written out by Rodrigues' formula."""
+    arm = x - jnp.array([0.4, -0.3, 0.2])
+    for axis, angle in (((0.0, 1.0, -0.5), 0.15 * jnp.sin(0.9 * t + 0.4)), ((1.0, 0.3, 0.0), 0.2 * jnp.sin(1.3 * t))):
+        n = jnp.array(axis) / np.linalg.norm(axis)
+        turned = jnp.cross(n, arm)
+        arm = arm * jnp.cos(angle) + turned * jnp.sin(angle) + n * (n @ arm) * (1 - jnp.cos(angle))
+    return arm + jnp.array([0.4, -0.3, 0.2]) + jnp.stack([0.1 * jnp.sin(t), 0.0 * t, 0.05 * jnp.cos(2 * t)])
+
+
+def states(count, seed=1):
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        q = rng.normal(size=4)
+        yield BallState(q=q / np.linalg.norm(q), Omega=2 * rng.normal(size=3), z=0.5 * rng.normal(size=2))
+
+
+def require_balances(ball, place, states):
+    laws = jax.jit(lambda t, state: residuals(ball, t, state, place))
+    for t, state in zip((0.3, 1.7), states, strict=True):
+        for name, left in laws(jnp.asarray(t), state)._asdict().items():
+            assert np.max(np.abs(left)) < ROUNDING, name
+
+
+def test_momenta_balance_on_a_ground_that_moves_and_deforms():
+    ground = HeightField(swelling, 0.15, motion=moving_frame())
+
+    def place(t, u1, u2):
+        return moved(t, jnp.stack([u1, u2, swelling(t, u1, u2, 0.15)]))
+
+    pull = HarmonicForce((0.3, -0.2, 0.1), amplitude=[(0.5, 0.4, 0.3)], frequency=[1.3])
+    require_balances(loaded(ground, force=pull), place, states(2))
+
+
+def sphere(up):
+    def place(t, u1, u2):
+        rho = jnp.sqrt(u1**2 + u2**2)
+        phi = 2 * jnp.arctan(rho / 6.0)  # R = 3
+        across = 3.0 * jnp.sin(phi) / rho
+        return jnp.stack([u1 * across, u2 * across, up * 3.0 * (1 - jnp.cos(phi))])
+
+    return place
+
+
+def around(t, u1, u2):
+    """A cylinder of radius 2 about the axis through (1, 2, 3) along (0, 3, 4), where the arc begins at (1, 0, 0)."""
+    a, b, c = jnp.array([0.0, 0.6, 0.8]), jnp.array([1.0, 0.0, 0.0]), jnp.array([0.0, 0.8, -0.6])
+    return jnp.array([1.0, 2.0, 3.0]) + u1 * a + 2.0 * (b * jnp.cos(u2 / 2.0) + c * jnp.sin(u2 / 2.0))
+
+
+def twisted(t, u1, u2, _):
+    return jnp.stack([u1 + 0.1 * u2**2, u2 * jnp.cos(0.2 * u1), u2 * jnp.sin(0.2 * u1) + 0.05 * jnp.sin(u2 + t)])
+
+
+TUBE = {"axis": (0.0, 3.0, 4.0), "start": (5.0, 0.6, 0.8), "centre": (1.0, 2.0, 3.0)}
+SHAPES = {
+    "bowl": (Bowl(3.0), sphere(1.0)),
+    "sphere": (SphereOutside(3.0), sphere(-1.0)),
+    "inside a cylinder": (Cylinder(2.0, **TUBE), around),
+    "outside a cylinder": (Cylinder(2.0, outside=True, **TUBE), lambda t, u1, u2: around(t, u1, -u2)),
+    "paraboloid": (Paraboloid((0.2, -0.3)), lambda t, x, y: jnp.stack([x, y, 0.1 * x**2 - 0.15 * y**2])),
+    "washboard": (
+        Washboard(0.1, wavelength=4.0, phase=0.3, heading=0.5),
+        lambda t, x, y: jnp.stack(
+            [x, y, 0.1 * jnp.sin(jnp.pi / 2 * (x * jnp.cos(0.5) + y * jnp.sin(0.5)) + 0.3)]
+        ),
+    ),
+    "parametric": (ParametricSurface(twisted), lambda t, u1, u2: twisted(t, u1, u2, None)),
+    "tilting plane": (
+        TiltingPlane(*TILT, pivot=(0.0, 0.0, 0.0), displacement=SHAKEN),
+        lambda t, x, y: jnp.stack([x, y, 0.0 * x]) @ tilt(t).T + SHAKEN(t),
+    ),
+}
+
+
+def tilt(t):
+    a, b = 0.2 * jnp.sin(1.3 * t), 0.15 * jnp.sin(0.9 * t + 0.4)
+    (sa, ca), (sb, cb) = (jnp.sin(a), jnp.cos(a)), (jnp.sin(b), jnp.cos(b))
+    first = jnp.array([[1.0, 0.0, 0.0], [0.0, ca, -sa], [0.0, sa, ca]])
+    return first @ jnp.array([[cb, 0.0, sb], [0.0, 1.0, 0.0], [-sb, 0.0, cb]])
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", SHAPES)
+def test_momenta_balance_on_each_surface(name):
+    ground, place = SHAPES[name]
+    require_balances(loaded(ground), place, states(2))
