@@ -1,5 +1,6 @@
 """Balls on curved and moving grounds: balances of momenta, closed forms, and a model written apart."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +11,7 @@ from jaxball import (
     Ball,
     BallState,
     Bowl,
+    CarriedMass,
     ConstantRate,
     Cylinder,
     Detachment,
@@ -26,6 +28,7 @@ from jaxball import (
     ParametricSurface,
     Paraboloid,
     PointMass,
+    Pulse,
     Resistance,
     SphereOutside,
     Spring,
@@ -34,13 +37,11 @@ from jaxball import (
     Turntable,
     Washboard,
     contact_extremes,
-    observe,
     simulate,
-    vector_field,
 )
 from jaxball.ensemble import simulate_ensemble
-from jaxball.physics.packing import Packing
-from jaxball.physics.system import AbstractSystem
+from jaxball.numerics import programs
+from jaxball.solvers import Adams, RadauIIA
 from tests.support.on_surfaces import residuals
 
 G = 9.81
@@ -140,13 +141,14 @@ def states(count, seed=1):
         yield BallState(q=q / np.linalg.norm(q), Omega=2 * rng.normal(size=3), z=0.5 * rng.normal(size=2))
 
 
-def require_balances(ball, place, states):
-    laws = jax.jit(lambda t, state: residuals(ball, t, state, place))
+def require_balances(ball, place, states, torque=None):
+    laws = programs.filter_jit(lambda t, state: residuals(ball, t, state, place, torque))
     for t, state in zip((0.3, 1.7), states, strict=True):
         for name, left in laws(jnp.asarray(t), state)._asdict().items():
             assert np.max(np.abs(left)) < ROUNDING, name
 
 
+@pytest.mark.thorough
 def test_momenta_balance_on_a_ground_that_moves_and_deforms():
     ground = HeightField(swelling, 0.15, motion=moving_frame())
 
@@ -210,3 +212,165 @@ def tilt(t):
 def test_momenta_balance_on_each_surface(name):
     ground, place = SHAPES[name]
     require_balances(loaded(ground), place, states(2))
+
+
+@pytest.mark.thorough
+def test_momenta_balance_with_friction_that_turns_with_the_ground():
+    """Viscous and dry rolling friction resist the turning relative to the ground's matter; the torque is written out.
+
+    The surface turns as a rigid body, so its angular velocity is that of its frame.
+    """
+    resistance = Resistance(rolling=0.3, spinning=0.2, dry=0.05, smoothing=0.1)
+    ball = loaded(Bowl(3.0, motion=moving_frame()), resistance=resistance)
+
+    def place(t, u1, u2):
+        return moved(t, sphere(1.0)(t, u1, u2))
+
+    def turning_of_frame(t):
+        columns = [lambda t, e=e: moved(t, e) - moved(t, jnp.zeros(3)) for e in jnp.eye(3)]
+        R, rates = (jnp.stack(x, axis=1) for x in zip(*(jax.jvp(c, (t,), (1.0,)) for c in columns), strict=True))
+        W = rates @ R.T
+        return jnp.stack([W[2, 1], W[0, 2], W[1, 0]])
+
+    def torque(t, state, N):
+        u = state.z
+        along = [jax.jvp(lambda x, k=k: place(t, *u.at[k].set(x)), (u[k],), (1.0,))[1] for k in (0, 1)]
+        n = jnp.cross(*along)
+        n = n / jnp.linalg.norm(n)
+        over = state.Lambda @ state.Omega - turning_of_frame(t)
+        rolls = over - (over @ n) * n
+        return -0.3 * rolls - 0.2 * (over @ n) * n - 0.05 * N * rolls / jnp.sqrt(rolls @ rolls + 0.1**2)
+
+    require_balances(ball, place, states(2), torque)
+
+
+@pytest.mark.thorough
+def test_momenta_balance_with_a_free_joint():
+    """The energy of the spring is not in that of masses, so the power of the joint is left."""
+    arm = Mechanism([Hinge((0.0, 1.0, 0.0), drive=Spring(stiffness=2.0))], [CarriedMass(0.3, (0.1, 0.0, -0.5))])
+    ball = loaded(HeightField(swelling, 0.15, motion=moving_frame()), mechanisms=[arm])
+
+    def place(t, u1, u2):
+        return moved(t, jnp.stack([u1, u2, swelling(t, u1, u2, 0.15)]))
+
+    with_joints = (
+        BallState(state.q, state.Omega, state.z, theta=[0.4], thetadot=[-0.7]) for state in states(2)
+    )
+    require_balances(ball, place, with_joints)
+
+
+def rolling_in_bowl(R, phi):
+    """A solid ball at rest at the angle φ in a bowl."""
+    return Ball(**SOLID, ground=Bowl(R)), BallState(z=(2 * R * np.tan(phi / 2), 0.0))
+
+
+def bottom(system, t, state):
+    return state.z[0]
+
+
+def test_period_in_a_bowl():
+    """The angle φ obeys φ̈ = −ω² sin φ with ω² = 5g / (7 (R − r)): a pendulum, whose period is 4 K(sin(φ₀/2)) / ω."""
+    ball, state = rolling_in_bowl(1.0, 1.0)
+    run = simulate(ball, [0.0, 3.0], state, rtol=1e-11, atol=1e-12, events={"bottom": Event(bottom)})
+    quarter = ellipk(np.sin(0.5) ** 2) / np.sqrt(5 * G / (7 * 0.9))
+    np.testing.assert_allclose(run.events["bottom"].times[:2], [quarter, 3 * quarter], rtol=1e-9)
+    energy = run.observables.energy
+    np.testing.assert_allclose(energy[-1], energy[0], rtol=1e-9)
+
+
+def test_ball_leaves_a_sphere():
+    """From rest at φ₀, N = 0 where cos φ = (10/17) cos φ₀."""
+    ball = Ball(**SOLID, ground=SphereOutside(1.0))
+    state = BallState(z=(2 * np.tan(0.05), 0.0))
+    run = simulate(ball, [0.0, 5.0], state, rtol=1e-11, atol=1e-12, events={"off": Detachment()})
+    assert run.events["off"].count == 1
+    phi = 2 * np.arctan(np.linalg.norm(run.events["off"].state.z[0]) / 2)
+    np.testing.assert_allclose(np.cos(phi), 10 / 17 * np.cos(0.1), rtol=1e-9)
+    times = [0.0, float(run.events["off"].times[0])]
+    extremes = contact_extremes(simulate(ball, times, state, rtol=1e-11, atol=1e-12, dense=True))
+    np.testing.assert_allclose(extremes.least_normal_force, 0.0, atol=1e-7 * G)
+    assert extremes.least_normal_force_time == times[-1]
+
+
+@pytest.mark.thorough
+def test_golfers_dilemma():
+    """In a vertical cylinder, φ̇ is constant and the height oscillates at √(2/7) φ̇.
+
+    Without spin about the normal at the start, z̈ = −5g/7 there, so it does about a height that is 5g/(2φ̇²) lower.
+    """
+    R, r, rate = 2.0, SOLID["radius"], 4.0
+    well = Cylinder(R, axis=(0.0, 0.0, 1.0), start=(1.0, 0.0, 0.0))
+    turning = -rate * (R - r) / r  # rolls around on the inside, without spin about the normal
+    times = np.linspace(0.0, 5.0, 21)
+    ball = Ball(**SOLID, ground=well)
+    run = simulate(ball, times, BallState(Omega=(0.0, 0.0, turning)), rtol=1e-11, atol=1e-12)
+    w = np.sqrt(2 / 7) * rate
+    np.testing.assert_allclose(run.state.z[:, 1], R * rate * times, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(run.state.z[:, 0], -5 * G / 7 / w**2 * (1 - np.cos(w * times)), atol=1e-8)
+
+
+@pytest.mark.thorough
+def test_turntable_is_a_plane_that_turns():
+    """On a plane that turns as a surface, everything is as on a Ground with a turntable."""
+    spin = Pulse(0.3, height=2.0, rate=0.5)
+    centre = (0.5, -0.2)
+    times = np.linspace(0.0, 4.0, 5)
+    start = BallState(z=(0.3, -0.2), Omega=(0.4, -0.8, 0.3))
+    table = simulate(loaded(Ground(turntable=Turntable(spin, centre))), times, start, rtol=1e-11, atol=1e-12)
+    frame = MovingFrame([Turn((0.0, 0.0, 1.0), Pulse(0.0, height=2.0, rate=0.5))], pivot=(*centre, 0.0))
+    plane = simulate(loaded(Paraboloid((0.0, 0.0), motion=frame)), times, start, rtol=1e-11, atol=1e-12)
+    one, other = table.observables, plane.observables
+    lifted = other.geometric_centre - jnp.array([[0.0, 0.0, 1.0]])
+    for name, value in (("geometric_centre", lifted), ("contact_force", other.contact_force)):
+        np.testing.assert_allclose(getattr(one, name), value, atol=1e-8, err_msg=name)
+    for name in ("angular_velocity_body", "kinetic_energy", "power", "contact_momentum", "normal_force"):
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-8, err_msg=name)
+
+
+@pytest.mark.thorough
+def test_derivatives_by_parameters_of_a_surface():
+    """Forward and reverse derivatives of the end of a run agree with differences."""
+
+    def end(size):
+        ground = HeightField(swelling, size, motion=moving_frame())
+        return simulate(loaded(ground), [0.0, 1.5], START, rtol=1e-11, atol=1e-12).state.z[-1]
+
+    size, step = jnp.array(0.15), 1e-4
+    differences = (end(size + step) - end(size - step)) / (2 * step)
+    np.testing.assert_allclose(jax.jacfwd(end)(size), differences, rtol=1e-6)
+    np.testing.assert_allclose(jax.jacrev(end)(size), jax.jacfwd(end)(size), rtol=1e-9)
+
+
+@pytest.mark.thorough
+def test_rows_of_an_ensemble_are_runs():
+    """Many bowls side by side."""
+    radii = jnp.array([0.8, 1.0, 1.5, 3.0])
+    state = BallState(z=(0.3, 0.1), Omega=(0.5, -2.0, 1.0))
+
+    def end(R):
+        return simulate(Ball(**SOLID, ground=Bowl(R)), [0.0, 1.0], state).state.z[-1]
+
+    rows = jax.vmap(end)(radii)
+    for R, row in zip(radii, rows, strict=True):
+        np.testing.assert_allclose(row, end(R), atol=1e-9)
+    balls = eqx.filter_vmap(lambda R: Ball(**SOLID, ground=Bowl(R)))(radii)
+    ensemble = simulate_ensemble(balls, [0.0, 1.0], state)
+    np.testing.assert_allclose(ensemble.state.z[:, -1], rows, atol=1e-9)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("form", ["dae", "project", "implicit", "many steps"])
+def test_every_kind_of_solve(form):
+    """In the differential-algebraic form, with projection and by other solvers, the run is the same."""
+    options = {
+        "dae": {"solver": RadauIIA(stages=5), "dae": True},
+        "project": {"project": True},
+        "implicit": {"solver": RadauIIA(stages=5)},
+        "many steps": {"solver": Adams()},
+    }[form]
+    ball, times = loaded(HeightField(swelling, 0.15, motion=moving_frame())), [0.0, 2.0]
+    expected = simulate(ball, times, START, rtol=1e-11, atol=1e-12).state
+    run = simulate(ball, times, START, rtol=1e-10, atol=1e-11, **options)
+    assert run.ok
+    np.testing.assert_allclose(run.state.z, expected.z, atol=1e-7)
+    np.testing.assert_allclose(run.state.Omega, expected.Omega, atol=1e-7)

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxball import observe, vector_field
-from jaxball.physics.moments import point_mass_values
+from jaxball.physics.moments import kinematics, point_mass_values
 
 
 def directional(function, t, state, rates):
@@ -29,7 +29,8 @@ class Residuals(NamedTuple):
 
 
 def residuals(ball, t, state, place, torque=None):
-    """The laws of a ball at a state; ``place(t, u1, u2)`` is the foot, and ``torque`` is on the ball, in space."""
+    """The laws of a ball at a state; ``place(t, u1, u2)`` is the foot, and ``torque(t, state, N)`` is on the ball,
+    in space."""
     r, g = ball.radius, ball.gravity
 
     def foot(t, state):
@@ -44,35 +45,32 @@ def residuals(ball, t, state, place, torque=None):
         return foot(t, state) + r * normal(t, state)
 
     def places(t, state):
-        seen = observe(ball, t, state)
-        own = jnp.concatenate([(state.Lambda @ ball.offset)[None], seen.mass_positions_space])
-        return centre(t, state)[None] + own
-
-    def along(function):
-        return lambda t, state: directional(function, t, state, vector_field(ball, t, state))[1]
+        chi = kinematics(ball, t, (state.theta, state.thetadot, state.thetadot)).chi
+        own = jnp.concatenate([ball.offset[None], chi])
+        return centre(t, state)[None] + own @ state.Lambda.T
 
     m = jnp.concatenate([ball.mass[None], point_mass_values(ball)])[:, None]
 
-    def momenta(t, state):
-        x, v = directional(places, t, state, vector_field(ball, t, state))
-        spin = state.Lambda @ (ball.inertia * state.Omega)
-        return jnp.sum(m * v, axis=0), spin + jnp.sum(jnp.cross(x, m * v), axis=0)
+    def moving(t, state):
+        """ċ, P, L about the origin of space, and the energy without that of springs."""
+        rates = vector_field(ball, t, state)
+        (c, x), (v_c, v) = directional(lambda *at: (centre(*at), places(*at)), t, state, rates)
+        body = ball.inertia * state.Omega
+        energy = 0.5 * (state.Omega @ body + jnp.sum(m * v**2)) + g * jnp.sum(m[:, 0] * x[:, 2])
+        return v_c, jnp.sum(m * v, axis=0), state.Lambda @ body + jnp.sum(jnp.cross(x, m * v), axis=0), energy
 
+    (v_c, *_), (_, P, L, power) = directional(moving, t, state, vector_field(ball, t, state))
     seen, weight = observe(ball, t, state), jnp.array([0.0, 0.0, -1.0]) * g
-    P, L = along(momenta)(t, state)
     force = jnp.zeros(3) if ball.force is None else ball.force(t)
-    push = seen.contact_force + force
     turning = jnp.cross(foot(t, state), seen.contact_force) + jnp.cross(centre(t, state), force)
-    turning = turning if torque is None else turning + torque
+    turning = turning if torque is None else turning + torque(t, state, seen.normal_force)
     turning = turning + jnp.sum(jnp.cross(places(t, state), m * weight[None]), axis=0)
-    omega = state.Lambda @ state.Omega
+    omega, n = state.Lambda @ state.Omega, normal(t, state)
     w = jax.jvp(lambda t: foot(t, state), (t,), (1.0,))[1]
-    rolling = along(centre)(t, state) - w - r * jnp.cross(omega, normal(t, state))
-    power = along(lambda t, state: observe(ball, t, state).energy)(t, state) - seen.power
     return Residuals(
-        rolling,
-        P - push - jnp.sum(m) * weight,
+        v_c - w - r * jnp.cross(omega, n),
+        P - seen.contact_force - force - jnp.sum(m) * weight,
         L - turning,
-        seen.normal_force - normal(t, state) @ seen.contact_force,
-        power,
+        seen.normal_force - n @ seen.contact_force,
+        power - seen.power,
     )

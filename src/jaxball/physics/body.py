@@ -21,6 +21,7 @@ from .dynamics import accelerations, solvable_friction
 from .feedback import AbstractLaw, FollowSchedules
 from .footing import rates
 from .force import unknown_motion
+from .load import load
 from .locked import from_locked, locked_field, to_locked
 from .mechanisms import Accelerated
 from .moments import kinematics
@@ -250,8 +251,9 @@ class Ball(AbstractBody):
 
     def field(self, t: Float[Array, ""], state: Any) -> Any:
         """``rolling_ball_ode_f``, ``uncon_ball_eqns_explicit_full`` or ``uncon_ball_eqns_explicit``, by the state."""
-        found = accelerations(self, t, state)
-        return rates(self, t, state, found.Omegadot, found.angles)
+        acting = load(self, t, state)
+        found = accelerations(self, t, state, acting)
+        return rates(self, t, state, found.Omegadot, found.angles, acting.footing)
 
     def require_state(self, state: Any) -> None:
         AbstractBody.require_state(self, state)

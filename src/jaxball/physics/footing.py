@@ -30,9 +30,13 @@ def contact_normal(system: BodyParameters, t: Float[Array, ""], state: Any) -> F
 
 
 def rates(
-    system: BodyParameters, t: Float[Array, ""], state: Any, Omegadot: Float[Array, "3"], angles: Rates
+    system: BodyParameters,
+    t: Float[Array, ""],
+    state: Any,
+    Omegadot: Float[Array, "3"],
+    angles: Rates,
+    under: Footing | None,
 ) -> Any:
-    """ẋ where Ω̇ is known, and θ, θ̇, θ̈: the kinematics of rolling."""
-    under = footing(system, t, state)
+    """ẋ where Ω̇ is known, and θ, θ̇, θ̈: the kinematics of rolling. ``under`` is the :func:`footing`."""
     moved = state.rates(system.radius, Omegadot, angles, system.drift(t, state))
     return moved if under is None else eqx.tree_at(lambda x: x.z, moved, under.coordinate_rates)

@@ -87,11 +87,11 @@ def load(
     """
     r, g, Gamma, resisted = system.radius, system.gravity, state.Gamma, state.Omega
     normal_rate = gamma = force = torque = applied = velocity = W = None
+    under = footing(system, t, state)
     if system.force is not None:
         assert not isinstance(state, ReducedState)
-        applied = _applied(system, t, state, slip, height)
+        applied = _applied(system, t, state, slip, height, under)
         force, torque = applied
-    under = footing(system, t, state)
     if under is not None:
         assert isinstance(state, BallState | RotationState)
         into_body, turning = state.Lambda.T, apply(state.Lambda, state.Omega)
@@ -130,10 +130,10 @@ def _applied(
     state: BallState | RotationState | DiskState,
     slip: Float[Array, "3"] | None,
     height: Float[Array, ""] | None,
+    under: Footing | None,
 ) -> Wrench:
     """The external force and its torque in body axes; on a disk, their parts in its plane."""
     assert system.force is not None
-    under = footing(system, t, state)
     if under is not None:
         position, velocity = under.centre, under.centre_velocity
     else:

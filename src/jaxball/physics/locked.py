@@ -68,7 +68,7 @@ def locked_field(system: BodyParameters, t: Float[Array, ""], packed: AnyState) 
     turned, pulled = changing.times(W, locked)
     Wdot, rates = factors.solve(Pidot - turned, [x - y for x, y in zip(pidot, pulled, strict=True)])
     theta, thetadot, given = angles
-    return rates_of(system, t, state, Wdot, (theta, thetadot, joined(given, links, rates)))
+    return rates_of(system, t, state, Wdot, (theta, thetadot, joined(given, links, rates)), acting.footing)
 
 
 def inertia_about_contact_rate(
