@@ -12,7 +12,6 @@ from jaxball import (
     BallState,
     Bowl,
     CarriedMass,
-    ConstantRate,
     Cylinder,
     Detachment,
     Event,
@@ -20,13 +19,12 @@ from jaxball import (
     FunctionSchedule,
     Ground,
     HarmonicForce,
-    HarmonicSeries,
     HeightField,
     Hinge,
     Mechanism,
     MovingFrame,
-    ParametricSurface,
     Paraboloid,
+    ParametricSurface,
     PointMass,
     Pulse,
     Resistance,
@@ -188,9 +186,7 @@ SHAPES = {
     "paraboloid": (Paraboloid((0.2, -0.3)), lambda t, x, y: jnp.stack([x, y, 0.1 * x**2 - 0.15 * y**2])),
     "washboard": (
         Washboard(0.1, wavelength=4.0, phase=0.3, heading=0.5),
-        lambda t, x, y: jnp.stack(
-            [x, y, 0.1 * jnp.sin(jnp.pi / 2 * (x * jnp.cos(0.5) + y * jnp.sin(0.5)) + 0.3)]
-        ),
+        lambda t, x, y: jnp.stack([x, y, 0.1 * jnp.sin(jnp.pi / 2 * (x * jnp.cos(0.5) + y * jnp.sin(0.5)) + 0.3)]),
     ),
     "parametric": (ParametricSurface(twisted), lambda t, u1, u2: twisted(t, u1, u2, None)),
     "tilting plane": (
@@ -253,9 +249,7 @@ def test_momenta_balance_with_a_free_joint():
     def place(t, u1, u2):
         return moved(t, jnp.stack([u1, u2, swelling(t, u1, u2, 0.15)]))
 
-    with_joints = (
-        BallState(state.q, state.Omega, state.z, theta=[0.4], thetadot=[-0.7]) for state in states(2)
-    )
+    with_joints = (BallState(state.q, state.Omega, state.z, theta=[0.4], thetadot=[-0.7]) for state in states(2))
     require_balances(ball, place, with_joints)
 
 

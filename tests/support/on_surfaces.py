@@ -54,7 +54,7 @@ def residuals(ball, t, state, place, torque=None):
     def moving(t, state):
         """ċ, P, L about the origin of space, and the energy without that of springs."""
         rates = vector_field(ball, t, state)
-        (c, x), (v_c, v) = directional(lambda *at: (centre(*at), places(*at)), t, state, rates)
+        (_, x), (v_c, v) = directional(lambda *at: (centre(*at), places(*at)), t, state, rates)
         body = ball.inertia * state.Omega
         energy = 0.5 * (state.Omega @ body + jnp.sum(m * v**2)) + g * jnp.sum(m[:, 0] * x[:, 2])
         return v_c, jnp.sum(m * v, axis=0), state.Lambda @ body + jnp.sum(jnp.cross(x, m * v), axis=0), energy

@@ -132,7 +132,7 @@ def accelerations(
     if not has_directions(system):
         system = with_directions(system, _directions(*without_derivatives((system, t, state, acting))))
     r, found = system.radius, equations(system, t, state)
-    Omega, Gamma, at, free = found.Omega, found.Gamma, found.at, found.free
+    Gamma, at, free = found.Gamma, found.at, found.free
     Omegadot, thetaddot = found.solved(r, t, state, acting)
     dry = None if system.resistance is None else system.resistance.dry_torque(r, acting.resisted, Gamma)
     if dry is not None:

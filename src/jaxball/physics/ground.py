@@ -12,7 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..interface.arguments import require
+from ..interface.arguments import described, require
 from ..interface.printing import Printed
 from ..numerics.arrays import concatenated, namespace_of, numbers
 from ..numerics.vectors import sine_cosine
@@ -52,6 +52,18 @@ class AbstractGround(Printed):
     @abc.abstractmethod
     def prepare(self) -> "AbstractGround":
         """The same ground, ready to be evaluated many times."""
+
+
+def require_plane(ground: AbstractGround | None, purpose: str, error: type[Exception] = ValueError) -> None:
+    """Refuses a ground that is not a plane in something that is only for one, ``purpose``.
+
+    **Raises:** ``error``.
+    """
+    if not (ground is None or isinstance(ground, Ground)):
+        raise error(
+            f"Argument `ground` of the body must be a Ground or None for {purpose}, which is for planes, but it is "
+            f"{described(ground)}."
+        )
 
 
 class Turntable(Printed):

@@ -94,6 +94,7 @@ def load(
         force, torque = applied
     if under is not None:
         assert isinstance(state, BallState | RotationState)
+        assert system.ground is not None
         into_body, turning = state.Lambda.T, apply(state.Lambda, state.Omega)
         Gamma, normal_rate = apply(into_body, under.normal), apply(into_body, under.normal_rate)
         velocity, resisted = apply(into_body, under.velocity), resisted - apply(into_body, under.spin)

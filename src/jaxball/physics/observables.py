@@ -214,7 +214,7 @@ def observed(system: AbstractBody, t: Float[Array, ""], motion: Movement) -> Obs
     )
     m = jnp.concatenate([system.mass[None], point_mass_values(system)])
     a = accelerations_of_masses(r, with_shell, Omega, Omegadot, Gamma)
-    weight = motion.weight
+    weight, u = motion.weight, None
     if under is None:
         contact = ContactForce(motion.R[2], motion.R[:2])
         u = system.drift(t, in_space)

@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 
 import equinox as eqx
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...interface.arguments import require, require_each
@@ -91,5 +90,8 @@ class MovingFrame(Printed):
         return concatenated([source.kinks() for source in (*sources, self.displacement) if source is not None])
 
     def prepare(self) -> "MovingFrame":
-        turns = [Turn(turn.axis, turn.angle.prepare()) for turn in self.turns]
-        return MovingFrame(turns, None if self.displacement is None else self.displacement.prepare(), self.pivot)
+        turns = tuple(Turn(turn.axis, turn.angle.prepare()) for turn in self.turns)
+        displacement = None if self.displacement is None else self.displacement.prepare()
+        return eqx.tree_at(
+            lambda frame: (frame.turns, frame.displacement), self, (turns, displacement), is_leaf=lambda x: x is None
+        )

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...interface.arguments import require, require_flags, require_function
-from ...numerics.arrays import a_number, concatenated, namespace_of, numbers
+from ...numerics.arrays import AnyArray, a_number, concatenated, namespace_of, numbers
 from ...numerics.functions import OfKinkedFunctionOfState
 from ...numerics.vectors import cross, dot, sine_cosine, unit_vector
 from ..conditions import Condition, a_direction, positive
@@ -96,19 +96,7 @@ class ParametricSurface(OfKinkedFunctionOfState, AbstractSurface):
         return concatenated([self.kink_times, AbstractSurface.kinks(self)])
 
 
-class _Sphere(AbstractSurface):
-    """A sphere that touches the plane of its two coordinates at the origin, in stereographic projection."""
-
-    def conditions(self, planar: bool = False) -> Iterator[Condition]:
-        yield Condition(positive(self.radius), "ground.radius", self.radius, "a positive number")
-        yield from AbstractSurface.conditions(self, planar)
-
-    def _at(self, u1: Coordinate, u2: Coordinate, up: float) -> Float[Array, "3"]:
-        square = (u1**2 + u2**2) / (4 * self.radius**2)
-        return jnp.stack([u1, u2, up * 2 * self.radius * square]) / (1 + square)
-
-
-class Bowl(_Sphere):
+class Bowl(AbstractSurface):
     """The inside of a sphere, whose lowest point is the origin.
 
     The coordinates of the contact point are those of its stereographic projection from the highest point, the only
@@ -132,11 +120,15 @@ class Bowl(_Sphere):
     radius: Float[Array, "*group"] = eqx.field(converter=numbers("radius"))
     motion: MovingFrame | None = None
 
+    def conditions(self, planar: bool = False) -> Iterator[Condition]:
+        yield _of_radius(self.radius)
+        yield from AbstractSurface.conditions(self, planar)
+
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
-        return self._at(u1, u2, 1.0)
+        return _on_sphere(self.radius, u1, u2, 1.0)
 
 
-class SphereOutside(_Sphere):
+class SphereOutside(AbstractSurface):
     """The outside of a sphere, whose highest point is the origin.
 
     The coordinates of the contact point are as in a :class:`Bowl`, from the highest point instead of the lowest.
@@ -158,8 +150,12 @@ class SphereOutside(_Sphere):
     radius: Float[Array, "*group"] = eqx.field(converter=numbers("radius"))
     motion: MovingFrame | None = None
 
+    def conditions(self, planar: bool = False) -> Iterator[Condition]:
+        yield _of_radius(self.radius)
+        yield from AbstractSurface.conditions(self, planar)
+
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
-        return self._at(u1, u2, -1.0)
+        return _on_sphere(self.radius, u1, u2, -1.0)
 
 
 class Cylinder(AbstractSurface):
@@ -198,7 +194,7 @@ class Cylinder(AbstractSurface):
         require_flags(outside=self.outside)
 
     def conditions(self, planar: bool = False) -> Iterator[Condition]:
-        yield Condition(positive(self.radius), "ground.radius", self.radius, "a positive number")
+        yield _of_radius(self.radius)
         yield a_direction("ground.axis", self.axis)
         a, b, number = self.axis, self.start, namespace_of(self.start)
         across = number.cross(a, b)
@@ -326,5 +322,23 @@ class TiltingPlane(AbstractSurface):
         return jnp.stack([u1, u2, jnp.zeros_like(u1)])
 
     def prepare(self) -> "TiltingPlane":
-        angles = (None if angle is None else angle.prepare() for angle in (self.about_e1, self.about_e2))
-        return TiltingPlane(*angles, self.pivot, None if self.displacement is None else self.displacement.prepare())
+        parts = (self.about_e1, self.about_e2, self.displacement)
+        return eqx.tree_at(
+            lambda plane: (plane.about_e1, plane.about_e2, plane.displacement),
+            self,
+            tuple(None if part is None else part.prepare() for part in parts),
+            is_leaf=lambda x: x is None,
+        )
+
+
+def _of_radius(radius: Float[AnyArray, ""]) -> Condition:
+    return Condition(positive(radius), "ground.radius", radius, "a positive number")
+
+
+def _on_sphere(R: Float[Array, ""], u1: Coordinate, u2: Coordinate, up: float) -> Float[Array, "3"]:
+    """The point of a sphere that touches the plane of its two coordinates at the origin: stereographic projection.
+
+    The sphere is above that plane for ``up`` = 1 and below it for −1.
+    """
+    square = (u1**2 + u2**2) / (4 * R**2)
+    return jnp.stack([u1, u2, up * 2 * R * square]) / (1 + square)
