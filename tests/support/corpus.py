@@ -141,6 +141,50 @@ dae = false
 project = true
 """
 
+ON_SURFACE = """
+format = 1
+title = "On a surface"
+kind = "ball"
+body = { mass = 1.0, radius = 0.1, inertia = [0.004, 0.004, 0.004], gravity = 9.81 }
+initial = { z = [0.2, 0.1] }
+time = { start = 0.0, end = 0.5, saves = 3 }
+
+[ground]
+"""
+_TURNS = """
+[[ground.motion.turns]]
+axis = [0.0, 1.0, 0.5]
+angle = { kind = "sinusoids", theta = 0.0, amplitude = [0.1], frequency = [2.0] }
+
+[ground.motion]
+pivot = [0.0, 0.0, 0.5]
+"""
+_TILT = """
+kind = "tilting-plane"
+about_e1 = { kind = "sinusoids", theta = 0.0, amplitude = [0.1], frequency = [2.0] }
+about_e2 = { kind = "constant-rate", theta = 0.1 }
+pivot = [0.1, 0.2, 0.0]
+"""
+_ALONG = """
+rail = { kind = "circle", radius = 0.3, frame = { azimuth = 0.1, elevation = 0.2 } }
+schedule = { kind = "constant-rate", theta = 0.0, rate = 0.1 }
+"""
+_SHAKEN = """
+free = { constant = [0.0, 0.0, 0.0], amplitude = [[0.2, 0.0, 0.0]], frequency = [1.0], phase = [0.2] }
+"""
+ON_SURFACES = {
+    "in a bowl": ON_SURFACE + 'kind = "bowl"\nradius = 1.0\n' + _TURNS + "[ground.motion.displacement]" + _ALONG,
+    "on a sphere": ON_SURFACE + 'kind = "sphere"\nradius = 1.0\n' + "[ground.motion.displacement]" + _SHAKEN,
+    "in a pipe": ON_SURFACE
+    + 'kind = "cylinder"\nradius = 1.0\naxis = [0.0, 0.0, 1.0]\nstart = [1.0, 0.0, 0.0]\ncentre = [0.0, 0.0, 1.0]\n',
+    "outside a pipe": ON_SURFACE + 'kind = "cylinder"\nradius = 1.0\nstart = [0.0, 0.0, 1.0]\noutside = true\n',
+    "on a saddle": ON_SURFACE + 'kind = "paraboloid"\ncurvatures = [0.5, -0.5]\n',
+    "on a washboard": ON_SURFACE
+    + 'kind = "washboard"\namplitude = 0.1\nwavelength = 4.0\nphase = 0.1\nheading = 0.2\n',
+    "on a tilting plane": ON_SURFACE + _TILT + "[ground.displacement]" + _ALONG,
+    "on a shaken plane": ON_SURFACE + _TILT + "[ground.displacement]" + _SHAKEN,
+}
+
 EVERY_EVENT = """
 format = 1
 title = "Every event"
@@ -444,7 +488,7 @@ def scenarios() -> dict[str, dict[str, Any]]:
     texts |= _blocks("reference/scenario-files.md", "```toml\n(.*?)```") | {"every motion": EVERY_MOTION}
     texts |= {"every mechanism": EVERY_MECHANISM, "under feedback": UNDER_FEEDBACK}
     texts |= {"predictive": PREDICTIVE, "feedforward": FEEDFORWARD, "every event": EVERY_EVENT}
-    return {name: tomllib.loads(text) for name, text in texts.items()}
+    return {name: tomllib.loads(text) for name, text in (texts | ON_SURFACES).items()}
 
 
 def studies() -> dict[str, dict[str, Any]]:
@@ -470,7 +514,7 @@ def with_everything() -> list[dict[str, Any]]:
     with_all_keys = ("every motion", "every mechanism", "under feedback", "predictive", "feedforward", "every event")
     named = [name for name in problems() if name.startswith("every kind")]
     return [
-        *(scenarios()[name] for name in (*classical, "disk", *with_all_keys)),
+        *(scenarios()[name] for name in (*classical, "disk", *with_all_keys, *ON_SURFACES)),
         studies()["every axis"],
         *(problems()[name] for name in named),
     ]
