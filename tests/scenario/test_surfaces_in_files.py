@@ -2,8 +2,9 @@
 
 import jax.numpy as jnp
 import pytest
+from jaxtyping import Array, Float
 
-from jaxball import Ball, BallState, Bowl, HeightField, Scenario, write_scenario
+from jaxball import AbstractSurface, Ball, BallState, HeightField, MovingFrame, Scenario, write_scenario
 from jaxball.scenario import ScenarioError, read_scenario
 from tests.support import corpus
 
@@ -28,9 +29,8 @@ def test_function_in_a_file():
     ground = f'kind = "height-field"\nfunction = "{__name__}:valley"\nparameters = 0.2\n'
     scenario = read_scenario(corpus.ON_SURFACE + ground)
     assert isinstance(scenario.system.ground, HeightField)
-    assert float(scenario.system.ground.function(0.0, 2.0, 0.0, scenario.system.ground.parameters)) == pytest.approx(
-        0.8
-    )
+    height = scenario.system.ground.placed(*map(jnp.asarray, (0.0, 2.0, 0.0)))[2]
+    assert float(height) == pytest.approx(0.8)
     assert f'function = "{__name__}:valley"' in write_scenario(scenario)
 
 
@@ -61,12 +61,23 @@ def test_disk_on_a_surface():
         read_scenario(text.replace("z = [0.2, 0.1]", "z = 0.2"))
 
 
+class Slide(AbstractSurface):
+    slope: Float[Array, ""]
+    motion: MovingFrame | None = None
+
+    def point(self, t, u1, u2):
+        return jnp.stack([u1, u2, -self.slope * u1])
+
+
+def test_class_in_a_file():
+    scenario = read_scenario(corpus.ON_SURFACE + f'kind = "{__name__}:Slide"\nslope = 0.1\n')
+    assert isinstance(scenario.system.ground, Slide)
+    text = write_scenario(scenario)
+    assert f'kind = "{__name__}:Slide"' in text
+    assert write_scenario(read_scenario(text)) == text
+
+
 def test_function_that_cannot_be_imported():
     ball = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=HeightField(lambda t, x, y, _: 0.1 * x**2))
     with pytest.raises(ScenarioError, match=r"`ground.function` must be a function that can be imported"):
         write_scenario(Scenario("a title", ball, BallState(), jnp.array([0.0, 1.0])))
-    assert 'kind = "bowl"' in write_scenario(
-        Scenario(
-            "a title", Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=Bowl(3.0)), BallState(), jnp.array([0.0, 1.0])
-        )
-    )
