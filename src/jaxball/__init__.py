@@ -170,7 +170,6 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         AbstractSurface as AbstractSurface,
         Bowl as Bowl,
         Cylinder as Cylinder,
-        Footing as Footing,
         HeightField as HeightField,
         MovingFrame as MovingFrame,
         Paraboloid as Paraboloid,

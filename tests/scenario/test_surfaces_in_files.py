@@ -6,17 +6,17 @@ from jaxtyping import Array, Float
 
 from jaxball import AbstractSurface, Ball, BallState, HeightField, MovingFrame, Scenario, write_scenario
 from jaxball.scenario import ScenarioError, read_scenario
-from tests.support import corpus
+from tests.support.surface_files import ON_SURFACE, ON_SURFACES
 
 
 def valley(t, x, y, depth):
     return depth * x**2
 
 
-@pytest.mark.parametrize("name", corpus.ON_SURFACES)
+@pytest.mark.parametrize("name", ON_SURFACES)
 def test_round_trip(name):
     """A file is the fixed point of reading and writing, and its numbers are those of the ground."""
-    scenario = read_scenario(corpus.ON_SURFACES[name])
+    scenario = read_scenario(ON_SURFACES[name])
     text = write_scenario(scenario)
     assert write_scenario(read_scenario(text)) == text
     place = scenario.system.ground.placed
@@ -27,7 +27,7 @@ def test_round_trip(name):
 
 def test_function_in_a_file():
     ground = f'kind = "height-field"\nfunction = "{__name__}:valley"\nparameters = 0.2\n'
-    scenario = read_scenario(corpus.ON_SURFACE + ground)
+    scenario = read_scenario(ON_SURFACE + ground)
     assert isinstance(scenario.system.ground, HeightField)
     height = scenario.system.ground.placed(*map(jnp.asarray, (0.0, 2.0, 0.0)))[2]
     assert float(height) == pytest.approx(0.8)
@@ -51,12 +51,12 @@ def test_function_in_a_file():
 )
 def test_wrong_keys(ground, sentence):
     with pytest.raises(ScenarioError) as refused:
-        read_scenario(corpus.ON_SURFACE + ground)
+        read_scenario(ON_SURFACE + ground)
     assert sentence in str(refused.value)
 
 
 def test_disk_on_a_surface():
-    text = corpus.ON_SURFACES["on a sphere"].replace('"ball"', '"disk"').replace("[0.004, 0.004, 0.004]", "0.004")
+    text = ON_SURFACES["on a sphere"].replace('"ball"', '"disk"').replace("[0.004, 0.004, 0.004]", "0.004")
     with pytest.raises(ScenarioError, match=r"`ground.kind` must be left out for a disk"):
         read_scenario(text.replace("z = [0.2, 0.1]", "z = 0.2"))
 
@@ -70,7 +70,7 @@ class Slide(AbstractSurface):
 
 
 def test_class_in_a_file():
-    scenario = read_scenario(corpus.ON_SURFACE + f'kind = "{__name__}:Slide"\nslope = 0.1\n')
+    scenario = read_scenario(ON_SURFACE + f'kind = "{__name__}:Slide"\nslope = 0.1\n')
     assert isinstance(scenario.system.ground, Slide)
     text = write_scenario(scenario)
     assert f'kind = "{__name__}:Slide"' in text

@@ -55,8 +55,8 @@ class Observables(Printed):
       length²/time³.
     - ``dissipation``: the power dissipated by resistance, 0 or positive unless a coefficient is negative.
     - ``contact_force``: R, space axes, shape (3,), mass length/time².
-    - ``normal_force``, ``friction``: N, and the two components of f, shape (2,), mass length/time²; on a surface along
-      the ``tangents`` of its :class:`~jaxball.Footing`.
+    - ``normal_force``, ``friction``: N, and the two components of f, shape (2,), mass length/time²; on a surface p
+      along ∂p/∂u1 and across, which with its normal are right-handed.
     - ``friction_ratio``: |f| / N; 0 in flight.
     - ``joint_angles``, ``joint_rates``: θ and θ̇ of every joint of every mechanism, in their order, shape (joints,).
     - ``joint_efforts``: Q of each, the torque of a hinge and the force along a slider, shape (joints,); for a joint

@@ -73,20 +73,6 @@ class AbstractSurface(AbstractGround):
 
     The coordinates of the contact point are the ``z`` of a ball's state. Space axes are at rest, and gravity is −g e3.
     That the ground is touched in one point only is checked where a run starts, and only near that point.
-
-    **Example:**
-
-    >>> import equinox as eqx
-    >>> import jax.numpy as jnp
-    >>> from jaxball import AbstractSurface, Ball, MovingFrame, simulate
-    >>> class Slide(AbstractSurface):
-    ...     slope: float
-    ...     motion: MovingFrame | None = None
-    ...     def point(self, t, u1, u2):
-    ...         return jnp.stack([u1, u2, -self.slope * u1])
-    >>> run = simulate(Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=Slide(0.1)), [0.0, 1.0])
-    >>> print(run.state.z[-1].round(6))  # ½ g sin a cos a / (1 + 2/5), along the level axis
-    [0.035361 0.      ]
     """
 
     if TYPE_CHECKING:  # to a type checker, a field declared here would come first among the arguments
