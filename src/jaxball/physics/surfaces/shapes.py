@@ -77,7 +77,7 @@ class ParametricSurface(OfKinkedFunctionOfState, AbstractSurface):
     >>> from jaxball import ParametricSurface
     >>> def torus(t, around, across, radii):
     ...     rho = radii[0] - radii[1] * jnp.cos(across)
-    ...     return jnp.stack([rho * jnp.cos(around), rho * jnp.sin(around), -radii[1] * jnp.sin(across)])
+    ...     return jnp.stack([rho * jnp.cos(around), rho * jnp.sin(around), radii[1] * jnp.sin(across)])
     >>> inside = ParametricSurface(torus, jnp.array([3.0, 2.0]))  # of a tube that is closed to a ring
     >>> print(inside.normal(jnp.array(0.0), jnp.array([0.0, 0.0])).round(6) + 0.0)
     [1. 0. 0.]
