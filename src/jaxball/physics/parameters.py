@@ -176,7 +176,9 @@ class BodyParameters(Printed):
 
     def drift(self, t: Float[Array, ""], state: Any) -> Float[Array, "2"] | None:
         """The velocity u of a turntable under the body's centre; None without one."""
-        return self.ground.velocity(t, state.z) if isinstance(self.ground, Ground) else None
+        if not isinstance(self.ground, Ground) or self.ground.turntable is None:
+            return None
+        return self.ground.velocity(t, state.z)
 
     @property
     def n_masses(self) -> int:
