@@ -91,7 +91,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         SphericalFrame as SphericalFrame,
         VersorFrame as VersorFrame,
     )
-    from .physics.ground import Ground as Ground, Turntable as Turntable
+    from .physics.ground import AbstractGround as AbstractGround, Ground as Ground, Turntable as Turntable
     from .physics.hybrid import Switches as Switches
     from .physics.mechanisms import (
         AbstractJoint as AbstractJoint,
@@ -166,6 +166,19 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         ReducedState as ReducedState,
         RotationState as RotationState,
         State as State,
+    )
+    from .physics.surfaces import (
+        AbstractSurface as AbstractSurface,
+        Bowl as Bowl,
+        Cylinder as Cylinder,
+        HeightField as HeightField,
+        MovingFrame as MovingFrame,
+        Paraboloid as Paraboloid,
+        ParametricSurface as ParametricSurface,
+        SphereOutside as SphereOutside,
+        TiltingPlane as TiltingPlane,
+        Turn as Turn,
+        Washboard as Washboard,
     )
     from .physics.system import (
         AbstractState as AbstractState,

@@ -45,6 +45,15 @@ def scenario():
     return jaxball.Scenario("a title", BALL, BallState(), np.asarray(TIMES))
 
 
+GROUNDS = [
+    (lambda: jaxball.Ball(**SHELL, ground="bowl"), "`ground` must be a Ground, a surface.*but it is 'bowl'"),
+    (lambda: jaxball.Bowl(3.0, motion="up"), "`motion` must be a MovingFrame or None, but it is 'up'"),
+    (lambda: jaxball.Turn((0.0, 0.0, 1.0), 2.0), "`angle` must be a schedule.*but it is 2.0"),
+    (lambda: jaxball.MovingFrame([PULSE]), r"`turns\[0\]` must be a Turn, but it is a Pulse"),
+    (lambda: jaxball.MovingFrame(displacement=RAIL), "`displacement` must be a motion.*but it is a Circle"),
+    (lambda: jaxball.TiltingPlane(0.1), "`about_e1` must be a schedule.*but it is 0.1"),
+    (lambda: jaxball.Cylinder(1.0, outside=1), "`outside` must be True or False, but it is 1"),
+]
 MOTIONS = [
     (lambda: OnRail(RAIL, 0.3), "`schedule` must be a schedule.*but it is 0.3; .*ConstantRate"),
     (lambda: OnRail(RAIL, jaxball.RecordedSignal([0.0, 1.0], [0.0, 1.0])), "must be a schedule.*is a RecordedSignal"),
@@ -222,7 +231,7 @@ CALLS = [
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("make", "sentence"), MOTIONS + BODIES + FUNCTIONS + STATES + CALLS)
+@pytest.mark.parametrize(("make", "sentence"), GROUNDS + MOTIONS + BODIES + FUNCTIONS + STATES + CALLS)
 def test_refused_in_a_sentence(make, sentence):
     with pytest.raises((TypeError, ValueError), match=sentence) as refused:
         make()

@@ -44,6 +44,7 @@ LONG_PAGES = (
     "estimate.md",
     "extending.md",
     "files.md",
+    "grounds.md",
     "holding-a-motion.md",
     "jax.md",
     "mechanisms.md",

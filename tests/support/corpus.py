@@ -15,6 +15,7 @@ from jaxball.scenario.sources import document_of
 from jaxball.sweep import read_study
 
 from .every_mechanism import EVERY_MECHANISM
+from .surface_files import ON_SURFACES
 from .under_feedback import FEEDFORWARD, PREDICTIVE, UNDER_FEEDBACK
 
 ROOT = Path(__file__).parents[2]
@@ -444,7 +445,7 @@ def scenarios() -> dict[str, dict[str, Any]]:
     texts |= _blocks("reference/scenario-files.md", "```toml\n(.*?)```") | {"every motion": EVERY_MOTION}
     texts |= {"every mechanism": EVERY_MECHANISM, "under feedback": UNDER_FEEDBACK}
     texts |= {"predictive": PREDICTIVE, "feedforward": FEEDFORWARD, "every event": EVERY_EVENT}
-    return {name: tomllib.loads(text) for name, text in texts.items()}
+    return {name: tomllib.loads(text) for name, text in (texts | ON_SURFACES).items()}
 
 
 def studies() -> dict[str, dict[str, Any]]:
@@ -470,7 +471,7 @@ def with_everything() -> list[dict[str, Any]]:
     with_all_keys = ("every motion", "every mechanism", "under feedback", "predictive", "feedforward", "every event")
     named = [name for name in problems() if name.startswith("every kind")]
     return [
-        *(scenarios()[name] for name in (*classical, "disk", *with_all_keys)),
+        *(scenarios()[name] for name in (*classical, "disk", *with_all_keys, *ON_SURFACES)),
         studies()["every axis"],
         *(problems()[name] for name in named),
     ]

@@ -15,6 +15,7 @@ from ..physics.body import AbstractBody, System
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.modes import ContactState, Mode
 from ..physics.contact.released import released_energy
+from ..physics.footing import footing
 from ..physics.observables import observe
 from ..physics.rolling import AbstractRollingSystem, Reaction
 from ..physics.state import BallState, DiskState, State
@@ -167,9 +168,15 @@ def angular_speed_squared(system: System, t: Float[Array, ""], state: State) -> 
 
 
 def speed(system: System | BodyOnPlane, t: Float[Array, ""], state: State | ContactState) -> Float[Array, ""]:
-    """|ż|, how fast the geometric centre moves over the plane: where it rolls, r times the horizontal part of ω."""
+    """|ż|, how fast the geometric centre moves over the plane: where it rolls, r times the horizontal part of ω.
+
+    On a surface |ċ|, how fast the geometric centre moves in space.
+    """
     if isinstance(system, BodyOnPlane) or isinstance(state, ContactState):
         return root(jnp.sum(state.V[:2] ** 2))  # pyright: ignore
+    under = footing(system, t, state)
+    if under is not None:
+        return root(jnp.sum(under.centre_velocity**2))
     return system.radius * root(jnp.sum(cross(state.Omega, state.Gamma) ** 2))
 
 

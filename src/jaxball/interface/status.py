@@ -45,8 +45,9 @@ _SENTENCES = {
     ),
     Status.NOT_FINITE: (
         "The solve stopped at t = {reached:.10g} before t = {end:.10g}, because the equations of motion are not finite "
-        "there; check the schedules, rails and forces at that time, and dry friction, which may be too large for the "
-        "normal force to have a solution (Painlevé's paradox)."
+        "there; check the schedules, rails and forces at that time, a curved ground, which must be less curved than "
+        "the body everywhere on its path, and dry friction, which may be too large for the normal force to have a "
+        "solution (Painlevé's paradox)."
     ),
     Status.IMPOSSIBLE: "The solve did not start, because no body can have these parameters or this initial state.",
     Status.SOLVER_FAILED: (

@@ -10,6 +10,7 @@ from ..interface.arguments import require
 from ..numerics.arrays import to_array
 from ..physics.body import Ball, Disk, System
 from ..physics.contact.released import ReleasedState, released
+from ..physics.ground import Ground, require_plane
 from ..physics.mechanisms import AbstractJointForce, AbstractMechanism, EndStops, JointForces, JointFriction
 from ..physics.resistance import Resistance
 from ..physics.schedules import ConstantRate
@@ -114,9 +115,10 @@ def _check(system: System) -> None:
             "Key `force` must be left out to be written as MJCF, which has no forces that are given in time."
         )
     ground, resistance = system.ground, system.resistance
-    if ground is not None and ground.motion is not None:
+    require_plane(ground, "MJCF", MJCFError)
+    if isinstance(ground, Ground) and ground.motion is not None:
         raise MJCFError("Key `ground.motion` must be left out to be written as MJCF, where the plane stays at rest.")
-    table = None if ground is None else ground.turntable
+    table = ground.turntable if isinstance(ground, Ground) else None
     if table is not None and not isinstance(table.turning, ConstantRate):
         raise MJCFError(
             "Key `ground.turntable.turning` must be a constant rate to be written as MJCF, where a heavy disk turns "
@@ -180,7 +182,7 @@ def _surface(system: System, sliding: float) -> dict[str, Any]:
 def _add_plane(world: ET.Element, system: System, surface: dict[str, Any]) -> None:
     r = float(system.radius)
     ground = system.ground
-    if ground is None or ground.turntable is None:
+    if not isinstance(ground, Ground) or ground.turntable is None:
         add(world, "geom", name="plane", type="plane", size=(0.0, 0.0, 0.1 * r), **surface)
         return
     centre = np.asarray(ground.turntable.centre)
@@ -216,7 +218,7 @@ def _add_keyframe(root: ET.Element, system: System, t: Any, state: AbstractState
         state = released(system, t, state)
     body, rise = state.body, float(state.height)
     qpos, qvel = [], []
-    if system.ground is not None and system.ground.turntable is not None:
+    if isinstance(system.ground, Ground) and system.ground.turntable is not None:
         angle, rate, _ = system.ground.turntable.turning.derivatives(t)
         qpos, qvel = [float(angle)], [float(rate)]
     if isinstance(body, DiskState):

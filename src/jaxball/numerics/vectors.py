@@ -65,6 +65,17 @@ def hat(a: Float[Array, "3"]) -> Float[Array, "3 3"]:
     )
 
 
+def turn_about(n: Float[Array, "3"], angle: Float[Array, ""]) -> Float[Array, "3 3"]:
+    """The matrix of the rotation by an angle, rad, about the unit vector ``n``: Rodrigues' formula."""
+    sine, cosine = sine_cosine(angle)
+    return cosine * jnp.eye(3, dtype=n.dtype) + sine * hat(n) + (1 - cosine) * outer(n, n)
+
+
+def unit_vector(a: Float[Array, "3"]) -> Float[Array, "3"]:
+    """a / |a|."""
+    return a / jnp.sqrt(dot(a, a))
+
+
 def inverse(A: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
     """A⁻¹ by cofactors; not finite where A is singular."""
     C = cofactors(A)

@@ -19,7 +19,9 @@ from .confinement import clearance, confined, is_off_plane, time_of_leaving
 from .coupling import moved_masses
 from .dynamics import accelerations, solvable_friction
 from .feedback import AbstractLaw, FollowSchedules
+from .footing import rates
 from .force import unknown_motion
+from .load import load
 from .locked import from_locked, locked_field, to_locked
 from .mechanisms import Accelerated
 from .moments import kinematics
@@ -79,6 +81,8 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
     def start_conditions(self, t: Float[Array, ""], state: Any) -> Iterator[Condition]:
         if any(group.free for group in self.mechanism_groups):
             yield from moved_masses(self.prepare(), t, state)
+        if self.ground is not None:
+            yield from self.ground.start_conditions(t, self.radius, state)
         if self._is_dry:
             yield from solvable_friction(self.prepare(), t, state)
 
@@ -228,7 +232,8 @@ class Ball(AbstractBody):
     - ``law``: the feedback law that drives the :class:`~jaxball.Driven` masses and :class:`~jaxball.Accelerated`
       joints, if there are any.
     - ``mechanisms``: joints with masses, such as a :class:`~jaxball.Mechanism`, any number of them.
-    - ``ground``: a :class:`~jaxball.Ground`, if the plane is tilted or moves; None for a level plane at rest.
+    - ``ground``: a :class:`~jaxball.Ground`, if the plane is tilted or moves, or a surface such as a
+      :class:`~jaxball.HeightField`; None for a level plane at rest.
     - ``resistance``: a :class:`~jaxball.Resistance` to rolling, or another
       :class:`~jaxball.AbstractResistance`, or None.
 
@@ -257,8 +262,9 @@ class Ball(AbstractBody):
 
     def field(self, t: Float[Array, ""], state: Any) -> Any:
         """``rolling_ball_ode_f``, ``uncon_ball_eqns_explicit_full`` or ``uncon_ball_eqns_explicit``, by the state."""
-        found = accelerations(self, t, state)
-        return state.rates(self.radius, found.Omegadot, found.angles, self.drift(t, state))
+        acting = load(self, t, state)
+        found = accelerations(self, t, state, acting)
+        return rates(self, t, state, found.Omegadot, found.angles, acting.footing)
 
     def require_state(self, state: Any) -> None:
         AbstractBody.require_state(self, state)

@@ -32,6 +32,7 @@ from .confinement import (
     time_samples,
 )
 from .force import AbstractForce
+from .ground import Ground
 from .mechanisms import AbstractMechanism
 from .motion import AbstractPrescribedMotion, Driven, Fixed, OnRail, Oscillating
 from .parameters import BodyParameters
@@ -219,7 +220,7 @@ def _sampled_path(system: BodyParameters, motion: Any, t):
 
 def in_plane(system: BodyParameters, times: Float[Array, " T"]) -> Iterator[Condition]:
     """The conditions on a disk's force and on the motion of its ground, as far as they are seen; traceable."""
-    motion = None if system.ground is None else system.ground.motion
+    motion = system.ground.motion if isinstance(system.ground, Ground) else None
     force = system.force if isinstance(system.force, AbstractForce) else None
     for name, vector in (("force", force), ("ground.motion", motion)):
         if not system.planar or vector is None:

@@ -91,3 +91,10 @@ def unit(name: str, x: Float[Array, " size"]) -> Condition:
     """The condition on a vector of an initial state that its length is 1."""
     must = "a versor, four numbers whose squares add up to 1" if x.size == 4 else "a unit vector"
     return Condition(jnp.abs(jnp.sum(x**2) - 1) < UNIT, name, x, must)
+
+
+def a_direction(name: str, axis: Float[AnyArray, "3"]) -> Condition:
+    """The condition on three numbers to be a direction, of any length but 0."""
+    number = namespace_of(axis)
+    holds = number.all(number.isfinite(axis)) & number.any(axis != 0)
+    return Condition(holds, name, axis, "a direction, three finite numbers that are not all 0")

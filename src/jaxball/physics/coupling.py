@@ -21,6 +21,7 @@ from jaxtyping import Array, Bool, Float
 from ..numerics.linear import Factors, factored
 from ..numerics.vectors import apply, cross, inverse
 from .conditions import Condition
+from .footing import contact_normal
 from .linkage import Linkage, linkages
 from .parameters import BodyParameters
 from .state import State
@@ -157,7 +158,7 @@ def moved_masses(system: BodyParameters, t: Float[Array, ""], state: State) -> I
     ``system`` is prepared.
     """
     for link in with_free_joints(linkages(system, t, (state.theta, state.thetadot, state.thetadot))):
-        H = inertia(jnp.eye(3, dtype=link.m.dtype), system.radius, state.Gamma, [link]).H[0]
+        H = inertia(jnp.eye(3, dtype=link.m.dtype), system.radius, contact_normal(system, t, state), [link]).H[0]
         pivots, alone = jax.vmap(factored)(H).pivots, jnp.diagonal(H, axis1=1, axis2=2)
         least = SINGULAR**2 * jnp.sum(link.m, axis=1, keepdims=True) * system.radius**2
         names = tuple(system.coordinates[slot] for slot in link.slots.ravel())

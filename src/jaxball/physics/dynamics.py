@@ -18,6 +18,7 @@ from ..numerics.differentiation import without_derivatives
 from ..numerics.vectors import apply, cross, dot, outer
 from .conditions import Condition
 from .coupling import FactoredInertia, Inertia, Joints, inertia, joined, joint_forces, with_free_joints
+from .footing import contact_normal
 from .linkage import Linkage, along, linkages
 from .load import Load, load
 from .moments import AbstractMoments, Moments, moments, velocity_moments
@@ -111,7 +112,7 @@ class Equations(NamedTuple):
 
 def equations(system: BodyParameters, t: Float[Array, ""], state: State) -> Equations:
     """The equations at a state, whatever acts."""
-    r, Omega, Gamma = system.radius, state.Omega, state.Gamma
+    r, Omega, Gamma = system.radius, state.Omega, contact_normal(system, t, state)
     angles = given_angles(system, t, state)
     links = linkages(system, t, angles)
     at = moments(system, t, angles, links)
@@ -134,12 +135,12 @@ def accelerations(
     if not has_directions(system):
         system = with_directions(system, _directions(*without_derivatives((system, t, state, acting))))
     r, found = system.radius, equations(system, t, state)
-    Omega, Gamma, at, free = found.Omega, found.Gamma, found.at, found.free
+    Gamma, at, free = found.Gamma, found.at, found.free
     Omegadot, thetaddot = found.solved(r, t, state, acting)
-    dry = None if system.resistance is None else system.resistance.dry_torque(r, Omega, Gamma)
+    dry = None if system.resistance is None else system.resistance.dry_torque(r, acting.resisted, Gamma)
     if isinstance(system.resistance, Resistance) and system.resistance.holds:
         turns = _turning(system, found, acting, Omegadot, thetaddot)
-        mode = mode_of(system.resistance, turns, Omega)
+        mode = mode_of(system.resistance, turns, found.Omega)
         dry = resisted(system.resistance, turns, mode).torque
         change, joint_changes, _ = _dry_friction(at, Gamma, free, found.matrix, dry)
         Omegadot = Omegadot + change
@@ -200,7 +201,7 @@ def solvable_friction(system: BodyParameters, t: Float[Array, ""], state: State)
     """
     if system.resistance is None or not system.resistance.is_dry:
         return
-    r, Omega, Gamma = system.radius, state.Omega, state.Gamma
+    r, Omega, Gamma = system.radius, state.Omega, contact_normal(system, t, state)
     links = linkages(system, t, (state.theta, state.thetadot, state.thetadot))  # no rates are used
     at = velocity_moments(system, t, (state.theta, state.thetadot), links)
     matrix = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links).factored()

@@ -1,17 +1,18 @@
-"""The ground: a plane that may be tilted, that may move without turning, and that may carry a turntable.
+"""The ground: its contract, and a plane that may be tilted, move without turning, and carry a turntable.
 
-Space axes move with the plane and never turn; e3 is its normal, and the position z and all velocities are relative to
-these axes.
+Space axes move with that plane and never turn; e3 is its normal, and the position z and all velocities are relative to
+these axes. Grounds of any other form and motion are ``surfaces``, in space axes that are at rest.
 """
 
+import abc
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..interface.arguments import require
+from ..interface.arguments import described, require
 from ..interface.printing import Printed
 from ..numerics.arrays import concatenated, namespace_of, numbers
 from ..numerics.vectors import sine_cosine
@@ -20,6 +21,49 @@ from .motion import AbstractPrescribedMotion
 from .schedules import AbstractSchedule
 
 ALONG = 1e-6  # how far the sine of a disk's heading may be from 0
+
+
+class AbstractGround(Printed):
+    """What a body rolls on: a :class:`Ground`, which is a plane, or an :class:`~jaxball.AbstractSurface`.
+
+    Nothing else is known to the equations of motion; a ground of one's own is a surface.
+    """
+
+    @abc.abstractmethod
+    def conditions(self, planar: bool = False) -> Iterator[Condition]:
+        """What its numbers must be; traceable. ``planar``: for a disk, which rolls along e1."""
+
+    def start_conditions(self, t: Float[Array, ""], r: Float[Array, ""], state: Any) -> Iterator[Condition]:
+        """What it must be where a ball of radius ``r`` starts; traceable."""
+        yield from ()
+
+    @abc.abstractmethod
+    def up(self) -> Float[Array, "3"]:
+        """The vertical −**g**/g, space axes."""
+
+    @abc.abstractmethod
+    def lift(self, t: Float[Array, ""], g: Float[Array, ""]) -> Float[Array, "3"]:
+        """The acceleration of the space axes, less **g**, in these axes."""
+
+    @abc.abstractmethod
+    def kinks(self) -> Float[Array, " kinks"]:
+        """The times at which the acceleration of its matter jumps or has a kink."""
+
+    @abc.abstractmethod
+    def prepare(self) -> "AbstractGround":
+        """The same ground, ready to be evaluated many times."""
+
+
+def require_plane(ground: AbstractGround | None, purpose: str, error: type[Exception] = ValueError) -> None:
+    """Refuses a ground that is not a plane in something that is only for one, ``purpose``.
+
+    **Raises:** ``error``.
+    """
+    if not (ground is None or isinstance(ground, Ground)):
+        raise error(
+            f"Argument `ground` of the body must be a Ground or None for {purpose}, which is for planes, but it is "
+            f"{described(ground)}."
+        )
 
 
 class Turntable(Printed):
@@ -60,7 +104,7 @@ class TableMotion(NamedTuple):
     acceleration: Float[Array, "2"]
 
 
-class Ground(Printed):
+class Ground(AbstractGround):
     """A plane that is tilted, moves or carries a turntable; without a ground, a body rolls on a level plane at rest.
 
     **Arguments:**

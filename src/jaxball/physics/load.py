@@ -6,11 +6,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..numerics.vectors import apply, cross
+from .footing import footing
 from .force import BodyMotion, Wrench
-from .ground import TableMotion
+from .ground import Ground, TableMotion
 from .moments import AbstractMoments
 from .parameters import BodyParameters
 from .state import BallState, DiskState, ReducedState, RotationState, State, centre_velocity, rolling_velocity
+from .surfaces import Footing
 
 
 class Load(NamedTuple):
@@ -18,7 +20,11 @@ class Load(NamedTuple):
 
     ``gamma`` is γ = Λ⁻¹(Ẍ + u̇ − **g**), and None on a level plane at rest, where it is gΓ. ``force`` is F̃ of all
     forces at the geometric centre, ``torque`` T̃ of all torques, each None where there are none. ``applied`` is the
-    contribution of the external force and its torque to both.
+    contribution of the external force and its torque to both. ``resisted`` is the angular velocity that friction at
+    the contact resists.
+
+    On a surface, ``footing`` says how it holds the body, Γ is its normal instead of the vertical, and
+    γ = Λ⁻¹(ẇ + r ω × ṅ − **g**).
     """
 
     g: Float[Array, ""]
@@ -27,11 +33,26 @@ class Load(NamedTuple):
     force: Float[Array, "3"] | None
     torque: Float[Array, "3"] | None
     applied: Wrench | None
+    resisted: Float[Array, "3"]
+    footing: Footing | None = None
+    normal_rate: Float[Array, "3"] | None = None  # Λ⁻¹ṅ
 
     @property
     def weight(self) -> Float[Array, "3"]:
         """γ: the upward weight of a unit of mass at rest in the space axes."""
         return self.g * self.Gamma if self.gamma is None else self.gamma
+
+    def of_momenta(self, r: Float[Array, ""], Omega: Float[Array, "3"]) -> "Load":
+        """The load in the balances of momenta about the contact point, whose rates contain Γ̇: γ without Λ⁻¹ r ω × ṅ."""
+        if self.normal_rate is None:
+            return self
+        assert self.gamma is not None
+        return self._replace(gamma=self.gamma - r * cross(Omega, self.normal_rate))
+
+    def Gammadot(self, Omega: Float[Array, "3"]) -> Float[Array, "3"]:
+        """Γ̇ = Γ × Ω, and Λ⁻¹ṅ more on a surface."""
+        carried = cross(self.Gamma, Omega)
+        return carried if self.normal_rate is None else carried + self.normal_rate
 
     def with_torque(self, torque: Float[Array, "3"] | None) -> "Load":
         """The load with one more torque, body axes, if there is one."""
@@ -64,13 +85,22 @@ def load(
     its turning, which it does if not given; ``height`` how far the body is over the plane, 0 if not given. Reduced
     states, which do not contain Λ, are refused where an external force acts or the ground is not level and at rest.
     """
-    r, g, Gamma = system.radius, system.gravity, state.Gamma
-    gamma = force = torque = applied = velocity = W = None
+    r, g, Gamma, resisted = system.radius, system.gravity, state.Gamma, state.Omega
+    normal_rate = gamma = force = torque = applied = velocity = W = None
+    under = footing(system, t, state)
     if system.force is not None:
         assert not isinstance(state, ReducedState)
-        applied = _applied(system, t, state, slip, height)
+        applied = _applied(system, t, state, slip, height, under)
         force, torque = applied
-    if system.ground is not None:
+    if under is not None:
+        assert isinstance(state, BallState | RotationState)
+        assert system.ground is not None
+        into_body, turning = state.Lambda.T, apply(state.Lambda, state.Omega)
+        Gamma, normal_rate = apply(into_body, under.normal), apply(into_body, under.normal_rate)
+        velocity, resisted = apply(into_body, under.velocity), resisted - apply(into_body, under.spin)
+        carried = under.acceleration + r * cross(turning, under.normal_rate)
+        gamma = apply(into_body, carried + system.ground.lift(t, g))
+    elif system.ground is not None:
         assert not isinstance(state, ReducedState)
         lift = system.ground.lift(t, g)
         table = table_under(system, t, state, slip)
@@ -86,13 +116,13 @@ def load(
         resistance, Omega = system.resistance, state.Omega
         rolling = r * cross(Omega, Gamma)
         medium = resistance.medium(rolling if velocity is None else rolling + velocity, Omega)
-        resisting = resistance.contact_torque(Omega, Gamma, W)
+        resisting = resistance.contact_torque(resisted, Gamma, W)
         resisting = resisting if touching is None else jnp.where(touching, resisting, 0.0)
         if medium is not None:
             force = medium[0] if force is None else force + medium[0]
             resisting = resisting + medium[1]
         torque = resisting if torque is None else torque + resisting
-    return Load(g, Gamma, gamma, force, torque, applied)
+    return Load(g, Gamma, gamma, force, torque, applied, resisted, under, normal_rate)
 
 
 def _applied(
@@ -101,12 +131,16 @@ def _applied(
     state: BallState | RotationState | DiskState,
     slip: Float[Array, "3"] | None,
     height: Float[Array, ""] | None,
+    under: Footing | None,
 ) -> Wrench:
     """The external force and its torque in body axes; on a disk, their parts in its plane."""
     assert system.force is not None
-    velocity = in_three(centre_velocity(state.Lambda, state.Omega, system.radius, system.drift(t, state)))
+    if under is not None:
+        position, velocity = under.centre, under.centre_velocity
+    else:
+        velocity = in_three(centre_velocity(state.Lambda, state.Omega, system.radius, system.drift(t, state)))
+        position = in_three(place(state))
     velocity = velocity if slip is None else velocity + slip
-    position = in_three(place(state))
     position = position if height is None else position.at[2].set(height)
     motion = BodyMotion(position, velocity, state.Lambda, state.Omega, state.theta, state.thetadot)
     force, torque = system.force.wrench(t, motion)
@@ -126,7 +160,7 @@ def table_under(
     system: BodyParameters, t: Float[Array, ""], state: State, slip: Float[Array, "3"] | None = None
 ) -> TableMotion | None:
     """The motion of a turntable under the body's centre; None without one. ``slip`` is as in :func:`load`."""
-    if system.ground is None or system.ground.turntable is None:
+    if not isinstance(system.ground, Ground) or system.ground.turntable is None:
         return None
     assert isinstance(state, BallState | RotationState)
     over = rolling_velocity(state.Lambda, state.Omega, system.radius)

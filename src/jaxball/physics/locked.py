@@ -22,6 +22,7 @@ from jaxtyping import Array, Float
 from ..numerics.vectors import cross, dot, outer
 from .coupling import Joints, inertia, inertia_rate, joined, joint_forces, joint_impulses, with_free_joints
 from .dynamics import accelerations, given_angles, inertia_about_contact
+from .footing import contact_normal, rates as rates_of
 from .linkage import Linkage, linkages
 from .load import Load, load
 from .moments import AbstractMoments, VelocityMoments, velocity_moments
@@ -44,7 +45,7 @@ def from_locked(system: BodyParameters, t: Float[Array, ""], state: AnyState) ->
 
 def locked_field(system: BodyParameters, t: Float[Array, ""], packed: AnyState) -> AnyState:
     """The rates of a state that holds (W, ϑ̇): with 𝔐 the inertia of ``coupling``, 𝔐⁻¹ ((Π̇, π̇) − 𝔐̇ (W, ϑ̇))."""
-    r, W, Gamma = system.radius, packed.Omega, packed.Gamma
+    r, W, Gamma = system.radius, packed.Omega, contact_normal(system, t, packed)
     at, links = _stopped(system, t, packed)
     free = with_free_joints(links)
     locked = [link.own(packed.thetadot) for link in free]
@@ -57,16 +58,17 @@ def locked_field(system: BodyParameters, t: Float[Array, ""], packed: AnyState) 
         links = [link.moving(link.own(state.thetadot)) if link.group.free else link for link in links]
         at, free = velocity_moments(system, t, angles[:2], links), with_free_joints(links)
     acting = _with_dry_friction(system, t, state, load(system, t, state))
+    Gammadot = acting.Gammadot(Omega)
+    acting = acting.of_momenta(r, Omega)
     Pi, _ = matrix.times(W, locked)
     Pidot = contact_momentum_rate(at, r, acting, Pi, Omega)
     forces = joint_forces(t, state, links, impulses=False)
     pidot = [Q + _momentum_rate(link, r, acting, Omega) for link, Q in zip(free, forces, strict=True)]
-    Gammadot = cross(Gamma, Omega)
     changing = inertia_rate(inertia_about_contact_rate(at, r, Gamma, Gammadot), r, Gamma, Gammadot, links)
     turned, pulled = changing.times(W, locked)
     Wdot, rates = factors.solve(Pidot - turned, [x - y for x, y in zip(pidot, pulled, strict=True)])
     theta, thetadot, given = angles
-    return state.rates(r, Wdot, (theta, thetadot, joined(given, links, rates)), system.drift(t, state))
+    return rates_of(system, t, state, Wdot, (theta, thetadot, joined(given, links, rates)), acting.footing)
 
 
 def inertia_about_contact_rate(
@@ -82,7 +84,7 @@ def inertia_about_contact_rate(
 
 def _moved(system: BodyParameters, t: Float[Array, ""], state: AnyState, sign: float) -> AnyState:
     at, links = _stopped(system, t, state)
-    r, Gamma = system.radius, state.Gamma
+    r, Gamma = system.radius, contact_normal(system, t, state)
     factors = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links).factored()
     momenta = _given_momenta(t, at, r, Gamma, with_free_joints(links))
     return _with_velocities(state, links, sign, *factors.solve(*momenta))

@@ -33,10 +33,10 @@ def internal_momentum(at: AbstractMoments, r: Float[Array, ""], Gamma: Float[Arr
 def contact_momentum_rate(
     at: AbstractMoments, r: Float[Array, ""], acting: Load, Pi: Float[Array, "3"], Omega: Float[Array, "3"]
 ) -> Float[Array, "3"]:
-    """Π̇ = Π × Ω + T + (rΓ × Ω) × P, with T the torque of the load about the contact point, gΓ × p + rΓ × F̃ and more.
+    """Π̇ = Π × Ω + T + rΓ̇ × P, with T the torque of the load about the contact point, gΓ × p + rΓ × F̃ and more.
 
     The last term is there because the contact point moves along the plane. Where p = 0 at all times
     and no force acts, ΛΠ is constant (Chaplygin's sphere), also while the masses move.
     """
     P = linear_momentum(at, r, Omega, acting.Gamma)
-    return cross(Pi, Omega) + acting.about_contact(at, r) + cross(r * cross(acting.Gamma, Omega), P)
+    return cross(Pi, Omega) + acting.about_contact(at, r) + cross(r * acting.Gammadot(Omega), P)

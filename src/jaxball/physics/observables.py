@@ -22,6 +22,7 @@ from .energy import (
     kinetic_energy,
     potential_energy,
 )
+from .ground import Ground
 from .load import Load, in_three, load
 from .moments import AbstractMoments, joint_motion, kinematics, point_mass_values, principal_inertia
 from .momentum import contact_momentum, linear_momentum
@@ -36,7 +37,7 @@ class Observables(Printed):
 
     Positions named ``…_body`` are in body axes, relative to the geometric centre; those named ``…_space`` are in space
     axes, also relative to it. ``geometric_centre`` and ``contact_point`` are positions in space, with the plane at
-    height −r. The contact force acts on the ball.
+    height −r, or a surface where it was put. The contact force acts on the ball.
 
     **Arguments:** each with a leading axis of times, if there are several.
 
@@ -53,7 +54,9 @@ class Observables(Printed):
     - ``power``: Ė, the total of the actuation, the external force, resistance and the ground's motion, mass
       length²/time³.
     - ``dissipation``: the power dissipated by resistance, 0 or positive unless a coefficient is negative.
-    - ``normal_force``, ``friction``: N, and the two components of f, shape (2,), mass length/time².
+    - ``contact_force``: R, space axes, shape (3,), mass length/time².
+    - ``normal_force``, ``friction``: N, and the two components of f, shape (2,), mass length/time²; on a surface p
+      along ∂p/∂u1 and across, which with its normal are right-handed.
     - ``friction_ratio``: |f| / N; 0 in flight.
     - ``joint_angles``, ``joint_rates``: θ and θ̇ of every joint of every mechanism, in their order, shape (joints,).
     - ``joint_efforts``: Q of each, the torque of a hinge and the force along a slider, shape (joints,); for a joint
@@ -83,6 +86,7 @@ class Observables(Printed):
     potential_energy: Float[Array, "*t"]
     power: Float[Array, "*t"]  # Ė
     dissipation: Float[Array, "*t"]
+    contact_force: Float[Array, "*t 3"]  # R
     normal_force: Float[Array, "*t"]  # N
     friction: Float[Array, "*t 2"]  # f
     friction_ratio: Float[Array, "*t"]  # |f| / N
@@ -199,7 +203,8 @@ def observed(system: AbstractBody, t: Float[Array, ""], motion: Movement) -> Obs
     """The observables of a body from its motion."""
     in_space, at, acting, slip = motion.state, motion.at, motion.acting, motion.slip
     r, g, Omega, Lambda = system.radius, system.gravity, in_space.Omega, in_space.Lambda
-    Gamma, omega, Omegadot = Lambda[2], apply(Lambda, Omega), motion.Omegadot
+    under, omega, Omegadot = acting.footing, apply(Lambda, Omega), motion.Omegadot
+    Gamma = Lambda[2] if under is None else acting.Gamma
     points = kinematics(system, t, motion.angles)
     still = jnp.zeros((1, 3), dtype=Omega.dtype)
     with_shell = Kinematics(
@@ -209,10 +214,16 @@ def observed(system: AbstractBody, t: Float[Array, ""], motion: Movement) -> Obs
     )
     m = jnp.concatenate([system.mass[None], point_mass_values(system)])
     a = accelerations_of_masses(r, with_shell, Omega, Omegadot, Gamma)
-    contact = ContactForce(motion.R[2], motion.R[:2])
-    u = system.drift(t, in_space)
-    velocity, lowest = in_three(centre_velocity(Lambda, Omega, r, u)), None if u is None else in_three(u)
-    centre, weight = in_three(in_space.z), motion.weight
+    weight, u = motion.weight, None
+    if under is None:
+        contact = ContactForce(motion.R[2], motion.R[:2])
+        u = system.drift(t, in_space)
+        velocity, lowest = in_three(centre_velocity(Lambda, Omega, r, u)), None if u is None else in_three(u)
+        centre = in_three(in_space.z)
+        foot = centre - jnp.stack([jnp.zeros_like(r), jnp.zeros_like(r), r])
+    else:
+        contact = ContactForce(dot(under.normal, motion.R), jnp.sum(under.tangents * motion.R[None], axis=1))
+        velocity, lowest, centre, foot = under.centre_velocity, under.velocity, under.centre, under.foot
     if slip is not None:
         velocity, lowest = velocity + slip.velocity, slip.velocity if lowest is None else lowest + slip.velocity
         centre = centre.at[2].set(slip.height)
@@ -227,9 +238,11 @@ def observed(system: AbstractBody, t: Float[Array, ""], motion: Movement) -> Obs
     power = actuation_power(m, with_shell, a, weight) - lost
     if acting.applied is not None:
         power = power + applied_power(acting.applied, Lambda, velocity, omega)
-    if u is not None:
+    if under is not None:
+        power = power + dot(motion.R, under.velocity)
+    elif u is not None:
         power = power + jnp.sum(contact.friction * u)
-    if system.ground is not None and system.ground.motion is not None:
+    if isinstance(system.ground, Ground) and system.ground.motion is not None:
         P = apply(Lambda, linear_momentum(at, r, Omega, Gamma) + (0.0 if drift is None else at.M * drift))
         power = power - dot(system.ground.motion.kinematics(t).chiddot, P)
     joints = joint_motion(system, t, motion.angles, a[1:] + weight[None])
@@ -239,8 +252,8 @@ def observed(system: AbstractBody, t: Float[Array, ""], motion: Movement) -> Obs
         centre_of_mass_body=at.p / at.M,
         centre_of_mass_space=apply(Lambda, at.p) / at.M,
         geometric_centre=centre,
-        contact_point=in_three(in_space.z) - jnp.stack([jnp.zeros_like(r), jnp.zeros_like(r), r]),
-        vertical_body=Gamma,
+        contact_point=foot,
+        vertical_body=Lambda[2],
         angular_velocity_body=Omega,
         angular_velocity_space=omega,
         angular_acceleration_body=Omegadot,
@@ -249,6 +262,7 @@ def observed(system: AbstractBody, t: Float[Array, ""], motion: Movement) -> Obs
         potential_energy=potential_energy(m, g, with_shell, apply(Lambda.T, up), dot(up, centre)),
         power=power,
         dissipation=lost,
+        contact_force=motion.R,
         normal_force=contact.normal,
         friction=contact.friction,
         friction_ratio=contact.ratio if slip is None else jnp.where(contact.normal == 0, 0.0, contact.ratio),

@@ -13,13 +13,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..interface.arguments import require, require_each
+from ..interface.arguments import described, require, require_each
 from ..interface.printing import Printed, entry, shown, shown_fields
 from ..interface.wording import all_of
 from ..numerics.arrays import Numbers, is_traced, numbers
 from .feedback import AbstractLaw
 from .force import AbstractWrench, FunctionForce, HarmonicForce, require_wrench
-from .ground import Ground
+from .ground import AbstractGround, Ground
 from .mechanisms import AbstractMechanism
 from .motion import AbstractMotion, Driven
 from .rails import AbstractRail
@@ -82,7 +82,7 @@ class BodyParameters(Printed):
     law: AbstractLaw | None
     mechanism_groups: tuple[AbstractMechanism, ...]
     mechanism_order: tuple[tuple[int, ...], ...] = eqx.field(static=True)
-    ground: Ground | None
+    ground: AbstractGround | None
     resistance: AbstractResistance | None
 
     def __init__(
@@ -97,7 +97,7 @@ class BodyParameters(Printed):
         masses: Sequence[PointMass] = (),
         law: AbstractLaw | None = None,
         mechanisms: Sequence[AbstractMechanism] = (),
-        ground: Ground | None = None,
+        ground: AbstractGround | None = None,
         resistance: AbstractResistance | None = None,
     ):
         self.mass, self.radius, self.gravity = (
@@ -112,17 +112,21 @@ class BodyParameters(Printed):
         self.driven = tuple(index for index, item in enumerate(masses) if isinstance(item.motion, Driven))
         self.mechanism_groups, self.mechanism_order = grouped(mechanisms)
         self.ground, self.resistance = ground, resistance
-        require("ground", ground, (Ground, type(None)), "a Ground or None")
+        require("ground", ground, (AbstractGround, type(None)), "a Ground, a surface such as a HeightField, or None")
         require("resistance", resistance, (AbstractResistance, type(None)), "a Resistance or None")
-        if self.planar and ground is not None and ground.turntable is not None:
-            raise ValueError(
-                "Argument `ground` must have no turntable under a disk, which rolls on a line; use a Ball."
-            )
-        has_table = ground is not None and ground.turntable is not None
+        if self.planar:
+            _require_plane(ground)
+        has_table = isinstance(ground, Ground) and ground.turntable is not None
         if has_table and isinstance(resistance, Resistance) and resistance.dry_spinning is not None:
             raise ValueError(
                 "Argument `ground` must have no turntable where dry friction against spinning acts, which would be "
                 "relative to it; leave `dry_spinning` of the `resistance` out, or the turntable."
+            )
+        is_curved = ground is not None and not isinstance(ground, Ground)
+        if is_curved and isinstance(resistance, Resistance) and resistance.exact:
+            raise ValueError(
+                "Argument `resistance` must not be exact on a surface, because a rest is known on planes only; leave "
+                "`exact` out, for the smoothed law, or use a Ground."
             )
         _require_force(self)
         _require_law(self)
@@ -184,7 +188,7 @@ class BodyParameters(Printed):
 
     def drift(self, t: Float[Array, ""], state: Any) -> Float[Array, "2"] | None:
         """The velocity u of a turntable under the body's centre; None without one."""
-        if self.ground is None or self.ground.turntable is None:
+        if not isinstance(self.ground, Ground) or self.ground.turntable is None:
             return None
         return self.ground.velocity(t, state.z)
 
@@ -250,6 +254,17 @@ def _entry(leaf: Any, index: int) -> Any:
     """An entry along the first axis, taken by NumPy where it is known, without compiling anything."""
     known = isinstance(leaf, jax.Array) and not is_traced(leaf)
     return jnp.asarray(np.asarray(np.asarray(leaf)[index]), dtype=leaf.dtype) if known else leaf[index]
+
+
+def _require_plane(ground: AbstractGround | None) -> None:
+    """Refuses what a disk cannot roll on."""
+    if ground is not None and not isinstance(ground, Ground):
+        raise ValueError(
+            f"Argument `ground` must be a plane under a disk, which rolls on a line, but it is {described(ground)}; "
+            "use a Ground, or a Ball."
+        )
+    if ground is not None and ground.turntable is not None:
+        raise ValueError("Argument `ground` must have no turntable under a disk, which rolls on a line; use a Ball.")
 
 
 def _require_force(body: "BodyParameters") -> None:

@@ -45,8 +45,8 @@ def reaction(system: BodyParameters, t: Float[Array, ""], state: State) -> React
     acting = load(system, t, state)
     found = accelerations(system, t, state, acting)
     R = reaction_in_body(found.at, system.radius, acting, state.Omega, found.Omegadot)
-    normal = dot(R, state.Gamma)
-    friction = R - normal * state.Gamma
+    normal = dot(R, acting.Gamma)
+    friction = R - normal * acting.Gamma
     return Reaction(normal, dot(friction, friction))
 
 

@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from ..numerics import programs
 from ..numerics.arrays import to_array
+from ..physics.ground import Ground, require_plane
 from ..simulation.trajectory import Trajectory
 from .record import Record, finite_rows
 from .shapes import arms
@@ -58,6 +59,8 @@ def place(trajectory: Trajectory, run: Record) -> Placed:
     """A run in the axes of the page."""
     rows, seen, system = finite_rows(trajectory), run.observables, trajectory.system
     ground, with_arms = system.ground, system if system.mechanisms else None
+    require_plane(ground, "animations and views")
+    assert ground is None or isinstance(ground, Ground)
     given = ground, with_arms, to_array(run.times), jax.tree.map(lambda leaf: leaf[rows], trajectory.state)
     Lambda, arms, moved, turned = jax.tree.map(np.asarray, _evaluate(*given))
     up = np.array([0.0, 0.0, 1.0]) if ground is None else np.asarray(ground.up())

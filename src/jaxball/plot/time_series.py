@@ -15,6 +15,9 @@ from ..numerics import programs
 from ..numerics.arrays import to_array
 from ..physics.body import Disk
 from ..physics.contact.modes import Mode
+from ..physics.footing import footing
+from ..physics.ground import Ground
+from ..physics.surfaces import AbstractSurface
 from ..sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory, always_rolls
 from .modes import share_bands
@@ -211,10 +214,12 @@ def centre_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     rows, speed, system = finite_rows(run), sizes_of(run.system).speed, run.system
     if "V" in run.history.over_time:
         V = np.asarray(run.history.over_time["V"])[rows]
+    elif isinstance(system.ground, AbstractSurface):
+        V = np.asarray(_on_surface(system, to_array(np.asarray(run.times)), run.state))[rows]
     else:  # rω × e3, plus the velocity of a turntable under the centre
         omega = record(run).observables.angular_velocity_space
         V = float(system.radius) * np.stack([omega[:, 1], -omega[:, 0], 0.0 * omega[:, 0]], axis=1)
-        if system.ground is not None and system.ground.turntable is not None:
+        if isinstance(system.ground, Ground) and system.ground.turntable is not None:
             V[:, :2] += np.asarray(_drift(system, to_array(np.asarray(run.times)), run.state))[rows]
     rises = bool(np.any(without_rounding(V[:, 2], speed)))
     planar = isinstance(run.system, Disk)
@@ -236,6 +241,18 @@ def attitude(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         series = [Series(np.asarray(state.phi)[finite_rows(run)], "", COMPONENTS[0])]
         return over_run(run, series, r"$\phi$ (rad)", ax, size=1.0)
     return over_run(run, components(Gamma, r"\Gamma"), r"$\Gamma_i$", ax, size=1.0)
+
+
+@programs.filter_jit
+def _on_surface(system, times, states):
+    prepared = system.prepare()
+
+    def velocity(t, state):
+        under = footing(prepared, t, state)
+        assert under is not None
+        return under.centre_velocity
+
+    return jax.vmap(velocity)(times, states)
 
 
 @programs.filter_jit

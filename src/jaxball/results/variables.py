@@ -17,6 +17,7 @@ from ..physics.contact.modes import Cause, ContactSwitches, Mode
 from ..physics.contact.released import ReleasedState
 from ..physics.hybrid import NO_HISTORY, AbstractHistory, History, Switches
 from ..physics.state import AbstractBodyState, DiskState, ReducedState
+from ..physics.surfaces import AbstractSurface
 from ..scenario.body import CONTACT
 from ..sensors import AbstractSensor
 from ..simulation.events import Occurrences
@@ -55,7 +56,7 @@ def values(trajectory: Trajectory[Any, Any]) -> Variables:
     for name, leaf in vars(trajectory.state).items():
         array = np.asarray(leaf)
         if array.size:
-            variables[name] = (described(name, isinstance(trajectory.state, DiskState)), array)
+            variables[name] = (_of_body_state(name, trajectory), array)
     if isinstance(trajectory.state, ReducedState):
         return variables
     observables = trajectory.observables
@@ -77,6 +78,13 @@ def measured_values(trajectory: Trajectory[Any, Any], sensors: Mapping[str, Abst
         dimensions = undescribed(name, array.ndim - 1).dimensions if known is None else known
         variables[f"measured_{name}"] = Variable(dimensions, sensor.units, sensor.meaning), array
     return variables
+
+
+def _of_body_state(name: str, trajectory: Trajectory[Any, Any]) -> Variable:
+    variable = described(name, isinstance(trajectory.state, DiskState))
+    if name == "z" and isinstance(trajectory.system.ground, AbstractSurface):
+        return variable._replace(units="", meaning="coordinates of the contact point on the ground")
+    return variable
 
 
 def described(name: str, planar: bool) -> Variable:

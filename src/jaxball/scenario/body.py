@@ -14,13 +14,12 @@ from ..physics.body import AbstractBody, Ball, Disk, System
 from ..physics.contact.law import COEFFICIENTS, ROOM, SLOWEST, AbstractFriction, Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.force import AbstractWrench, FunctionWrench, HarmonicForce, require_wrench
-from ..physics.ground import Ground, Turntable
 from ..physics.resistance import SMOOTHING, AbstractResistance, Resistance
 from ..physics.system import AbstractState
 from ..sensors import AbstractSensor, Accelerometer, Encoder, Gyroscope, Position, SensorErrors, Tachometer
 from .errors import each_of
-from .mechanisms import MOTIONS, read_motion, write_motion
-from .motions import FRAME, HARMONIC_FORCE, SCHEDULE
+from .grounds import GROUNDS, read_ground
+from .motions import FRAME, HARMONIC_FORCE
 from .own import FUNCTION, Open, names_own, read_own, trying, trying_class
 from .table import (
     Family,
@@ -37,19 +36,14 @@ from .table import (
     write_table,
 )
 from .values import (
-    ANGLE,
-    FULL_TURN,
     LENGTH,
     NOT_NEGATIVE,
     POSITIVE,
-    QUARTER_TURN,
     RATE,
     TIME,
     Flag,
     Integer,
-    Nested,
     Numbers,
-    Radians,
     Rule,
     ScenarioError,
     Text,
@@ -195,28 +189,6 @@ def rolling_state(scenario: "Scenario", what: str, error: type[ScenarioError] = 
     return scenario.state
 
 
-_MOTION = Nested(lambda values, path: read_motion(*read_one_of(values, path, MOTIONS)), write_motion, tables=MOTIONS)
-_TURNTABLE = Module(Turntable, {"turning": SCHEDULE, "centre": Key(Numbers((2,), dimension=LENGTH), (0.0, 0.0))})
-GROUND = Module(
-    Ground,
-    {
-        "angle": Key(Radians((), QUARTER_TURN, ANGLE), 0.0),
-        "heading": Key(Radians((), FULL_TURN, ANGLE), 0.0),
-        "motion": Key(_MOTION, None),
-        "turntable": Key(_TURNTABLE.nested, None),
-    },
-)
-
-
-def read_ground(values: Any, path: str, kind: str) -> Ground:
-    """The ground; under a disk it has no turntable."""
-    ground = GROUND.read(values, path)
-    if kind == "disk" and ground.turntable is not None:
-        raise ScenarioError(f"Key `{path}.turntable` must be left out for a disk, which rolls on a line; use a ball.")
-    require_conditions(ground)
-    return ground
-
-
 SHELL = {
     "mass": Key(Numbers(rule=POSITIVE)),
     "radius": Key(Numbers(rule=POSITIVE, dimension=LENGTH)),
@@ -291,7 +263,7 @@ def check_force(force: AbstractWrench | None, path: str, coordinates: int) -> No
             require_wrench("wrench", force, coordinates)
 
 
-_SURROUNDINGS: dict[str, Family] = {"force": FORCES, "ground": {"": GROUND}, "resistance": RESISTANCES}
+_SURROUNDINGS: dict[str, Family] = {"force": FORCES, "ground": GROUNDS, "resistance": RESISTANCES}
 
 
 def write_body(system: System) -> dict[str, Any]:
@@ -310,7 +282,7 @@ def write_surroundings(parts: Mapping[str, Any]) -> dict[str, Any]:
             continue
         family = _SURROUNDINGS[name]
         kind, table = write_member(part, name, family)
-        if kind not in family:
+        if kind not in family or (kind and family is GROUNDS):
             tables[name] = {"kind": kind, **table}
             continue
         first, key = next(iter(family[kind].keys.items()))
@@ -374,7 +346,7 @@ def write_sensors(sensors: Mapping[str, AbstractSensor], path: str) -> dict[str,
 KEYS = {
     "body": Key(unread(tables={kind: keys for kind, (_, keys) in BODIES.items()})),
     "force": Key(unread(tables=keys_of(FORCES)), None),
-    "ground": Key(unread(tables={"": GROUND.keys}), None),
+    "ground": Key(unread(tables=keys_of(GROUNDS)), None),
     "resistance": Key(unread(tables=keys_of(RESISTANCES)), None),
     "contact": Key(unread(tables={"": CONTACT.keys}), None),
     "sensors": Key(unread("a table of tables", keys_of(SENSORS)), None),

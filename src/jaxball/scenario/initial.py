@@ -13,6 +13,7 @@ from ..numerics.arrays import is_traced, to_array
 from ..numerics.vectors import length
 from ..physics.body import Ball, Disk, PointMass, System
 from ..physics.contact.released import ReleasedState
+from ..physics.ground import Ground
 from ..physics.motion import Driven, OnRail
 from ..physics.schedules import AbstractSchedule
 from ..physics.state import BallState, DiskState, State
@@ -208,7 +209,7 @@ def balanced(
     if fields["theta"] is not None:
         raise ScenarioError(f"Key `{path}` must not be combined with `theta`, because it finds the angles.")
     ground = shell_and_ground["ground"]
-    if ground is not None and ground.moving:
+    if isinstance(ground, Ground) and ground.moving:
         part = "motion" if ground.turntable is None else "turntable"
         raise ScenarioError(
             f"Key `{path}` must not be combined with `ground.{part}`, because it is for a plane at rest."

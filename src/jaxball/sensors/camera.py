@@ -51,4 +51,6 @@ class Position(AbstractSensor):
         chi = mount(system, t, movement.angles, self.on, self.at).point.chi
         height = jnp.zeros_like(t) if movement.slip is None else movement.slip.height
         state = movement.state
-        return jnp.append(state.z, height) + apply(state.Lambda, chi)
+        under = movement.acting.footing
+        centre = jnp.append(state.z, height) if under is None else under.centre
+        return centre + apply(state.Lambda, chi)

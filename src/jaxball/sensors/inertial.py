@@ -59,7 +59,7 @@ class Accelerometer(AbstractSensor):
         on = mount(system, t, movement.angles, self.on, self.at)
         point = Kinematics(*(x[None] for x in on.point))
         state = movement.state
-        a = accelerations_of_masses(system.radius, point, state.Omega, movement.Omegadot, state.Gamma)[0]
+        a = accelerations_of_masses(system.radius, point, state.Omega, movement.Omegadot, movement.acting.Gamma)[0]
         return _in_sensor(self.frame, on, a + movement.weight)
 
 

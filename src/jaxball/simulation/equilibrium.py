@@ -21,6 +21,7 @@ from ..numerics.vectors import apply, cross, dot
 from ..physics.body import Ball, Disk, PointMass, System, with_masses
 from ..physics.coupling import joined, joint_forces, with_free_joints
 from ..physics.dynamics import given_angles
+from ..physics.ground import Ground, require_plane
 from ..physics.linkage import linkages
 from ..physics.load import load
 from ..physics.moments import kinematics, point_mass_values, velocity_moments
@@ -113,7 +114,8 @@ def balance(
     require("system", system, (Ball, Disk), "a Ball or a Disk")
     require("above", above, (bool, np.bool_, type(None)), "True, False or None")
     ground = system.ground
-    if ground is not None and ground.moving:
+    require_plane(ground, "`balance`")
+    if isinstance(ground, Ground) and ground.moving:
         raise ValueError(
             "Argument `system` must be on a plane at rest, where the weight alone decides whether a body rests, "
             f"but its `ground` has a {'motion' if ground.turntable is None else 'turntable'}."

@@ -101,6 +101,7 @@ OBSERVABLES = {
     "energy": Variable((), "energy", "total energy"),
     "power": Variable((), "power", "power of the actuation, the external force and everything else that does work"),
     "dissipation": Variable((), "power", "power dissipated by resistance"),
+    "contact_force": Variable(("axis",), "force", "force of the ground on the body, in space axes"),
     "normal_force": Variable((), "force", "normal force of the plane"),
     "friction": Variable(("direction",), "force", "friction force of the plane"),
     "friction_ratio": Variable((), "1", "ratio of friction to normal force"),

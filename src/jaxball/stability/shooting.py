@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.linear import least_squares
+from ..physics.ground import Ground
 from ..physics.packing import Packing, normal_of
 from ..physics.state import AbstractBodyState, BallState, DiskState
 from ..physics.system import AbstractState, AbstractSystem, vector_field
@@ -204,7 +205,9 @@ def _returned(
 def returning(system: AbstractSystem, state: AbstractState) -> Bool[np.ndarray, " size"]:
     """Which components of ``state`` must return: all except the position, where nothing depends on it."""
     ground = getattr(system, "ground", None)
-    placed = isinstance(state, BallState | DiskState) and (ground is None or ground.turntable is None)
+    placed = isinstance(state, BallState | DiskState) and (
+        ground is None or (isinstance(ground, Ground) and ground.turntable is None)
+    )
     return ~_named(state, ".z") if placed else _named(state)
 
 

@@ -10,9 +10,11 @@ from jaxtyping import Float
 
 from ..classical import HeavyTop
 from ..physics.body import AbstractBody, Disk
+from ..physics.ground import Ground
 from ..physics.moments import Moments
 from ..physics.rolling import AbstractRollingSystem
 from ..physics.state import DiskState
+from ..physics.surfaces import AbstractSurface
 from ..scenario import Scenario
 from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import always_rolls
@@ -40,7 +42,7 @@ def why_not_chaplygin(system: AbstractBody, at: Moments) -> str:
 
 def why_not_moving_energy(system: AbstractBody) -> str:
     """Why there is no balance of the moving energy; empty where there is, on a level turntable."""
-    if system.ground is None or system.ground.turntable is None:
+    if not isinstance(system.ground, Ground) or system.ground.turntable is None:
         return NO_TURNTABLE
     if system.ground.motion is not None or float(system.ground.angle) != 0:
         return "the ground is tilted or moves"
@@ -71,6 +73,8 @@ def _what_acts(system: AbstractBody) -> str:
     """What acts on a body besides a level plane at rest; empty if nothing does."""
     if system.force is not None:
         return "a force acts"
+    if isinstance(system.ground, AbstractSurface):
+        return "the ground is no plane"
     if system.ground is not None:
         return "the ground is tilted or moves"
     return "resistance acts" if system.resistance is not None else ""
@@ -142,6 +146,8 @@ def _why_not(name: str, case: Case) -> str:
         return why_not_chaplygin(system, samples.moments)
     if name in ("jellett", "routh"):
         return why_not_routh(system, samples.moments, samples.axis)
+    if name == "jellett-rate" and isinstance(system.ground, AbstractSurface):
+        return "the ground is no plane"
     if isinstance(case.state, DiskState):
         return {"norm": NO_VERSOR, "jellett-rate": PLANAR}.get(name, "")
     return ""

@@ -14,13 +14,16 @@ from ..physics import integrals
 from ..physics.body import AbstractBody
 from ..physics.dynamics import accelerations
 from ..physics.energy import velocities
+from ..physics.footing import footing
 from ..physics.frames import frisvad
+from ..physics.ground import Ground
 from ..physics.load import in_three, load
 from ..physics.moments import Moments, kinematics, point_mass_values, principal_inertia
 from ..physics.motion import Kinematics
 from ..physics.observables import Observables, observe
 from ..physics.packing import Packing
 from ..physics.state import BallState, DiskState
+from ..physics.surfaces import Footing
 from ..simulation.trajectory import Interpolant, Trajectory
 from ..solvers.dense.steps import Steps
 
@@ -76,11 +79,19 @@ def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
         "jellett": _constant(axial.jellett),
         "routh": _constant(axial.routh),
         "norm": _constant(jnp.sqrt(jnp.sum(in_space.q**2))),
-        "rolling": Balance(in_space.z, _centre_velocity(system, t, in_space)[:2]),
+        "rolling": rolling_balance(system, t, in_space),
     }
-    if system.ground is not None and system.ground.turntable is not None:
+    if isinstance(system.ground, Ground) and system.ground.turntable is not None:
         balances["moving-energy"] = moving_energy_balance(system, t, in_space, observables)
     return Quantities(balances, at, axis)
+
+
+def rolling_balance(system: AbstractBody, t: Float[Array, ""], state: BallState) -> Balance:
+    """The position of the geometric centre, on the plane or over a surface, and its velocity by the constraint."""
+    under = footing(system, t, state)
+    if under is None:
+        return Balance(state.z, _centre_velocity(system, t, state)[:2])
+    return Balance(under.centre, under.centre_velocity)
 
 
 def _centre_velocity(system: AbstractBody, t: Float[Array, ""], state: BallState) -> Float[Array, "3"]:
@@ -96,14 +107,19 @@ def contact_momentum_balance(system: AbstractBody, t: Float[Array, ""], state: B
 
     About a point that moves with the velocity ċ, L̇ = Σ s × m(**g** − Ẍ) + r e3 × F + T − ċ × P, with s from the contact
     point to a mass, and here ċ = ω × r e3 + u: Goldstein, Poole & Safko, Classical Mechanics, 3rd edition, section 1.2,
-    with a moving point of reference, in axes that move by X.
+    with a moving point of reference, in axes that move by X. On a surface its normal n takes the place of e3, and the
+    point of reference moves by r ṅ less than the centre.
     """
     in_space, r = state.in_space(), system.radius
     acting = load(system, t, state).with_torque(accelerations(system, t, state).dry)
-    Lambda, vertical = in_space.Lambda, jnp.zeros_like(in_space.Omega).at[2].set(1.0)
-    seen = _in_space(system, t, state)
+    Lambda, vertical, under = in_space.Lambda, jnp.zeros_like(in_space.Omega).at[2].set(1.0), acting.footing
+    seen = _in_space(system, t, state, under)
     lift = system.gravity * vertical if system.ground is None else system.ground.lift(t, system.gravity)
-    rate = cross(seen.moment, -lift) - cross(_centre_velocity(system, t, in_space), seen.P)
+    if under is None:
+        moves = _centre_velocity(system, t, in_space)
+    else:
+        vertical, moves = under.normal, under.centre_velocity - r * under.normal_rate
+    rate = cross(seen.moment, -lift) - cross(moves, seen.P)
     if acting.force is not None:
         rate = rate + cross(r * vertical, apply(Lambda, acting.force))
     if acting.torque is not None:
@@ -121,7 +137,7 @@ def moving_energy_balance(
     without actuation inside (Bizyaev, Borisov & Mamaev, arXiv:1807.08438).
     """
     ground = system.ground
-    assert ground is not None
+    assert isinstance(ground, Ground)
     assert ground.turntable is not None
     _, W, Wdot = ground.turntable.turning.derivatives(t)
     acting = load(system, t, state).with_torque(accelerations(system, t, state).dry)
@@ -145,10 +161,12 @@ class _InSpace(NamedTuple):
     moment: Float[Array, "3"]
 
 
-def _in_space(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskState) -> _InSpace:
+def _in_space(
+    system: AbstractBody, t: Float[Array, ""], state: BallState | DiskState, under: Footing | None = None
+) -> _InSpace:
     in_space, r = state.in_space(), system.radius
     Lambda, Omega = in_space.Lambda, in_space.Omega
-    Gamma = Lambda[2]
+    Gamma = Lambda[2] if under is None else apply(Lambda.T, under.normal)
     points = kinematics(system, t, (state.theta, state.thetadot, state.thetadot))  # accelerations are not used
     chi = jnp.concatenate([system.offset[None], points.chi])
     chidot = jnp.concatenate([jnp.zeros((1, 3), dtype=Omega.dtype), points.chidot])
@@ -157,6 +175,7 @@ def _in_space(system: AbstractBody, t: Float[Array, ""], state: BallState | Disk
     drift = system.drift(t, in_space)
     Y = velocities(r, Kinematics(chi, chidot, jnp.zeros_like(chi)), Omega, Gamma)
     Y = Y if drift is None else Y + apply(Lambda.T, in_three(drift))[None]
+    Y = Y if under is None else Y + apply(Lambda.T, under.velocity)[None]
     Pi = apply(principal_inertia(system), Omega) + jnp.sum(m * jax.vmap(cross)(s, Y), axis=0)
     return _InSpace(*(apply(Lambda, v) for v in (jnp.sum(m * Y, axis=0), Pi, jnp.sum(m * s, axis=0))))
 

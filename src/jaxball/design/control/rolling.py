@@ -15,6 +15,7 @@ from ...interface.wording import all_of
 from ...numerics.arrays import Numbers, to_array
 from ...physics.body import System
 from ...physics.force import AbstractForce
+from ...physics.ground import Ground, require_plane
 from ...physics.packing import Packing
 from ...physics.schedules import AbstractSchedule
 from ...physics.signals import AbstractSignal
@@ -86,7 +87,8 @@ class Rolling(AbstractControlProblem):
         with free joints but no state.
         """
         start, end = (to_array(t) for t in to_array(times))
-        if system.ground is not None and system.ground.turntable is not None:
+        require_plane(system.ground, "a rest-to-rest motion", DesignError)
+        if isinstance(system.ground, Ground) and system.ground.turntable is not None:
             raise DesignError(
                 "Argument `system` must be on a plane on which it can come to rest, but it is on a turntable."
             )

@@ -130,7 +130,7 @@ class Run(eqx.Module):
         def one(system, t, x):
             found, acting = accelerations(system, t, x), load(system, t, x)
             masses = kinematics(system, t, found.angles)
-            a = accelerations_of_masses(system.radius, masses, x.Omega, found.Omegadot, x.Gamma)
+            a = accelerations_of_masses(system.radius, masses, x.Omega, found.Omegadot, acting.Gamma)
             return m[:, None] * (a + acting.weight[None])
 
         return self._each(one)

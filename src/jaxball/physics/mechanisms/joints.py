@@ -10,9 +10,9 @@ from jaxtyping import Array, Float
 
 from ...interface.arguments import require
 from ...interface.printing import Printed
-from ...numerics.arrays import AnyArray, namespace_of, numbers
-from ...numerics.vectors import apply, dot, hat, outer, sine_cosine
-from ..conditions import Condition
+from ...numerics.arrays import numbers
+from ...numerics.vectors import apply, turn_about, unit_vector
+from ..conditions import Condition, a_direction
 from ..rails import AbstractRail
 from ..schedules import AbstractSchedule
 from .forces import AbstractJointForce
@@ -124,16 +124,15 @@ class Hinge(AbstractJoint):
     on: int | None = eqx.field(static=True, default=None)
 
     def moved(self, carrier: Placement, theta: Float[Array, ""]) -> Moved:
-        n = _direction(self.axis)
-        sine, cosine = sine_cosine(theta)
-        turn = cosine * jnp.eye(3, dtype=n.dtype) + sine * hat(n) + (1 - cosine) * outer(n, n)
+        n = unit_vector(self.axis)
+        turn = turn_about(n, theta)
         w, c = apply(carrier.turn, n), carrier.of_point(self.point)
         turned = jnp.sum(carrier.turn[:, :, None] * turn[None], axis=1)
         zero = jnp.zeros_like(w)
         return Moved(Placement(turned, c - apply(turned, self.point)), w, c, zero, zero)
 
     def conditions(self, name: str) -> Iterator[Condition]:
-        yield _a_direction(f"{name}.axis", self.axis)
+        yield a_direction(f"{name}.axis", self.axis)
 
 
 class Slider(AbstractJoint):
@@ -158,12 +157,12 @@ class Slider(AbstractJoint):
     on: int | None = eqx.field(static=True, default=None)
 
     def moved(self, carrier: Placement, theta: Float[Array, ""]) -> Moved:
-        v = apply(carrier.turn, _direction(self.axis))
+        v = apply(carrier.turn, unit_vector(self.axis))
         zero = jnp.zeros_like(v)
         return Moved(Placement(carrier.turn, carrier.shift + theta * v), zero, zero, v, zero)
 
     def conditions(self, name: str) -> Iterator[Condition]:
-        yield _a_direction(f"{name}.axis", self.axis)
+        yield a_direction(f"{name}.axis", self.axis)
 
 
 class Carriage(AbstractJoint):
@@ -199,13 +198,3 @@ class Carriage(AbstractJoint):
 
     def prepare(self) -> "Carriage":
         return Carriage(self.rail.prepare(), self.drive, self.on)
-
-
-def _a_direction(name: str, axis: Float[AnyArray, "3"]) -> Condition:
-    number = namespace_of(axis)
-    holds = number.all(number.isfinite(axis)) & number.any(axis != 0)
-    return Condition(holds, name, axis, "a direction, three finite numbers that are not all 0")
-
-
-def _direction(axis: Float[Array, "3"]) -> Float[Array, "3"]:
-    return axis / jnp.sqrt(dot(axis, axis))

@@ -1,0 +1,42 @@
+"""How a ground of any form holds a body at a state: its footing, in body axes where the equations need them."""
+
+from typing import Any
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from ..numerics.vectors import apply
+from .parameters import BodyParameters
+from .state import BallState, Rates, RotationState
+from .surfaces import AbstractSurface, Footing
+
+
+def footing(system: BodyParameters, t: Float[Array, ""], state: Any) -> Footing | None:
+    """How the surface under a body holds it; None on a plane."""
+    surface = system.ground
+    if not isinstance(surface, AbstractSurface):
+        return None
+    assert isinstance(state, BallState | RotationState)
+    return surface.footing(t, system.radius, state.z, apply(state.Lambda, state.Omega))
+
+
+def contact_normal(system: BodyParameters, t: Float[Array, ""], state: Any) -> Float[Array, "3"]:
+    """The normal of the ground towards the body, in body axes: Γ on a plane."""
+    surface = system.ground
+    if not isinstance(surface, AbstractSurface):
+        return state.Gamma
+    assert isinstance(state, BallState | RotationState)
+    return apply(state.Lambda.T, surface.normal(t, state.z))
+
+
+def rates(
+    system: BodyParameters,
+    t: Float[Array, ""],
+    state: Any,
+    Omegadot: Float[Array, "3"],
+    angles: Rates,
+    under: Footing | None,
+) -> Any:
+    """ẋ where Ω̇ is known, and θ, θ̇, θ̈: the kinematics of rolling. ``under`` is the :func:`footing`."""
+    moved = state.rates(system.radius, Omegadot, angles, system.drift(t, state))
+    return moved if under is None else eqx.tree_at(lambda x: x.z, moved, under.coordinate_rates)

@@ -1,0 +1,237 @@
+"""The contract of a surface on which a ball rolls, and what follows from it where the ball touches it.
+
+With p the foot, the point of the ground under the centre c = p + r n, n its normal towards the ball, w the velocity of
+its matter there and u its two coordinates on the ground, rolling is ċ = w + r ω × n, and so
+
+    (∂c/∂u) u̇ = ċ − ∂c/∂t        c̈ = r ω̇ × n + [ẇ + r ω × ṅ]
+
+with rates along the motion of the contact point. The bracket is known at a state.
+"""
+
+import abc
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ...interface.arguments import require
+from ...numerics.arrays import concatenated
+from ...numerics.vectors import cross, dot, root, unit_vector
+from ..conditions import Condition
+from ..ground import AbstractGround
+from .moving_frame import MovingFrame
+
+CURVED = (
+    "curved less than the ball where it starts, on the side of the ball, because a ball that is more curved than its "
+    "ground touches it in one point"
+)
+Time = Float[Array, ""]
+Coordinate = Float[Array, ""]
+
+
+class Footing(NamedTuple):
+    """How a surface holds a ball at one moment, in space axes.
+
+    - ``centre``, ``foot``: the positions c of the ball's centre and p of the contact point.
+    - ``normal``: n, a unit vector towards the ball.
+    - ``tangents``: unit vectors along ∂p/∂u1 and across, which with n are right-handed.
+    - ``velocity``: w of the ground's matter at the contact; ``spin`` is the angular velocity of that matter.
+    - ``centre_velocity``, ``coordinate_rates``: ċ and u̇.
+    - ``normal_rate``: ṅ along the motion of the contact point; ``acceleration`` is ẇ, likewise.
+    """
+
+    centre: Float[Array, "3"]
+    foot: Float[Array, "3"]
+    normal: Float[Array, "3"]
+    tangents: Float[Array, "2 3"]
+    velocity: Float[Array, "3"]
+    spin: Float[Array, "3"]
+    centre_velocity: Float[Array, "3"]
+    coordinate_rates: Float[Array, "2"]
+    normal_rate: Float[Array, "3"]
+    acceleration: Float[Array, "3"]
+
+
+class _Contact(NamedTuple):
+    """p, n and w, or their derivatives."""
+
+    p: Float[Array, "3"]
+    n: Float[Array, "3"]
+    w: Float[Array, "3"]
+
+
+class AbstractSurface(AbstractGround):
+    """A smooth ground of any form, which may move and deform, for a ball.
+
+    An implementer supplies ``point(t, u1, u2)``, traced with ``jax.numpy``: where the piece of the ground with the
+    coordinates u = (u1, u2) is at a time, as ∂p/∂u1 × ∂p/∂u2 points towards the ball. A piece keeps its coordinates:
+    the velocity of the ground's matter is ∂p/∂t. And a field ``motion``, a :class:`~jaxball.MovingFrame` that moves
+    it as a rigid body, or None.
+
+    The coordinates of the contact point are the ``z`` of a ball's state. Space axes are at rest, and gravity is −g e3.
+    That the ground is touched in one point only is checked where a run starts, and only near that point.
+    """
+
+    if TYPE_CHECKING:  # to a type checker, a field declared here would come first among the arguments
+        motion = cast(MovingFrame | None, None)
+    else:
+        motion: eqx.AbstractVar[MovingFrame | None]
+
+    def __check_init__(self):
+        require("motion", self.motion, (MovingFrame, type(None)), "a MovingFrame or None")
+
+    @abc.abstractmethod
+    def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
+        """Where the piece with these coordinates is before ``motion`` moves it, length."""
+
+    def conditions(self, planar: bool = False) -> Iterator[Condition]:
+        if self.motion is not None:
+            yield from self.motion.conditions("ground.motion")
+
+    def start_conditions(self, t: Time, r: Float[Array, ""], state: Any) -> Iterator[Condition]:
+        """A ball must be more curved than the ground is towards it; r is its radius."""
+        fits = self.fit(t, r, state.z)
+        yield Condition(fits > 0, "ground", fits, CURVED)
+
+    def up(self) -> Float[Array, "3"]:
+        return jnp.zeros((3,)).at[2].set(1.0)
+
+    def lift(self, t: Time, g: Float[Array, ""]) -> Float[Array, "3"]:
+        return g * self.up().astype(g.dtype)
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        """The times at which the acceleration of its matter jumps or has a kink; by default those of its motion."""
+        return concatenated([] if self.motion is None else [self.motion.kinks()])
+
+    def prepare(self) -> "AbstractSurface":
+        if self.motion is None:
+            return self
+        return eqx.tree_at(lambda surface: surface.motion, self, self.motion.prepare())
+
+    def placed(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
+        """p, where the piece with these coordinates is in space."""
+        own = self.point(t, u1, u2)
+        return own if self.motion is None else self.motion.place(t, own)
+
+    def normal(self, t: Time, u: Float[Array, "2"]) -> Float[Array, "3"]:
+        """n at the coordinates ``u``, towards the ball, space axes."""
+        return self._contact(t, u[0], u[1]).n
+
+    def place_of_centre(self, t: Time, r: Float[Array, ""], u: Float[Array, "2"]) -> Float[Array, "3"]:
+        """c = p + r n of a ball of radius ``r`` that touches it at the coordinates ``u``, space axes, length."""
+        contact = self._contact(t, u[0], u[1])
+        return contact.p + r * contact.n
+
+    def fit(self, t: Time, r: Float[Array, ""], u: Float[Array, "2"]) -> Float[Array, ""]:
+        """The lesser of 1 − r κ over both principal curvatures κ, positive where the ground bends towards the ball.
+
+        Positive where a ball of radius ``r`` fits the ground near the coordinates ``u``.
+        """
+        contact, (by_u1, by_u2, _) = self._slopes(t, u)
+        return _Chart.of(contact.n, by_u1, by_u2, r).fit
+
+    def footing(self, t: Time, r: Float[Array, ""], u: Float[Array, "2"], omega: Float[Array, "3"]) -> Footing:
+        """How it holds a ball of radius ``r`` that turns at ``omega``, space axes, where its coordinates are ``u``.
+
+        Where the ball is not more curved than the ground, u̇ is NaN, which ends a solve with a status.
+        """
+        contact, (by_u1, by_u2, by_t) = self._slopes(t, u)
+        chart = _Chart.of(contact.n, by_u1, by_u2, r)
+        rolling = r * cross(omega, contact.n)
+        rates = chart.coordinates(rolling - r * by_t.n)
+        # The gradient of w along both tangents, of which the antisymmetric part is the turning of the ground's matter.
+        (a, b), tangents = chart.inverse.T, chart.tangents
+        along_1, along_2 = by_u1.w * a[0] + by_u2.w * a[1], by_u1.w * b[0] + by_u2.w * b[1]
+        about_normal = 0.5 * (dot(tangents[1], along_1) - dot(tangents[0], along_2))
+        spin = dot(contact.n, along_2) * tangents[0] - dot(contact.n, along_1) * tangents[1] + about_normal * contact.n
+        return Footing(
+            centre=contact.p + r * contact.n,
+            foot=contact.p,
+            normal=contact.n,
+            tangents=tangents,
+            velocity=contact.w,
+            spin=spin,
+            centre_velocity=contact.w + rolling,
+            coordinate_rates=rates,
+            normal_rate=by_t.n + by_u1.n * rates[0] + by_u2.n * rates[1],
+            acceleration=by_t.w + by_u1.w * rates[0] + by_u2.w * rates[1],
+        )
+
+    def _contact(self, t: Time, u1: Coordinate, u2: Coordinate) -> _Contact:
+        p, along_1 = _derivative(lambda x: self.placed(t, x, u2), u1)
+        _, along_2 = _derivative(lambda x: self.placed(t, u1, x), u2)
+        _, w = _derivative(lambda x: self.placed(x, u1, u2), t)
+        return _Contact(p, unit_vector(cross(along_1, along_2)), w)
+
+    def _slopes(self, t: Time, u: Float[Array, "2"]) -> tuple[_Contact, tuple[_Contact, _Contact, _Contact]]:
+        """p, n and w, and their derivatives by u1, u2 and t."""
+        contact, by_u1 = _derivative(lambda x: self._contact(t, x, u[1]), u[0])
+        _, by_u2 = _derivative(lambda x: self._contact(t, u[0], x), u[1])
+        _, by_t = _derivative(lambda x: self._contact(x, u[0], u[1]), t)
+        return contact, (by_u1, by_u2, by_t)
+
+
+class _Chart(NamedTuple):
+    """How the foot and the centre move with the coordinates, in components along two unit tangents.
+
+    ``inverse`` is that of ∂p/∂u; ``stretch`` takes steps of the foot to those of the centre: 1 + r ∂n/∂p.
+    """
+
+    tangents: Float[Array, "2 3"]
+    inverse: Float[Array, "2 2"]
+    stretch: Float[Array, "2 2"]
+
+    @staticmethod
+    def of(n: Float[Array, "3"], by_u1: _Contact, by_u2: _Contact, r: Float[Array, ""]) -> "_Chart":
+        first = unit_vector(by_u1.p)
+        tangents = jnp.stack([first, cross(n, first)])
+        inverse = _inverse(_components(tangents, by_u1.p, by_u2.p))
+        bending = _product(_components(tangents, by_u1.n, by_u2.n), inverse)
+        return _Chart(tangents, inverse, jnp.eye(2, dtype=n.dtype) + r * bending)
+
+    @property
+    def fit(self) -> Float[Array, ""]:
+        """The lesser eigenvalue of ``stretch``, which is symmetric: 1 − r κ of a principal curvature."""
+        S = self.stretch
+        apart = (0.5 * (S[0, 0] - S[1, 1])) ** 2 + S[0, 1] * S[1, 0]
+        return 0.5 * (S[0, 0] + S[1, 1]) - root(apart)
+
+    def coordinates(self, v: Float[Array, "3"]) -> Float[Array, "2"]:
+        """The rates of the coordinates with which the centre moves at the tangent velocity ``v`` over the ground.
+
+        NaN where the ball does not fit the ground.
+        """
+        S = self.stretch
+        fits = (S[0, 0] + S[1, 1] > 0) & (_determinant(S) > 0)
+        steps = _product(_inverse(S), jnp.sum(self.tangents * v[None], axis=1, keepdims=True))
+        rates = _product(self.inverse, steps)[:, 0]
+        return jnp.where(fits, rates, jnp.nan)
+
+
+def _derivative(function: Any, x: Float[Array, ""]) -> tuple[Any, Any]:
+    """The value and the derivative of a function of one number."""
+    return jax.jvp(function, (x,), (jnp.ones_like(x),))
+
+
+def _components(
+    tangents: Float[Array, "2 3"], first: Float[Array, "3"], second: Float[Array, "3"]
+) -> Float[Array, "2 2"]:
+    """The matrix whose columns are the components of two vectors along the tangents."""
+    return jnp.stack([jnp.sum(tangents * v[None], axis=1) for v in (first, second)], axis=1)
+
+
+def _product(A: Float[Array, "2 2"], B: Float[Array, "2 n"]) -> Float[Array, "2 n"]:
+    return jnp.sum(A[:, :, None] * B[None], axis=1)
+
+
+def _determinant(A: Float[Array, "2 2"]) -> Float[Array, ""]:
+    return A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
+
+
+def _inverse(A: Float[Array, "2 2"]) -> Float[Array, "2 2"]:
+    """A⁻¹ by cofactors; not finite where A is singular."""
+    cofactors = jnp.stack([jnp.stack([A[1, 1], -A[0, 1]]), jnp.stack([-A[1, 0], A[0, 0]])])
+    return cofactors / _determinant(A)

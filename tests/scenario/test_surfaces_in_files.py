@@ -1,0 +1,83 @@
+"""Surfaces in scenario files: read, written and read again, and refused by the names of keys."""
+
+import jax.numpy as jnp
+import pytest
+from jaxtyping import Array, Float
+
+from jaxball import AbstractSurface, Ball, BallState, HeightField, MovingFrame, Scenario, write_scenario
+from jaxball.scenario import ScenarioError, read_scenario
+from tests.support.surface_files import ON_SURFACE, ON_SURFACES
+
+
+def valley(t, x, y, depth):
+    return depth * x**2
+
+
+@pytest.mark.parametrize("name", ON_SURFACES)
+def test_round_trip(name):
+    """A file is the fixed point of reading and writing, and its numbers are those of the ground."""
+    scenario = read_scenario(ON_SURFACES[name])
+    text = write_scenario(scenario)
+    assert write_scenario(read_scenario(text)) == text
+    place = scenario.system.ground.placed
+    again = read_scenario(text).system.ground.placed
+    at = jnp.array(0.3), jnp.array(0.2), jnp.array(0.1)
+    assert jnp.array_equal(place(*at), again(*at))
+
+
+def test_function_in_a_file():
+    ground = f'kind = "height-field"\nfunction = "{__name__}:valley"\nparameters = 0.2\n'
+    scenario = read_scenario(ON_SURFACE + ground)
+    assert isinstance(scenario.system.ground, HeightField)
+    height = scenario.system.ground.placed(*map(jnp.asarray, (0.0, 2.0, 0.0)))[2]
+    assert float(height) == pytest.approx(0.8)
+    assert f'function = "{__name__}:valley"' in write_scenario(scenario)
+
+
+@pytest.mark.parametrize(
+    ("ground", "sentence"),
+    [
+        ('kind = "bowl"', "`ground.radius` must be a positive number, but it is missing"),
+        ('kind = "bowl"\nradius = -1.0', "`ground.radius` must be a positive number"),
+        ('kind = "bowel"\nradius = 1.0', 'did you mean "bowl"'),
+        ('kind = "bowl"\nradius = 1.0\nangle = 0.1', "`ground.angle` is not known"),
+        ('kind = "cylinder"\nradius = 1.0\naxis = [0.0, 0.0, 1.0]', "`ground.start` must be a direction"),
+        (
+            'kind = "bowl"\nradius = 1.0\n[[ground.motion.turns]]\naxis = [0.0, 0.0, 0.0]\n'
+            'angle = { kind = "constant-rate", theta = 0.0 }',
+            "`ground.motion.turns[0].axis` must be a direction",
+        ),
+    ],
+)
+def test_wrong_keys(ground, sentence):
+    with pytest.raises(ScenarioError) as refused:
+        read_scenario(ON_SURFACE + ground)
+    assert sentence in str(refused.value)
+
+
+def test_disk_on_a_surface():
+    text = ON_SURFACES["on a sphere"].replace('"ball"', '"disk"').replace("[0.004, 0.004, 0.004]", "0.004")
+    with pytest.raises(ScenarioError, match=r"`ground.kind` must be left out for a disk"):
+        read_scenario(text.replace("z = [0.2, 0.1]", "z = 0.2"))
+
+
+class Slide(AbstractSurface):
+    slope: Float[Array, ""]
+    motion: MovingFrame | None = None
+
+    def point(self, t, u1, u2):
+        return jnp.stack([u1, u2, -self.slope * u1])
+
+
+def test_class_in_a_file():
+    scenario = read_scenario(ON_SURFACE + f'kind = "{__name__}:Slide"\nslope = 0.1\n')
+    assert isinstance(scenario.system.ground, Slide)
+    text = write_scenario(scenario)
+    assert f'kind = "{__name__}:Slide"' in text
+    assert write_scenario(read_scenario(text)) == text
+
+
+def test_function_that_cannot_be_imported():
+    ball = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=HeightField(lambda t, x, y, _: 0.1 * x**2))
+    with pytest.raises(ScenarioError, match=r"`ground.function` must be a function that can be imported"):
+        write_scenario(Scenario("a title", ball, BallState(), jnp.array([0.0, 1.0])))
