@@ -1,5 +1,6 @@
 """Logs: signals and schedules by their values at recorded times, up to hundreds of thousands, interpolated."""
 
+import abc
 import functools
 from collections.abc import Iterator
 from typing import Any, ClassVar, Literal, TypeAlias, get_args
@@ -38,8 +39,12 @@ class AbstractRecorded(Printed):
 
     times: eqx.AbstractVar[Float[Array, "*group n"]]
     values: eqx.AbstractVar[Float[Array, "*group n"]]
-    outside: eqx.AbstractVar[Any]
     choices_outside: ClassVar[tuple[str, ...]]
+
+    @property
+    @abc.abstractmethod
+    def is_bounded(self) -> bool:
+        """Whether a run must lie within the log."""
 
     def __check_init__(self):
         if self.times.shape != self.values.shape or self.times.shape[-1] < 2:
@@ -47,7 +52,6 @@ class AbstractRecorded(Printed):
                 "Arguments `times` and `values` must have the same length, two or more, but their shapes are "
                 f"{self.times.shape} and {self.values.shape}."
             )
-        _require_one_of("outside", self.outside, self.choices_outside)
         for name, array in (("times", self.times), ("values", self.values)):
             wrong = np.flatnonzero([] if is_traced(array) else ~np.isfinite(np.asarray(array)))
             if len(wrong):
@@ -68,7 +72,7 @@ class AbstractRecorded(Printed):
         xp = np if not any(map(is_traced, (self.times, times))) else jnp
         own, start, end = xp.asarray(self.times), times[0], times[-1]
         increases = xp.all(own[1:] > own[:-1])
-        if self.outside != "refuse":
+        if not self.is_bounded:
             return xp.asarray(increases)
         rounding = CLOSE * float(np.finfo(own.dtype).eps) * xp.maximum(xp.abs(start), xp.abs(end))
         return increases & (own[0] <= start + rounding) & (own[-1] >= end - rounding)
@@ -118,6 +122,11 @@ class RecordedSignal(AbstractRecorded, AbstractIntegrableSignal):
 
     def __check_init__(self):
         _require_one_of("interpolation", self.interpolation, get_args(Interpolation))
+        _require_one_of("outside", self.outside, self.choices_outside)
+
+    @property
+    def is_bounded(self) -> bool:
+        return self.outside == "refuse"
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.prepare()(t)
@@ -201,6 +210,13 @@ class RecordedSchedule(AbstractRecorded, AbstractSchedule):
     times: Float[Array, "*group n"] = eqx.field(converter=numbers("times", ("n",)))
     values: Float[Array, "*group n"] = eqx.field(converter=numbers("values", ("n",)))
     outside: OutsideOfSchedule = eqx.field(static=True, default="refuse")
+
+    def __check_init__(self):
+        _require_one_of("outside", self.outside, self.choices_outside)
+
+    @property
+    def is_bounded(self) -> bool:
+        return self.outside == "refuse"
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.prepare()(t)
