@@ -50,7 +50,7 @@ FUNCTIONS = {
     "schedule": (
         {"masses": on_circle(OnRail(Circle(0.5), FunctionSchedule(still)))},
         "Key `masses[0].schedule` must be one of Pulse, ConstantRate, Sinusoids, PiecewiseAcceleration, "
-        "Waypoints to be written to a file, but it is a FunctionSchedule" + SCRIPT,
+        "Waypoints, RecordedSchedule to be written to a file, but it is a FunctionSchedule" + SCRIPT,
     ),
     "motion": (
         {"masses": on_circle(Free(nowhere))},

@@ -57,7 +57,7 @@ def test_joints_start_at_0_where_no_state_is_given():
         (lambda: jaxball.PiecewiseSignal([0.0, 1.0], [1.0, 2.0]), ValueError, "`values` must have the shape"),
         (lambda: jaxball.Ground(motion=3.0), TypeError, "`motion` must be a motion of the plane"),
         (lambda: jaxball.Turntable(2.0), TypeError, "`turning` must be a schedule"),
-        (lambda: jaxball.Ball(**SHELL, ground=0.1), TypeError, "`ground` must be a Ground or None"),
+        (lambda: jaxball.Ball(**SHELL, ground=0.1), TypeError, "`ground` must be a Ground, a surface"),
         (lambda: jaxball.Ball(**SHELL, mechanisms=[hinge()]), TypeError, r"`mechanisms\[0\]` must be a mechanism"),
         (
             lambda: jaxball.Ball(**SHELL, mechanisms=[Mechanism([hinge(drive=jaxball.Accelerated())], [BOB])]),

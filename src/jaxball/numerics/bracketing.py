@@ -17,16 +17,18 @@ class Sample(NamedTuple):
     f: Any
 
 
-def between(old: Sample, new: Sample, xp: Any = jnp) -> Any:
+def between(old: Sample, new: Sample, xp: Any = None) -> Any:
     """The next point: the zero of the secant, or the midpoint if that is not inside or an end is already a zero."""
+    xp = xp or jnp
     slope = new.f - old.f
     x = new.x - new.f * (new.x - old.x) / xp.where(slope == 0, 1.0, slope)
     inside = ((x - old.x) * (x - new.x) <= 0) & (old.f != 0) & (new.f != 0)
     return xp.where(inside, x, (old.x + new.x) / 2)
 
 
-def other_end(old: Sample, new: Sample, newest: Sample, xp: Any = jnp) -> Sample:
+def other_end(old: Sample, new: Sample, newest: Sample, xp: Any = None) -> Sample:
     """The end of the next bracket opposite to ``newest``, which lies between; at a zero, ``newest`` itself."""
+    xp = xp or jnp
     crossed, found = (newest.f > 0) != (new.f > 0), newest.f == 0
     x, f = xp.where(crossed, new.x, old.x), xp.where(crossed, new.f, old.f / 2)
     return Sample(xp.where(found, newest.x, x), xp.where(found, newest.f, f))

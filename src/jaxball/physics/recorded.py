@@ -69,12 +69,11 @@ class AbstractRecorded(Printed):
 
     def covers(self, times: Float[AnyArray, " T"]) -> Any:
         """Whether the log lasts, up to rounding, from the first of ``times`` to the last, if it must, and increases."""
-        xp = np if not any(map(is_traced, (self.times, times))) else jnp
-        own, start, end = xp.asarray(self.times), times[0], times[-1]
-        increases = xp.all(own[1:] > own[:-1])
+        own, start, end = jnp.asarray(self.times), times[0], times[-1]
+        increases = jnp.all(own[1:] > own[:-1])
         if not self.is_bounded:
-            return xp.asarray(increases)
-        rounding = CLOSE * float(np.finfo(own.dtype).eps) * xp.maximum(xp.abs(start), xp.abs(end))
+            return jnp.asarray(increases)
+        rounding = CLOSE * float(np.finfo(own.dtype).eps) * jnp.maximum(jnp.abs(start), jnp.abs(end))
         return increases & (own[0] <= start + rounding) & (own[-1] >= end - rounding)
 
 

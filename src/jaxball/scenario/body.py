@@ -14,6 +14,7 @@ from ..physics.body import AbstractBody, Ball, Disk, System
 from ..physics.contact.law import COEFFICIENTS, ROOM, SLOWEST, AbstractFriction, Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.force import AbstractWrench, FunctionWrench, HarmonicForce, require_wrench
+from ..physics.ground import Ground
 from ..physics.resistance import SMOOTHING, AbstractResistance, Resistance
 from ..physics.system import AbstractState
 from ..sensors import AbstractSensor, Accelerometer, Encoder, Gyroscope, Position, SensorErrors, Tachometer
@@ -245,10 +246,16 @@ def read_surroundings(document: dict[str, Any], kind: str) -> dict[str, Any]:
     present = {name: functools.partial(read, document[name], name) for name, read in tables.items() if name in document}
     parts = dict(zip(present, each_of(*present.values()), strict=True))
     ground, resistance = parts.get("ground"), parts.get("resistance")
-    if ground is not None and ground.turntable is not None and getattr(resistance, "dry_spinning", None) is not None:
+    has_table = isinstance(ground, Ground) and ground.turntable is not None
+    if has_table and getattr(resistance, "dry_spinning", None) is not None:
         raise ScenarioError(
             "Key `ground.turntable` must be left out where dry friction against spinning acts, which would be relative "
             "to it; leave out `resistance.dry_spinning`, or the turntable."
+        )
+    if ground is not None and not isinstance(ground, Ground) and getattr(resistance, "exact", False):
+        raise ScenarioError(
+            "Key `resistance.exact` must be false on a surface, because a rest is known on planes only; leave it out, "
+            "for the smoothed law, or leave out `ground.kind`."
         )
     return parts
 
