@@ -39,12 +39,20 @@ CHAPTERS = {
     ),
     "bodies": (
         "Bodies and their surroundings",
-        ["physics.body", "physics.motion", "physics.ground", "physics.force", "physics.resistance", "physics.validity"],
+        [
+            "physics.body",
+            "physics.motion",
+            "physics.ground",
+            "physics.surfaces",
+            "physics.force",
+            "physics.resistance",
+            "physics.validity",
+        ],
     ),
     "rails": ("Rails and frames", ["physics.rails", "physics.frames"]),
     "schedules": (
         "Schedules, signals and laws",
-        ["physics.schedules", "physics.signals", "physics.feedback", "numerics.functions"],
+        ["physics.schedules", "physics.signals", "physics.recorded", "physics.feedback", "numerics.functions"],
     ),
     "mechanisms": ("Mechanisms", ["physics.mechanisms"]),
     "states": ("States and observables", ["physics.state", "physics.observables", "simulation.equilibrium"]),
