@@ -56,8 +56,8 @@ def sliding(friction: Any) -> Any:
 
 
 def with_reductions(speeds: Any) -> Any:
-    system, times = Disk(mass=1.0, inertia=0.5), jnp.linspace(0.0, END, 4)
-    return simulate_ensemble(system, times, DiskState(phidot=-speeds), reductions=REDUCTIONS, in_axes=(None, 0))
+    system, starts = Disk(mass=1.0, inertia=0.5), jax.vmap(lambda speed: DiskState(phidot=-speed))(speeds)
+    return simulate_ensemble(system, jnp.linspace(0.0, END, 4), starts, reductions=REDUCTIONS, in_axes=(None, 0))
 
 
 RADII = jnp.linspace(0.5, 0.95, ROWS)

@@ -1,6 +1,8 @@
 """``jaxball sweep``."""
 
 import os
+import subprocess
+import sys
 import time
 
 import pytest
@@ -155,3 +157,13 @@ class Clock:
 
     def __call__(self):
         return self.now
+
+
+@pytest.mark.thorough
+def test_a_gpu_that_is_not_there_is_a_sentence(folder):
+    command = [sys.executable, "-m", "jaxball", "sweep", "study.toml", "--out", "s.zarr", "--device", "gpu"]
+    hidden = {**os.environ, "CUDA_VISIBLE_DEVICES": "-1"}
+    done = subprocess.run(command, env=hidden, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "jaxball: Option `--device` must name a device that JAX can use here, but it is gpu" in done.stderr
+    assert not (folder / "s.zarr").exists()

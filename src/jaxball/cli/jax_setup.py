@@ -60,6 +60,8 @@ def _require_platform(device: str | None = None) -> None:
     try:
         jax.devices()
         jnp.zeros(())
+        if device == "gpu" and jax.default_backend() != "gpu":  # JAX takes the next platform where one is not there
+            raise RuntimeError("JAX finds no GPU")
     except (RuntimeError, AssertionError, ValueError) as error:
         reason = str(error).splitlines()[0].rstrip(".") if str(error) else "JAX finds none"
         if device is not None:
