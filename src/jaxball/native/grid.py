@@ -216,15 +216,6 @@ end:
   ret ptr %returned
 }}
 
-define internal void @begin_arguments(ptr %arguments, i64 %size, ptr %context) {{
-  store i64 %size, ptr %arguments
-  %extension = getelementptr i8, ptr %arguments, i64 8
-  store ptr null, ptr %extension
-  %context.place = getelementptr i8, ptr %arguments, i64 16
-  store ptr %context, ptr %context.place
-  ret void
-}}
-
 define internal ptr @allocate(ptr %api, ptr %context, i64 %size) {{
   %arguments = alloca [48 x i8], align 8
   call void @begin_arguments(ptr %arguments, i64 48, ptr %context)

@@ -100,13 +100,18 @@ _DECLARED = """
 declare ptr @malloc(i64)
 declare void @free(ptr)
 
-define internal void @drop_error(ptr %api, ptr %error) {
-  %arguments = alloca [24 x i8], align 8
-  store i64 24, ptr %arguments
+define internal void @begin_arguments(ptr %arguments, i64 %size, ptr %first) {
+  store i64 %size, ptr %arguments
   %extension = getelementptr i8, ptr %arguments, i64 8
   store ptr null, ptr %extension
-  %error.place = getelementptr i8, ptr %arguments, i64 16
-  store ptr %error, ptr %error.place
+  %first.place = getelementptr i8, ptr %arguments, i64 16
+  store ptr %first, ptr %first.place
+  ret void
+}
+
+define internal void @drop_error(ptr %api, ptr %error) {
+  %arguments = alloca [24 x i8], align 8
+  call void @begin_arguments(ptr %arguments, i64 24, ptr %error)
   %destroy.place = getelementptr i8, ptr %api, i64 64
   %destroy = load ptr, ptr %destroy.place
   call void %destroy(ptr %arguments)

@@ -16,8 +16,10 @@ _lock = threading.Lock()
 
 # Characters of a program of which quick code needs half a megabyte of stack, twice what optimised code does.
 MOST_QUICKLY = 8_000_000
-OLDEST_GPU, VERSION_OF_PTX = "sm_70", "+ptx70"
 LONG = 2_000_000  # characters of a program above which LLVM's scheduler considers fewer instructions at a time
+
+# What PTX is written for; drivers of CUDA 12 and newer compile it for every GPU from this one on.
+OLDEST_GPU, VERSION_OF_PTX = "sm_70", "+ptx70"
 
 # Declarations of routines, as linear_algebra.py writes them.
 _ROUTINE = re.compile(r"declare void @scipy\.(lapack|blas)\.(\w+)\(")
@@ -51,25 +53,26 @@ def object_code(text: str, quickly: bool = False) -> bytes:
 
     - ``quickly``: in a third of the time, as code that runs up to twice as long, with the same results to the last bit.
     """
-    machine, optimise = _pipeline(quickly and len(text) <= MOST_QUICKLY)
-    return _emit(text, machine, optimise, machine.emit_object)
+    quickly = quickly and len(text) <= MOST_QUICKLY
+    return _emit(text, lambda: _pipeline(quickly), lambda machine, module: machine.emit_object(module))
 
 
 def ptx(text: str) -> str:
     """The PTX of a module of LLVM's IR that has a ``kernel``."""
-    machine, optimise = _pipeline_to_ptx()
-    return _emit(text, machine, optimise, machine.emit_assembly)
+    return _emit(text, _pipeline_to_ptx, lambda machine, module: machine.emit_assembly(module))
 
 
-def _emit(text: str, machine: Any, optimise: Callable[[Any], None], emit: Callable[[Any], Any]) -> Any:
+def _emit(text: str, pipeline: Callable[[], tuple[Any, Callable[[Any], None]]], emit: Callable[[Any, Any], Any]) -> Any:
+    """Optimises a module and emits its code; one thread at a time, because passes are shared as well."""
     llvm = _llvm()
     with _lock:
+        machine, optimise = pipeline()
         module = llvm.parse_assembly(text)
         module.triple, module.data_layout = machine.triple, str(machine.target_data)
         try:
             optimise(module)
             with _in_proportion(llvm, text):
-                return emit(module)
+                return emit(machine, module)
         finally:
             module.close()
 

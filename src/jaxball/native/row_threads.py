@@ -198,42 +198,11 @@ done:
 # A thread that comes late finds nothing left to do. So the caller waits only for blocks that somebody computes, and
 # neither needs the other threads nor how many there are. What is shared is freed by the last who uses it.
 _THREADS = f"""
-define void @rows(ptr %shared) {{
-entry:
-  %blocks.place = getelementptr i8, ptr %shared, i64 {BLOCKS}
-  %blocks = load i64, ptr %blocks.place
-  %control = alloca [32 x i8], align 8
-  store i64 {PATIENCE}, ptr %control
-  %all.place = getelementptr i8, ptr %control, i64 24
-  %all.stopped = getelementptr i8, ptr %shared, i64 {STOPPED}
-  store ptr %all.stopped, ptr %all.place
-  %stopped.place = getelementptr i8, ptr %control, i64 8
-  store i8 0, ptr %stopped.place
-  %state.place = getelementptr i8, ptr %control, i64 16
-  %state = call ptr @PyEval_SaveThread()
-  store ptr %state, ptr %state.place
-  br label %choose
-choose:
-  %k = atomicrmw add ptr %shared, i64 1 seq_cst
-  %is_left = icmp slt i64 %k, %blocks
-  br i1 %is_left, label %compute, label %end
-compute:
-  call void @block(ptr %shared, i64 %k, ptr %control)
-  %stopped = load i8, ptr %stopped.place
-  %goes.on = icmp eq i8 %stopped, 0
-  br i1 %goes.on, label %choose, label %end
-end:
-  %last = load ptr, ptr %state.place
-  call void @PyEval_RestoreThread(ptr %last)
-  ret void
-}}
-define internal void @work(ptr %shared) {{
+define internal void @compute_blocks(ptr %shared, ptr %control) {{
 entry:
   %blocks.place = getelementptr i8, ptr %shared, i64 {BLOCKS}
   %blocks = load i64, ptr %blocks.place
   %done.place = getelementptr i8, ptr %shared, i64 {DONE}
-  %control = alloca [32 x i8], align 8
-  store i64 {NEVER}, ptr %control
   %stopped.place = getelementptr i8, ptr %control, i64 8
   store i8 0, ptr %stopped.place
   br label %choose
@@ -244,8 +213,32 @@ choose:
 compute:
   call void @block(ptr %shared, i64 %k, ptr %control)
   %before = atomicrmw add ptr %done.place, i64 1 seq_cst
-  br label %choose
+  %stopped = load i8, ptr %stopped.place
+  %goes.on = icmp eq i8 %stopped, 0
+  br i1 %goes.on, label %choose, label %end
 end:
+  ret void
+}}
+
+define void @rows(ptr %shared) {{
+  %control = alloca [32 x i8], align 8
+  store i64 {PATIENCE}, ptr %control
+  %all.place = getelementptr i8, ptr %control, i64 24
+  %all.stopped = getelementptr i8, ptr %shared, i64 {STOPPED}
+  store ptr %all.stopped, ptr %all.place
+  %state.place = getelementptr i8, ptr %control, i64 16
+  %state = call ptr @PyEval_SaveThread()
+  store ptr %state, ptr %state.place
+  call void @compute_blocks(ptr %shared, ptr %control)
+  %last = load ptr, ptr %state.place
+  call void @PyEval_RestoreThread(ptr %last)
+  ret void
+}}
+
+define internal void @work(ptr %shared) {{
+  %control = alloca [32 x i8], align 8
+  store i64 {NEVER}, ptr %control
+  call void @compute_blocks(ptr %shared, ptr %control)
   ret void
 }}
 
@@ -271,11 +264,7 @@ define internal i64 @threads_of(ptr %api, ptr %context) {{
   %number = alloca i64, align 8
   store i64 1, ptr %number
   %arguments = alloca [32 x i8], align 8
-  store i64 32, ptr %arguments
-  %extension = getelementptr i8, ptr %arguments, i64 8
-  store ptr null, ptr %extension
-  %context.place = getelementptr i8, ptr %arguments, i64 16
-  store ptr %context, ptr %context.place
+  call void @begin_arguments(ptr %arguments, i64 32, ptr %context)
   %number.place = getelementptr i8, ptr %arguments, i64 24
   store ptr %number, ptr %number.place
   %asked.place = getelementptr i8, ptr %api, i64 144
@@ -315,11 +304,7 @@ count:
   %helpers = select i1 %few, i64 %useful, i64 {MOST_HELPERS}
   %users.place = getelementptr i8, ptr %shared, i64 {USERS}
   %arguments = alloca [40 x i8], align 8
-  store i64 40, ptr %arguments
-  %extension = getelementptr i8, ptr %arguments, i64 8
-  store ptr null, ptr %extension
-  %context.argument = getelementptr i8, ptr %arguments, i64 16
-  store ptr %context, ptr %context.argument
+  call void @begin_arguments(ptr %arguments, i64 40, ptr %context)
   %task = getelementptr i8, ptr %arguments, i64 24
   store ptr @help, ptr %task
   %data = getelementptr i8, ptr %arguments, i64 32
