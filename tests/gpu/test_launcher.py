@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxball.native import grid
-from jaxball.native.gpu import GridForm, connected
+from jaxball.native.gpu import GridForm, connect
 from jaxball.native.handler import handler
 from jaxball.native.machine import object_code
 from jaxball.native.table import NEXT, PARTS, ROWS, Part
@@ -18,7 +18,7 @@ LARGE = 2**20  # bytes to work in
 def start(driver, xla, rows, workspace=0, results=None):
     """Calls the launcher of a program with rows of its first argument; returns the error and the arrays."""
     launcher = object_code(handler(TAKES, GIVES, 1) + grid.launcher(workspace))
-    code = connected(GridForm(b"kernel", launcher, ()), driver)
+    code = connect(GridForm(b"kernel", launcher, (), 0), driver)
     arrays = [np.zeros((rows, 3)) if rows else np.zeros(3), np.zeros(())], [np.zeros((rows,) if rows else ())]
     error = xla.call(code.address("call"), *arrays)
     return error, [*arrays[0], *arrays[1]]

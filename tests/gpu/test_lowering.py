@@ -39,7 +39,9 @@ class Driver(stubs.Driver):
 def driver(monkeypatch):
     stub = Driver()
     monkeypatch.setattr(gpu, "driver", lambda: stub)
-    return stub
+    programs.forget()  # no program of a stub is found by another test, or the other way round
+    yield stub
+    programs.forget()
 
 
 def lowered(function, *arguments):
@@ -112,9 +114,43 @@ def test_kernels_are_kept_between_processes(driver):
     assert texts[0] == texts[1]
 
 
+@pytest.mark.parametrize(("rows", "calls"), [(8, 1), (5000, 0)])
+def test_a_single_thread_does_not_map_over_thousands_of_rows(driver, rows, calls):
+    @programs.jit
+    def energies(speeds):
+        return jax.lax.map(lambda v: jnp.sum(jnp.sin(v * jnp.arange(9.0)) ** 2), speeds)
+
+    assert lowered(energies, jnp.ones(rows)).count("jaxball_gpu_") == calls
+
+
+def test_a_failure_of_the_driver_is_left_to_xla_and_not_kept(driver, monkeypatch):
+    def fail(ptx):
+        raise CudaError("cuLinkComplete of the GPU's driver: out of memory (2).")
+
+    contents = {}
+    with current.kept_in(Memory(contents)):
+        monkeypatch.setattr(driver, "compile", fail)
+        assert "jaxball_gpu_" not in lowered(lambda r: run(r, rtol=1e-5).state.z, RADII[0])
+        assert not contents
+        monkeypatch.undo()
+        monkeypatch.setattr(gpu, "driver", lambda: driver)
+        programs.forget()
+        assert "jaxball_gpu_" in lowered(lambda r: run(r, rtol=1e-5).state.z, RADII[0])
+    assert contents
+
+
+def test_a_kernel_that_cannot_be_loaded_is_left_to_xla(driver, monkeypatch):
+    def fail(code):
+        raise CudaError("The driver of the GPU has no cuLibraryLoadData.")
+
+    monkeypatch.setattr(driver, "load", fail)
+    monkeypatch.setattr(gpu, "_targets", {})  # of which other tests have loaded the same kernel
+    assert "jaxball_gpu_" not in lowered(lambda r: run(r, rtol=2e-5).state.z, RADII[0])
+
+
 def test_gpus_of_several_kinds_get_ptx(driver):
     driver.kinds = [(9, 0), (8, 6)]
-    assert gpu.code_for_gpus(".version 7.0") == b".version 7.0\0"
+    assert gpu.compile_for_gpus(".version 7.0") == b".version 7.0\0"
 
 
 def test_a_cpu_in_the_same_process_is_not_changed(driver):

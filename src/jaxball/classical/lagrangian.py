@@ -67,7 +67,7 @@ class LagrangianLaws(NamedTuple):
 class NonholonomicLaws(NamedTuple):
     """The same with constraints of velocities.
 
-    - ``energy``: as of :class:`LagrangianLaws`.
+    - ``energy``: see :class:`LagrangianLaws`.
     - ``velocity_constraints``: A q̇ + b = 0, shape (m,), those of holonomic constraints after the others.
     """
 
@@ -78,8 +78,8 @@ class NonholonomicLaws(NamedTuple):
 class HolonomicLaws(NamedTuple):
     """The same with holonomic constraints.
 
-    - ``energy``: as of :class:`LagrangianLaws`.
-    - ``velocity_constraints``: as of :class:`NonholonomicLaws`, shape (m,).
+    - ``energy``: see :class:`LagrangianLaws`.
+    - ``velocity_constraints``: see :class:`NonholonomicLaws`, shape (m,).
     - ``position_constraints``: φ(t, q) = 0, shape (k,).
     """
 

@@ -28,6 +28,7 @@ It contains nothing specific to mechanics.
 """
 
 from .choice import asked_for, chosen, compiler
+from .cuda import CudaError
 from .elements import LANES
 from .gpu import GridForm, GridProgram
 from .jitting import (
@@ -60,6 +61,7 @@ __all__ = [
     "FEWEST",
     "LANES",
     "CallbackReachedError",
+    "CudaError",
     "Form",
     "GridForm",
     "GridProgram",

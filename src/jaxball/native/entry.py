@@ -5,11 +5,10 @@ from typing import Any
 import numpy as np
 
 from . import grid
-from .cuda import CudaError
 from .elements import UnsupportedError
 from .executable import ALIGNMENT, Form
 from .extent import loops_over_large_arrays
-from .gpu import GridForm, code_for_gpus
+from .gpu import GridForm, compile_for_gpus
 from .handler import handler
 from .lowering import INTERRUPTED, REFUSED, Compiler, Function
 from .machine import object_code, ptx, routines_in, triple
@@ -93,6 +92,7 @@ class Entry:
     - ``results``: offset in bytes, shape and type of each result, where all lie in one array of ``size`` bytes.
     - ``workspace``: bytes to work in.
     - ``refuses``: whether it may stop at a callback of Python, so that XLA cannot call it.
+    - ``longest_map``: how often its longest loop of independent turns is turned, one turn after another.
     - ``takes``, ``gives``: arguments and results, as a row of each is.
     """
 
@@ -114,6 +114,7 @@ class Entry:
         self.body = compiler.module.text()
         self.workspace = compiler.module.workspace
         self.refuses = compiler.refuses
+        self.longest_map = compiler.longest_map
         self.takes = [part_of(value, rows is not None and rows.taken[k]) for k, value in enumerate(block.arguments)]
         self.gives = [part_of(value, rows is not None) for value in block.results]
         self.block = rows.block if rows else 1
@@ -189,16 +190,15 @@ def written(module: Any, arguments: int, large: bool = True, rows: Rows | None =
 def compile_for_gpu(module: Any, gives: Any, arguments: int, large: bool) -> GridForm:
     """Compiles a StableHLO module for the GPUs of this machine.
 
-    - ``gives``: as of :class:`GridForm`; ``arguments``: how many arrays it takes.
+    - ``gives``: the arrays that a run gives, see :class:`GridForm`; ``arguments``: how many arrays it takes.
     - ``large``: even if its loops are over large arrays.
 
-    **Raises:** :class:`UnsupportedError` for what only a CPU can do, or where the driver cannot compile it.
+    **Raises:** :class:`UnsupportedError` for what only a CPU can do, and :class:`~.cuda.CudaError` where the driver
+    cannot compile it.
     """
     entry = written(module, arguments, large, target=THREAD)
-    try:
-        return GridForm(code_for_gpus(ptx(kernel_text(entry))), object_code(launcher_text(entry)), gives)
-    except CudaError as error:
-        raise UnsupportedError(str(error)) from None
+    kernel = compile_for_gpus(ptx(kernel_text(entry)))
+    return GridForm(kernel, object_code(launcher_text(entry)), gives, entry.longest_map)
 
 
 def kernel_text(entry: Entry) -> str:

@@ -22,11 +22,13 @@ class GridForm(NamedTuple):
     - ``kernel``: its code for this kind of GPU, or PTX with a zero at its end.
     - ``launcher``: the machine code of the handler that starts it.
     - ``gives``: shape, type and whether the type is weak, of the arrays that a run gives.
+    - ``longest_map``: how many turns its longest loop of independent turns has.
     """
 
     kernel: bytes
     launcher: bytes
     gives: tuple[tuple[tuple[int, ...], np.dtype, bool], ...]
+    longest_map: int
 
 
 class GridProgram:
@@ -36,28 +38,31 @@ class GridProgram:
         self.form = form
 
     @functools.cached_property
-    def target(self) -> str:
-        """The name by which XLA calls the program, for as long as the process lives."""
+    def target(self) -> str | None:
+        """The name by which XLA calls the program, for as long as the process lives; None if it cannot be loaded."""
         digest = hashlib.blake2b(self.form.kernel + self.form.launcher, digest_size=16)
         name = f"jaxball_gpu_{digest.hexdigest()}"
         with _lock:
             if name not in _targets:
-                code = connected(self.form, driver())
+                try:
+                    code = connect(self.form, driver())
+                except CudaError:
+                    return None
                 address = ctypes.cast(code.address("call"), ctypes.c_void_p)
                 jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(address), platform="CUDA")
                 _targets[name] = code
         return name
 
 
-def connected(form: GridForm, gpu: Driver) -> machine.Code:
+def connect(form: GridForm, gpu: Driver) -> machine.Code:
     """Loads a program: the code of its launcher, which knows the kernel and the driver's function that starts it."""
     code = machine.Code(form.launcher)
-    connect = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)(code.address("connect"))
-    connect(gpu.launch, gpu.load(form.kernel), gpu.resident())
+    kind = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
+    kind(code.address("connect"))(gpu.launch, gpu.load(form.kernel), gpu.resident())
     return code
 
 
-def code_for_gpus(ptx: str) -> bytes:
+def compile_for_gpus(ptx: str) -> bytes:
     """Compiles PTX for the GPUs of this machine; where they are of several kinds, it stays PTX, with a zero at its end.
 
     **Raises:** :class:`~.cuda.CudaError`.

@@ -166,7 +166,7 @@ class Lowered:
         return self._lower()
 
     def for_cpu(self) -> Any:
-        """The trace, lowered to StableHLO for a CPU, without calls of what is only there on another device."""
+        """The trace, lowered to StableHLO for a CPU, without calls of libraries that only other devices have."""
         return self.lowered if jax.default_backend() == "cpu" else self._lower("cpu")
 
     def _lower(self, *platforms: str) -> Any:
@@ -190,7 +190,7 @@ class Lowered:
 
         - ``large``: whether it is compiled even if its loops are over large arrays, which XLA runs faster.
         - ``quickly``: whether LLVM optimises it less.
-        - ``rows``: what it computes at once, as of :class:`~.table.Rows`.
+        - ``rows``: what it computes at once, see :class:`~.table.Rows`.
         """
         from . import operations  # noqa: F401 (whose rules are entered)
         from .entry import compiled
@@ -208,7 +208,10 @@ class Lowered:
         return Program(form)
 
     def for_gpu(self, large: bool) -> GridProgram | Refusal:
-        """The program of a GPU's threads, each of which computes a row; otherwise as :meth:`natively`."""
+        """The program of a GPU's threads, each of which computes a row; otherwise like :meth:`natively`.
+
+        **Raises:** :class:`~.cuda.CudaError` where the driver cannot compile it.
+        """
         from . import operations  # noqa: F401 (whose rules are entered)
         from .entry import compile_for_gpu
 

@@ -31,6 +31,7 @@ class Compiler:
         self._sizes: dict[str, int] = {}
         self._calls: dict[str, int] = {}
         self.indexed: set[Value] = set()
+        self.longest_map = 0  # turns of the longest loop of independent turns that is not in vectors
         self.refuses = False
         self._survey("main")
         if any(map(is_callback, self._always_executed(functions["main"]))):

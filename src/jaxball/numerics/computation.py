@@ -270,7 +270,7 @@ class Computation:
         return None
 
     def on_gpu(self, store: Store | None, compiles: bool = True) -> Compiled | native.Refusal | None:
-        """The program by which a GPU computes rows, each in a thread; otherwise as :meth:`natively`."""
+        """The program by which a GPU computes rows, each in a thread; otherwise like :meth:`natively`."""
         if native.chosen() != "native" or not native.allowed_on_gpu():
             return None
         return self._once(("gpu", store), lambda: self._on_gpu(store, compiles))
@@ -280,7 +280,10 @@ class Computation:
         place = place_in(store, self._described(), "gpu", large, *native.identity_on_gpu())
         if not compiles:
             return place and place.found()
-        program = self._obtained(place, lambda: self.traced.for_gpu(large))
+        try:
+            program = self._obtained(place, lambda: self.traced.for_gpu(large))
+        except native.CudaError as error:  # which need not come again, so that no store keeps it
+            program = native.Refusal(str(error))
         if isinstance(program, native.Refusal):
             native.warn_if_asked_for(program, self.name)
         return program

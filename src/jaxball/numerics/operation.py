@@ -32,6 +32,9 @@ from .kept_programs import Compiled
 from .reverse_rules import chosen
 
 MOST_DIRECTIONS = 32  # that are one program; more are rows
+# Turns of a map within a run that a single thread of a GPU computes. More, such as the observables of a whole ensemble,
+# are left to XLA, which makes operations of all turns together.
+MOST_BY_ONE_THREAD = 4096
 
 Which = tuple[bool, ...]
 
@@ -127,7 +130,9 @@ def _target(platform: str, context: Any, types: Sequence[Any], computation: Comp
         if not is_for_one_device(context) or count == 0 or not (computation.opaque or rows):
             return None
         on_gpu = computation.on_gpu(current.store)
-        return on_gpu.target if isinstance(on_gpu, Compiled) else None
+        if not isinstance(on_gpu, Compiled) or (not rows and on_gpu.made.form.longest_map > MOST_BY_ONE_THREAD):
+            return None
+        return on_gpu.target
     program = computation.program_of_rows(rows, count) if native.allowed() else None
     return None if program is None else program.target
 

@@ -41,7 +41,7 @@ from .hybrid import (
     at_zero,
 )
 from .resistance import Resistance, TurningMode
-from .rest import Turning, begun, candidates, needs, resisted
+from .rest import Turning, begun, candidates, needs, resist
 from .state import PlacedState, ReducedState
 from .system import AbstractState, AbstractSystem
 
@@ -266,7 +266,7 @@ class DryRolling(AbstractSystem[DryRollingState]):
     def guards_in_step(self, t: Float[Array, ""], state: DryRollingState, reference: Heading) -> Float[Array, "2"]:
         """Of rolling and of spinning: the rate in its direction, or what friction has to spare where it holds it."""
         turns, omega = self.turning(t, state), apply(state.body.Lambda, state.body.Omega)
-        spare = needs(self.resistance, turns, resisted(self.resistance, turns, self.mode(t, state)))
+        spare = needs(self.resistance, turns, resist(self.resistance, turns, self.mode(t, state)))
         one = jnp.ones_like(state.rolls)
         rolling = spinning = one
         if self.resistance.dry is not None:
@@ -485,6 +485,6 @@ def rates(body: AbstractBody, t: Float[Array, ""], state: PlacedState, mode: Tur
 def _pull(about: tuple[Resistance, Turning, TurningMode], sigma: Float[Array, "2"]) -> slips.Pull:
     """How a ball rolls in a direction, with what acts at a time and a state; space axes."""
     resistance, turns, mode = about
-    acting = resisted(resistance, turns, mode._replace(sigma=jnp.concatenate([sigma, jnp.zeros_like(sigma[:1])])))
+    acting = resist(resistance, turns, mode._replace(sigma=jnp.concatenate([sigma, jnp.zeros_like(sigma[:1])])))
     power = -jnp.sum(sigma * acting.torque[:2])
     return slips.Pull(acting.rate[:2], power, acting.normal)

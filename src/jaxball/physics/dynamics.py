@@ -24,7 +24,7 @@ from .load import Load, load
 from .moments import AbstractMoments, Moments, moments, velocity_moments
 from .parameters import BodyParameters
 from .resistance import Resistance
-from .rest import Turning, mode_of, resisted
+from .rest import Turning, mode_of, resist
 from .state import Rates, State
 from .sticking import has_directions, held, of_sticking, released, sticking_slots, with_directions
 
@@ -141,7 +141,7 @@ def accelerations(
     if isinstance(system.resistance, Resistance) and system.resistance.holds:
         turns = _turning(system, found, acting, Omegadot, thetaddot)
         mode = mode_of(system.resistance, turns, found.Omega)
-        dry = resisted(system.resistance, turns, mode).torque
+        dry = resist(system.resistance, turns, mode).torque
         change, joint_changes, _ = _dry_friction(at, Gamma, free, found.matrix, dry)
         Omegadot = Omegadot + change
         thetaddot = [x + y for x, y in zip(thetaddot, joint_changes, strict=True)]

@@ -66,8 +66,8 @@ class Resisted(NamedTuple):
     normal: Float[Array, ""]
 
 
-def resisted(resistance: Resistance, turning: Turning, mode: TurningMode) -> Resisted:
-    """What exact dry friction does in a mode. Where N would be negative without it, it only holds."""
+def resist(resistance: Resistance, turning: Turning, mode: TurningMode) -> Resisted:
+    """Computes what exact dry friction does in a mode. Where N would be negative without it, it only holds."""
     r, up, G = turning.radius, turning.up, turning.compliance
     d = jnp.zeros_like(up)
     if resistance.dry is not None:
@@ -146,15 +146,15 @@ def begun(
     rolls: Bool[Array, ""] | bool = False,
     spins: Bool[Array, ""] | bool = False,
 ) -> TurningMode:
-    """The mode in which friction has let go of what it cannot hold, of the more overloaded first.
+    """Lets go of what friction cannot hold, of the more overloaded first.
 
     ``rolls`` and ``spins`` say that it lets go at once of rolling and of spinning, if they are held. What is let go
     turns against the torque that held it; and a ball rolls in the direction in which ω_h grows.
     """
     first = mode.rests
-    mode = _let_go(turning, mode, resisted(resistance, turning, mode), mode.rests & rolls, mode.still & spins)
+    mode = _let_go(turning, mode, resist(resistance, turning, mode), mode.rests & rolls, mode.still & spins)
     for _ in range(2):
-        acting = resisted(resistance, turning, mode)
+        acting = resist(resistance, turning, mode)
         need = needs(resistance, turning, acting)
         falls, slips = mode.rests & ~(need.rolling > 0), mode.still & ~(need.spinning > 0)
         more = need.loads[0] >= need.loads[1]
@@ -187,7 +187,7 @@ def _pull(
     about: tuple[Resistance, Turning, TurningMode], sigma: Float[Array, "2"]
 ) -> tuple[Float[Array, "2"], Float[Array, ""]]:
     resistance, turning, mode = about
-    acting = resisted(resistance, turning, with_direction(turning, mode, sigma))
+    acting = resist(resistance, turning, with_direction(turning, mode, sigma))
     return jnp.stack([dot(axis, acting.rate) for axis in axes(turning.up)]), acting.normal
 
 

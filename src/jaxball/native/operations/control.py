@@ -47,10 +47,12 @@ def call(function: Function, operation: Operation, operands: list[Array]) -> lis
 @rule("stablehlo.while")
 def while_(function: Function, operation: Operation, operands: list[Array]) -> list[Array]:
     """The body's results are the next turn's arguments, for as long as the condition holds."""
-    if function.uses_vectors:
+    if not function.in_lanes:
         loop = independent(operation, [_known(array) for array in operands], function.compiler.functions)
-        if loop is not None:
+        if loop is not None and function.uses_vectors:
             return _in_lanes(function, operation, operands, loop)
+        if loop is not None:
+            function.compiler.longest_map = max(function.compiler.longest_map, loop.turns)
     turns = _few_turns(function, operation, operands)
     if turns is not None:
         return _written_out(function, operation, operands, turns)
