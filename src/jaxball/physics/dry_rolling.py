@@ -48,7 +48,7 @@ from .system import AbstractState, AbstractSystem
 WINDOW = -3  # no event: the end of the time for which the direction of rolling was known beforehand
 LONGEST_WINDOW = 0.1  # of √(r/g): the longest time for which the direction in which a ball begins to roll is known
 BEFORE_KINK = 0.999  # of the time until the next kink: the same
-SLOW = 0.5  # power of rounding: of √(g/r) and |ω|, the rate with which a ball is followed to its rest in no step
+SLOW = 0.4  # power of rounding: of √(g/r) and |ω|, the rate with which a ball is followed to its rest in no step
 UNTOLD = 10  # in errors of ω: of so slow a rate, steps cannot tell the direction
 ERRORS = 30  # the same: a ball that comes to rest may be faster by so much
 LONGEST = 0.25  # power of rounding: the longest time, in √(r/g), over which a ball is followed to its rest in this way

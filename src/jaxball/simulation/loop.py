@@ -24,6 +24,7 @@ from ..numerics.reverse_rules import CarryOut, at_once, put, put_while
 from ..physics.system import AbstractSystem
 from ..solvers import StepToKinks
 from ..solvers.dense.continuous import DenseOutput, has_one_tableau
+from ..solvers.dense.pauses import AfterPauses, Pause
 from ..solvers.explicit import depends_on_arguments_alone, with_first_slope, with_stages_pulled_back
 from ..solvers.multistep import AbstractMultistep, AbstractMultistepController
 from .adjoint import Parts, Recorded, while_loop
@@ -101,6 +102,8 @@ class SolveLoop(diffrax.AbstractAdjoint):
         output, dense = DenseOutput.of(solver), init_state.dense_ts is not None
         if dense:
             infos = output.room(init_state.dense_infos, max_steps)
+            if self.switching.jumps:
+                infos = {"pause": Pause.empty(init_state.y, max_steps), "info": infos}
             init_state = dataclasses.replace(init_state, dense_ts=init_state.dense_ts.at[0].set(t0), dense_infos=infos)
         reverse, of_stages, of_resets = self.kind == "checkpointed", Recorded("stages"), Recorded("reset")
         by_stages = reverse and depends_on_arguments_alone(terms, t0, init_state.y, args)
@@ -120,7 +123,8 @@ class SolveLoop(diffrax.AbstractAdjoint):
 
         def advance(carry: tuple[Any, ...], counts: Bool[Array, ""]) -> tuple[Any, ...]:
             state, saved, hybrid, seen, watched = carry
-            state, hybrid = solve.after_reset(state, switching.with_event_if(counts, hybrid))
+            ended, before = state.tprev, state.y
+            state, until, hybrid = solve.after_reset(state, switching.with_event_if(counts, hybrid))
             new, info, keep, hybrid = solve.advanced(state, hybrid)
             keep &= counts
             step = {"t0": state.tprev, "t1": state.tnext}
@@ -135,7 +139,12 @@ class SolveLoop(diffrax.AbstractAdjoint):
                 asked |= False if glance is None else keep & ~glance.quiet
                 info = output.info(info, terms, **step, args=args, asked=asked)
                 interpolation = output.interpolation(**step, **info)
-                saved = self._save(saved, interpolation, jnp.where(keep, state.tnext, -jnp.inf))
+                within = interpolation
+                if switching.jumps:
+                    pause = Pause(before, until, state.tprev)
+                    within = AfterPauses(output.interpolation)(t0=ended, t1=state.tnext, pause=pause, info=info)
+                    info = {"pause": pause, "info": info}
+                saved = self._save(saved, within, jnp.where(keep, state.tnext, -jnp.inf))
             if dense:
                 new = _kept_for_dense_output(new, info, keep)
             if observers is not None:
@@ -228,13 +237,14 @@ class _Solve(NamedTuple):
     progress_meter: diffrax.AbstractProgressMeter
     switching: AbstractSwitching
 
-    def after_reset(self, state: Any, hybrid: Any) -> tuple[Any, Any]:
-        """The state with which the next step begins: that after the reset, where there was an event."""
+    def after_reset(self, state: Any, hybrid: Any) -> tuple[Any, Array, Any]:
+        """The state with which the next step begins, that after the reset where there was an event, and that before."""
         step = NextStep(jnp.asarray(True), state.tprev, state.tnext, None, jnp.asarray(False))
         run = self.t0, self.t1
-        hybrid, step, y, happened = self.switching.apply_reset(hybrid, step, state.y, run, *self.resets)
-        jumped = state.made_jump | happened
-        return dataclasses.replace(state, tprev=step.start, tnext=step.end, y=y, made_jump=jumped), hybrid
+        hybrid, step, reset = self.switching.apply_reset(hybrid, step, state.y, run, *self.resets)
+        jumped = state.made_jump | reset.happened
+        state = dataclasses.replace(state, tprev=step.start, tnext=step.end, y=reset.after, made_jump=jumped)
+        return state, reset.before, hybrid
 
     def advanced(self, state: Any, hybrid: Any) -> tuple[Any, Any, Bool[Array, ""], Any]:
         """The state after a step, what the step's interpolation is made of, and whether the step was accepted."""

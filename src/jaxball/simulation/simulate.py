@@ -344,7 +344,7 @@ def solve(
         status,
         cast(Array, solution.stats["num_steps"]),
         cast(Array, solution.stats["num_rejected_steps"]),
-        Interpolant.of(solution, solver, packing, projects) if method.dense else None,
+        Interpolant.of(solution, solver, packing, projects=projects, pauses=switching.jumps) if method.dense else None,
         occurrences,
         record,
         solution.stats.get("found"),

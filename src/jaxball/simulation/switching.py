@@ -100,6 +100,14 @@ class Taken(NamedTuple):
     memory: Any
 
 
+class Reset(NamedTuple):
+    """The vectors before and after a reset, at the same time, and whether it ``happened``."""
+
+    before: Float[Array, " size"]
+    after: Float[Array, " size"]
+    happened: Bool[Array, ""] | bool
+
+
 class AbstractSwitching(eqx.Module):
     """What a solve does about modes between its steps. ``args`` are the parameters of a solve."""
 
@@ -126,8 +134,8 @@ class AbstractSwitching(eqx.Module):
         run: tuple[Array, Array],
         args: Any,
         carry_out: CarryOut,
-    ) -> tuple[Any, NextStep, Float[Array, " size"], Bool[Array, ""] | bool]:
-        """The next step from the state after an event, and whether there was one; ``run`` is from start to end."""
+    ) -> tuple[Any, NextStep, "Reset"]:
+        """The next step from the state after an event, if there was one; ``run`` is from start to end."""
 
     @abc.abstractmethod
     def detect(self, carry: Any, taken: Taken, proposed: NextStep, args: Any) -> tuple[Any, NextStep]:
@@ -161,7 +169,7 @@ class NoSwitching(AbstractSwitching):
         return carry
 
     def apply_reset(self, carry, step, y, run, args, carry_out):
-        return carry, step, y, False
+        return carry, step, Reset(y, y, False)
 
     def detect(self, carry, taken, proposed, args):
         return carry, proposed
@@ -234,7 +242,7 @@ class Switching(AbstractSwitching):
         carry_after, t, y, earliest, row, switch = jax.lax.cond(happened, reset, go_on, bare)
         carry = carry_after._replace(rows=carry.rows.with_row(row, switch), due=self._due(t, y, args))
         end = jnp.minimum(jnp.maximum(step.end, earliest), jnp.minimum(carry.due, run[1]))
-        return carry, step._replace(start=t, end=end), y, happened
+        return carry, step._replace(start=t, end=end), Reset(switch.before, y, happened)
 
     def _due(self, t: Float[Array, ""], y: Float[Array, " size"], args: Any) -> Float[Array, ""]:
         packing = self._packing(args)

@@ -62,18 +62,21 @@ class Interpolant(eqx.Module, Generic[AnyState]):
 
     @classmethod
     def of(
-        cls, solution: "diffrax.Solution", solver: Any, packing: Packing[Any, Any], projects: bool
+        cls, solution: "diffrax.Solution", solver: Any, packing: Packing[Any, Any], *, projects: bool, pauses: bool
     ) -> "Interpolant[Any]":
         """Of a solution by :class:`SolveLoop`, whose steps have the dense output of ``DenseOutput.of(solver)``.
 
         - ``projects``: whether the states are those on the constraints that are nearest to it.
+        - ``pauses``: whether there may be a pause before a step.
         """
         # Imported here, because a run is read from a file and drawn without solvers.
         from ..solvers.dense.continuous import DenseOutput
+        from ..solvers.dense.pauses import AfterPauses
 
-        steps = dataclasses.replace(
-            cast(Any, solution.interpolation), interpolation_cls=DenseOutput.of(solver).interpolation
-        )
+        interpolation = DenseOutput.of(solver).interpolation
+        if pauses:
+            interpolation = AfterPauses(interpolation)
+        steps = dataclasses.replace(cast(Any, solution.interpolation), interpolation_cls=interpolation)
         return cls(dataclasses.replace(solution, interpolation=steps), packing, projects)
 
     def vector(self, t: Float[Array, ""]) -> Float[Array, " size"]:

@@ -299,15 +299,18 @@ def _nodes(trajectory: Trajectory[Any, Any], room: int) -> tuple[Array, Array, A
     interpolant = trajectory.interpolant
     assert isinstance(interpolant, Interpolant)
     steps = Steps.of(interpolant.solution, trajectory.reached, room)
-    fractions = jnp.asarray(FRACTIONS, steps.start.dtype)
-    times = steps.start[:, None] + (steps.end - steps.start)[:, None] * fractions[None]
-
     # The first step replaces those that were not taken, so that all numbers are finite.
-    index = jnp.where(steps.taken, jnp.arange(steps.start.size), 0)
-    times = times[index]
+    index, taken = jnp.where(steps.taken, jnp.arange(steps.start.size), 0), steps.taken
+    start, end = steps.start[index], steps.end[index]
+    if steps.resumed is not None:  # rates jump where a pause ends, so that it is a step of its own
+        resumed = steps.resumed[index]
+        start, end = jnp.stack([start, resumed], axis=1).ravel(), jnp.stack([resumed, end], axis=1).ravel()
+        index, taken = jnp.repeat(index, 2), jnp.repeat(taken, 2)
+    fractions = jnp.asarray(FRACTIONS, start.dtype)
+    times = start[:, None] + (end - start)[:, None] * fractions[None]
     nodes = jnp.repeat(index, fractions.size), times.reshape(-1)
     states = jax.lax.map(lambda node: steps.state(*node), nodes)
-    return times, states.reshape(*times.shape, -1), steps.taken
+    return times, states.reshape(*times.shape, -1), taken
 
 
 @programs.filter_jit

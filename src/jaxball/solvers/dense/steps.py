@@ -11,6 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
+from .pauses import AfterPauses
+
 Values = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " k"]]
 Field = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " size"]]
 NODES = 5
@@ -58,6 +60,13 @@ class Steps(eqx.Module):
     def taken(self) -> Bool[Array, " steps"]:
         """Which of them were taken."""
         return jnp.arange(self.start.size) < self.count
+
+    @property
+    def resumed(self) -> Float[Array, " steps"] | None:
+        """The times, without derivatives, at which the pauses before steps end; None where there can be no pause."""
+        if isinstance(self.interpolation, AfterPauses):
+            return jnp.clip(jax.lax.stop_gradient(self.infos["pause"].start), self.start, self.end)
+        return None
 
     def ends(self, index: Int[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """The start and the end of a step, with derivatives."""
