@@ -97,7 +97,7 @@ def is_traced(x: Any) -> bool:
 
 
 def is_tracer_type(of: type) -> bool:
-    """Whether it is a type of what is traced."""
+    """Whether it is the type of a traced value."""
     return issubclass(of, Tracer)
 
 
@@ -199,7 +199,7 @@ def node_functions(of: type) -> tuple[Any, ...]:
 
 
 def jitted(value: Any) -> tuple[Any, ...] | None:
-    """The function that ``jax.jit`` was given, and which of its arguments are static; None of what it did not return.
+    """The function that ``jax.jit`` was given, and which arguments are static; None if ``jax.jit`` did not return it.
 
     **Raises:** ``RuntimeError`` where this version of JAX does not tell.
     """
@@ -237,7 +237,7 @@ class Rules(NamedTuple):
     """What JAX has to know of an operation of several arrays with several results; all take its parameters by name.
 
     - ``compute(*arrays)``: of arrays that are not traced.
-    - ``types(*types)``: of the results, as of ``jax.eval_shape``.
+    - ``types(*types)``: of the results, as ``jax.eval_shape`` gives them.
     - ``write(*arrays)``: the same as functions of JAX.
     - ``target(platform, context, types)``: the name of a registered function that XLA calls on a platform, ``"cpu"`` or
       ``"cuda"``; None to write it.
@@ -289,7 +289,7 @@ def no_tangent(tangent: Any) -> bool:
 
 
 def zero_tangent(primal: Any) -> Any:
-    """The tangent of what does not vary."""
+    """The tangent of a value that does not vary."""
     return ad.Zero(primal.aval.to_tangent_aval())
 
 

@@ -13,7 +13,7 @@ from .emulation import entry_of, recorded
 from .programs import PROGRAMS
 
 PTXAS = shutil.which("ptxas")
-ARCHITECTURES = ("sm_70", "sm_80", "sm_90", "sm_100")
+ARCHITECTURES = ("sm_75", "sm_80", "sm_90", "sm_100")
 QUICK = ("a disk",)
 
 pytestmark = pytest.mark.skipif(PTXAS is None, reason="this machine has no ptxas, which is in CUDA's toolkit")

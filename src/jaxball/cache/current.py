@@ -15,7 +15,7 @@ class Store(Protocol):
     """Keeps contents by keys. Contents that cannot be read or written are treated as missing, without an error."""
 
     def identity(self) -> str:
-        """A digest of what determines how programs are compiled, except JAX's settings: versions, flags, processor."""
+        """A digest of the versions, flags and processor with which programs are compiled; not of JAX's settings."""
         ...
 
     def read(self, key: str) -> bytes | None:

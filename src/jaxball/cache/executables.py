@@ -70,7 +70,7 @@ class Loaded(NamedTuple):
 
 
 def content(program: Any, takes: int, gives: int, result: Any, reached: Sequence[Any] = ()) -> bytes | None:
-    """A program with so many input and output arrays, as bytes; None if impossible, as for one that calls Python.
+    """A program that ``takes`` and ``gives`` these numbers of arrays, as bytes; None where it calls Python.
 
     ``program`` is one of the native compiler, of a CPU or a GPU, or an executable of JAX; ``reached`` are functions and
     classes that the result may contain, without a name.

@@ -154,7 +154,7 @@ class Method(NamedTuple):
 def checked_count(exponents: int | None, largest: int) -> int:
     """How many exponents; by default all.
 
-    **Raises:** ``ValueError`` when the phase space does not have so many.
+    **Raises:** ``ValueError`` when the phase space has fewer.
     """
     if exponents is None:
         return largest

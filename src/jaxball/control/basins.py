@@ -29,7 +29,7 @@ WITHIN = 0.05
 
 
 class Outcome(NamedTuple):
-    """How a closed loop ended: its deviation, and the extremes over its samples of what the plane had to give.
+    """How a closed loop ended: its deviation, and the extremes over its samples of the contact force.
 
     - ``xi``: at the end, shape (n,).
     - ``least_normal_force``, ``friction_needed``: the least N, and the largest |f| / N.

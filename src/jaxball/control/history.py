@@ -40,7 +40,7 @@ class FeedbackHistory(AbstractHistory):
 
     @property
     def lines(self) -> list[str]:
-        sees = "of its state" if self.estimate is None else "of what its sensors read"
+        sees = "of its state" if self.estimate is None else "of its sensors' readings"
         return [f"under feedback {sees}, by {', '.join(self.inputs)}"]
 
     def at_rows(self, rows: slice) -> "FeedbackHistory":

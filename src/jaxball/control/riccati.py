@@ -38,7 +38,7 @@ def regulator(linear: Linear, W: Float[Array, "rows n_plus_m"], S: Float[Array, 
 
 
 def stationary(linear: Linear, W: Float[Array, "rows n_plus_m"], samples: int) -> Float[Array, "n_plus_one n_plus_one"]:
-    """S at the start of so many samples of one linear flow, without its c: near its limit, if there are enough."""
+    """S at the start of ``samples`` samples of one linear flow, without its c: near its limit, if there are enough."""
     A, B = _homogeneous(linear._replace(c=jnp.zeros_like(linear.c)))
     n = linear.A.shape[-1]
     end = jnp.zeros((n + 1, n + 1), A.dtype)

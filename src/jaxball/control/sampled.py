@@ -19,7 +19,7 @@ from ..simulation.simulate import simulate
 from .inputs import Place, held, limits_of, places_of, with_inputs
 
 MOST_STEPS = 256  # in one sample
-LEAST = 1e-8  # of the largest singular value of what inputs reach; below it is rounding
+LEAST = 1e-8  # of the largest singular value of the reachable subspace's factor; below it is rounding
 ROUNDING = 1e-6  # of the largest entry of a combination
 
 
@@ -71,8 +71,8 @@ class SampledSystem(Printed):
 
         - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
         - ``sample``: the time between samples.
-        - ``inputs``: names of what is set, as in ``coordinates`` of a body, such as ``"mechanisms[0].joints[0]"`` or
-          ``"masses[1]"``; by default all that a schedule, a law or a motor moves.
+        - ``inputs``: names of the coordinates that are set, as in ``coordinates`` of a body, such as
+          ``"mechanisms[0].joints[0]"`` or ``"masses[1]"``; by default all that a schedule, a law or a motor moves.
         - ``rtol``, ``atol``: tolerances of the solve of a sample.
 
         **Raises:** ``ValueError`` for unknown names, and where there is nothing to set; ``TypeError`` for other
@@ -169,7 +169,7 @@ def uncontrollable(linear: Linear, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def reached(A: Float[np.ndarray, "samples n n"], B: Float[np.ndarray, "samples n m"]) -> Float[np.ndarray, "n rank"]:
-    """A factor of the Gramian of what inputs reach, Σ Φ B Bᵀ Φᵀ, kept small by a QR factorisation at each sample."""
+    """A factor of the reachability Gramian, Σ Φ B Bᵀ Φᵀ, kept small by a QR factorisation at each sample."""
     n = A.shape[1]
     found = np.zeros((n, n))
     for step, own in zip(A, B, strict=True):
@@ -179,7 +179,7 @@ def reached(A: Float[np.ndarray, "samples n n"], B: Float[np.ndarray, "samples n
 
 
 def unreached_by(factor: Float[np.ndarray, "n rank"]) -> Float[np.ndarray, "rows n"]:
-    """An orthonormal basis of what a Gramian with this factor leaves out."""
+    """An orthonormal basis of the null space of a Gramian with this factor."""
     columns, sizes, _ = np.linalg.svd(factor)
     sizes = np.append(sizes, np.zeros(len(factor) - len(sizes)))
     return columns.T[sizes <= LEAST * np.max(sizes, initial=0.0)]

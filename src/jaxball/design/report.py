@@ -70,7 +70,7 @@ def write_report(design: Design, title: str, folder: Path, source: Source | None
 def write_control_report(
     controlled: Controlled, title: str, saves: int, folder: Path, source: Source | None = None
 ) -> Path:
-    """The same for a solution of optimal control, whose scenario has so many ``saves``."""
+    """The same for a solution of optimal control, whose scenario has ``saves`` times."""
     system = rolling(controlled.solution.problem).system
     scenario = write_design(controlled.solution, title, saves, folder)
     if source is not None:

@@ -55,7 +55,7 @@ class AbstractReduction(Printed):
 
     @abc.abstractmethod
     def result(self, observed: Observed) -> dict[str, Float[Array, "*runs"]]:
-        """The results, by the suffixes of their names, each with the shape of what was observed.
+        """The results, by the suffixes of their names, each with the shape of the observed quantity.
 
         **Arguments:**
 

@@ -230,7 +230,7 @@ def simulate_ensemble(
 def _in_blocks(
     settings: Settings, shared: tuple[bool, ...], block: int | None, parameters: Any, *others: Any
 ) -> tuple[Any, ...]:
-    """The results of all runs; as typed, of so many at a time, where that is asked for."""
+    """The results of all runs; outside a trace computed in blocks, where that is asked for."""
     runs = len(others[0])
     if block is None or block >= runs or _is_any_traced(parameters, others):
         return solved(settings, shared, parameters, *others)

@@ -41,7 +41,7 @@ class Episode(Printed):
     - ``parameters``: the numbers of the robot that were drawn, by name.
     - ``target``: what the goal has drawn.
     - ``memory``: what the observation remembers.
-    - ``key``: the random key of what follows.
+    - ``key``: the random key of the following steps.
     """
 
     state: PlacedState
@@ -87,8 +87,8 @@ class Environment(Printed):
     - ``goal``: such as :class:`ReachPoint`.
     - ``sample``: the time between samples.
     - ``samples``: of an episode, after which it is truncated.
-    - ``inputs``: names of what is set, as for :class:`~jaxball.control.SampledSystem`; by default all that a schedule,
-      a law or a motor moves.
+    - ``inputs``: names of the coordinates that are set, as for :class:`~jaxball.control.SampledSystem`; by default all
+      that a schedule, a law or a motor moves.
     - ``limits``: the largest magnitude of each input: a number for all, a row, or numbers by name; by default those of
       the motors.
     - ``observation``: by default :class:`ObservedState`; a dictionary of sensors stands for :class:`ObservedSensors`.

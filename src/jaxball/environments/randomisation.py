@@ -33,7 +33,7 @@ class Uniform(AbstractDistribution):
 
     **Arguments:**
 
-    - ``low``, ``high``: the bounds, in the units of what is drawn.
+    - ``low``, ``high``: the bounds, in the units of the parameter that is drawn.
 
     **Raises:** ``ValueError`` where ``low`` is above ``high``.
 
@@ -64,7 +64,7 @@ class Normal(AbstractDistribution):
 
     **Arguments:**
 
-    - ``mean``, ``deviation``: the mean and the standard deviation, in the units of what is drawn.
+    - ``mean``, ``deviation``: the mean and the standard deviation, in the units of the parameter that is drawn.
 
     **Raises:** ``ValueError`` for a negative deviation.
     """

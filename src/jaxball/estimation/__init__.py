@@ -1,4 +1,4 @@
-"""What a robot knows of its state: filters and smoothers of what its sensors read.
+"""What a robot knows of its state: filters and smoothers of its sensors' readings.
 
 ``ErrorStateFilter`` estimates the state, and the biases of sensors, from readings with errors
 (:class:`jaxball.sensors.SensorErrors`) and the exact flow of the simulation between them; ``OutputFeedback`` holds a

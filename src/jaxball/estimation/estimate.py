@@ -196,7 +196,7 @@ class LoopEstimate(AbstractEstimate):
     """What a filter in a closed loop estimated, at the samples and at the end of the run, where it is NaN.
 
     - ``followed``: the estimates.
-    - The others: as of an :class:`AbstractEstimate`.
+    - The others: as in an :class:`AbstractEstimate`.
     """
 
     followed: Followed
@@ -226,7 +226,7 @@ class Estimate(AbstractEstimate):
     """What a filter has found, as an :class:`AbstractEstimate`, with the whole pass of the filter.
 
     - ``filtered``: the whole pass of the filter.
-    - The others: as of an :class:`AbstractEstimate`.
+    - The others: as in an :class:`AbstractEstimate`.
     """
 
     filtered: Filtered

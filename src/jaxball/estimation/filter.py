@@ -183,7 +183,7 @@ class ErrorStateFilter(Printed):
         require_one_state(self.sampled.system, start)
         names = (*start.directions, *self.names_of_biases(start))
         F, H = _linearised(self, start, self._inputs(u, samples - 1), to_array(t0, "t0"))
-        # The dual of what inputs reach: the flow backwards, transposed.
+        # The dual of reachability: the flow backwards, transposed.
         F, H = (np.swapaxes(np.asarray(x), 1, 2)[::-1] for x in (F, H))
         seen = reached(np.concatenate([np.eye(len(names))[None], F]), H)
         return in_words(unreached_by(seen), names)
@@ -212,7 +212,7 @@ class ErrorStateFilter(Printed):
         return inputs
 
     def times(self, t0: Float[Array, ""], count: int) -> Float[Array, " K"]:
-        """The times of so many samples from ``t0`` on."""
+        """The times of ``count`` samples from ``t0`` on."""
         return t0 + self.sampled.sample * jnp.arange(count, dtype=t0.dtype)
 
     def start(self, state: PlacedState, deviations: Float[Array, " n"]) -> Belief:

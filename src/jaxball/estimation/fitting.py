@@ -1,4 +1,4 @@
-"""Parameters and the initial state of a robot from a log of what its sensors read, with their uncertainties.
+"""Parameters and the initial state of a robot from a log of its sensors' readings, with their uncertainties.
 
 The estimate has the greatest likelihood: the least sum of squares of residuals over their standard deviations, along
 the exact motion. To first order its errors have the covariance of Cramér and Rao, the inverse of Σ HᵀR⁻¹H, where H are
@@ -34,7 +34,7 @@ from ..simulation.simulate import simulate
 from .filter import require_not_negative
 
 Robot = Callable[[dict[str, Array]], System]
-KNOWN = 1e-3  # of a direction, by which an unknown may be part of what is not determined
+KNOWN = 1e-3  # of a direction, by which an unknown may be part of an undetermined direction
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Fit:
       (n, n); infinite on the diagonal, and 0 beside it, for what the log does not determine.
     - ``residuals``: reading less what is expected of it, over the standard deviation of its noise, for each sensor, as
       in the log; NaN where nothing was read.
-    - ``chi2``, ``degrees``: the sum of their squares and of those of what was known before, and its degrees of freedom.
+    - ``chi2``, ``degrees``: the sum of their squares and of the prior's, and its degrees of freedom.
     - ``unidentifiable``: the combinations of unknowns that the log does not tell, in words.
     - ``converged``: whether the last step was negligible.
     """
@@ -119,7 +119,7 @@ class _Problem(Printed):
         return {name: x[i] for i, name in enumerate(self.parameters)}, xi, biases
 
     def residuals(self, base: PlacedState, x: Float[Array, " n"]) -> tuple[dict[str, Array], Array]:
-        """Of each reading over its noise, 0 where there is none; and of what was known before, over its spread."""
+        """Of each reading over its noise, 0 where there is none; and of the prior, over its spread."""
         values, xi, biases = self.split(x)
         start = base.retract(xi)
         settings: dict[str, Any] = {"rtol": self.rtol, "atol": self.atol, "adjoint": diffrax.ForwardMode()}
@@ -291,7 +291,7 @@ def _read(
 
 
 def _scales(problem: _Problem) -> Float[Array, " n"]:
-    """The sizes of unknowns: that of a guess, or of what is known of it, or 1."""
+    """The sizes of unknowns: that of a guess, or of its prior, or 1."""
     guessed = jnp.concatenate([jnp.abs(problem.before), jnp.zeros(problem.prior.size - problem.before.size)])
     known = jnp.where(jnp.isfinite(problem.prior), problem.prior, 1.0)
     return jnp.where(guessed > 0, guessed, known)

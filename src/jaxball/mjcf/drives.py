@@ -42,7 +42,7 @@ def write_drive(
 ) -> list[Control]:
     """Adds a drive to the element of a joint, or to the actuators, and returns the controls of the latter.
 
-    A schedule becomes a servo that is critically damped for the ``inertia`` of what the joint moves.
+    A schedule becomes a servo that is critically damped for the ``inertia`` that the joint moves.
 
     **Raises:** :class:`MJCFError` for a drive that MJCF cannot express.
     """

@@ -97,7 +97,9 @@ def _coordinate(axis: int, t: Float[Array, ""], motion: AbstractPrescribedMotion
 
 def _write_mechanism(mechanism: Mechanism, name: str, shell: ET.Element, links: Links) -> None:
     still = mechanism.links(jnp.zeros(mechanism.n_joints))
-    shifts = [np.asarray(link.placement.shift) for link in still]  # by the rails, of what their carriages carry
+    shifts = [
+        np.asarray(link.placement.shift) for link in still
+    ]  # by the rails, for the links that their carriages carry
     on = [mechanism.carriers(a)[:-1] for a in range(mechanism.n_joints)]
     bodies: list[ET.Element] = []
     for a, joint in enumerate(mechanism.joints):

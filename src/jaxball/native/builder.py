@@ -207,11 +207,11 @@ class Builder(Instructions):
     # Memory
 
     def address(self, base: Name, offset: Index) -> Name:
-        """An address so many bytes behind another."""
+        """An address ``offset`` bytes behind another."""
         return base if offset == 0 else self.pure(f"getelementptr i8, ptr {base}, i64 {offset}")
 
     def allocate(self, size: int) -> Name:
-        """Memory of so many bytes, which belongs to the function while it runs."""
+        """Memory of ``size`` bytes, which belongs to the function while it runs."""
         name = self._unused()
         if size <= self.module.target.most_on_stack:
             self._allocated.append(f"{name} = alloca [{size} x i8], align {ALIGNMENT}")
@@ -222,7 +222,7 @@ class Builder(Instructions):
         return name
 
     def copy(self, target: Name, source: Name, size: int) -> None:
-        """So many bytes from one place to another."""
+        """Copies ``size`` bytes from one place to another."""
         name = "@llvm.memcpy.p0.p0.i64"
         self.module.declared.setdefault(name, f"declare void {name}(ptr, ptr, i64, i1)")
         if target != source and size:

@@ -152,9 +152,9 @@ def compiled(
     quickly: bool = False,
     rows: Rows | None = None,
 ) -> Form:
-    """A StableHLO module of so many arguments, compiled.
+    """Compiles a StableHLO module with a number of ``arguments``.
 
-    - ``large``: even if its loops are over large arrays; ``quickly``: as of :func:`~.machine.object_code`.
+    - ``large``: even if its loops are over large arrays; ``quickly``: as for :func:`~.machine.object_code`.
     - ``rows``: the rows that it computes at once, if it does.
 
     **Raises:** :class:`UnsupportedError`.

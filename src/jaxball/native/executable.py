@@ -25,7 +25,7 @@ class Form(NamedTuple):
 
     Nothing here needs the compiler, which a process that finds its programs in a store never imports.
 
-    - ``code``: the machine code, as of :func:`~.machine.object_code`.
+    - ``code``: the machine code from :func:`~.machine.object_code`.
     - ``results``: offset in bytes, shape and type of each result in the array in which all of them lie.
     - ``size``: the bytes of that array; ``workspace``: those of the memory to work in.
     - ``takes``: how many arrays it takes; ``routines``: those of libraries that the code calls.
@@ -78,7 +78,7 @@ class Executable:
     def of_rows(
         self, arguments: Sequence[np.ndarray | jax.Array], in_rows: Sequence[bool], threads: int
     ) -> list[np.ndarray]:
-        """The results of all rows, computed by so many threads, which changes none of their bits.
+        """The results of all rows, computed in ``threads`` threads, which changes none of their bits.
 
         - ``in_rows``: which arguments have rows as leading axis.
         """
@@ -130,7 +130,7 @@ def _address(array: np.ndarray | jax.Array) -> int:
         return array.block_until_ready().unsafe_buffer_pointer()
     try:
         return ctypes.addressof(ctypes.c_char.from_buffer(array))  # pyright: ignore[reportArgumentType]
-    except (TypeError, ValueError, BufferError):  # as of an array that is read-only, or empty
+    except (TypeError, ValueError, BufferError):  # an array that is read-only, or empty
         return array.__array_interface__["data"][0]  # which takes three times as long
 
 
@@ -143,7 +143,7 @@ def _aligned(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
 
 
 class _Workspace:
-    """Memory to work in, of which so many bytes from ``start`` on are used."""
+    """Memory to work in: its bytes from the aligned address ``start`` on."""
 
     def __init__(self, size: int):
         self.size = size

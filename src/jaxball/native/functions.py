@@ -54,7 +54,7 @@ def _typed(builder: Builder, kind: tuple[np.dtype, bool], number: Element) -> st
 class Signature:
     """How a function of LLVM's is called.
 
-    - ``name``: its name, which is that of the function and of what is known of its arguments.
+    - ``name``: its name, made of the function's and of the properties of its arguments.
     - ``arguments``, ``results``: the form of each.
     - ``masked``: whether it is called in some lanes only, which are then its last argument in a register.
     """

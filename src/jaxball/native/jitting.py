@@ -53,7 +53,7 @@ class Form(NamedTuple):
 
     - ``takes``: the types of the arrays that it takes.
     - ``gives``: shape, type and whether the type is weak, of the arrays that it gives.
-    - ``executable``: as of :class:`~.executable.Form`.
+    - ``executable``: a :class:`~.executable.Form`.
     """
 
     takes: tuple[np.dtype, ...]
@@ -249,7 +249,7 @@ class Lowered:
 
 
 def type_of(array: Any) -> jax.ShapeDtypeStruct:
-    """Shape and type of an array, or of what JAX takes for one."""
+    """Shape and type of an array, or of a number that JAX takes for one."""
     if type(array) is jax.ShapeDtypeStruct:
         return array
     weak = getattr(array, "weak_type", type(array) in (bool, int, float, complex))
@@ -365,6 +365,6 @@ def _described(avals: Sequence[Any]) -> tuple[tuple[tuple[int, ...], np.dtype, b
 
 
 def _numpy_type(aval: Any) -> np.dtype:
-    if not isinstance(aval.dtype, np.dtype):  # as of random keys
+    if not isinstance(aval.dtype, np.dtype):  # such as random keys
         raise UnsupportedError(f"An array of {aval.dtype}")
     return aval.dtype

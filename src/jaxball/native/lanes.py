@@ -178,7 +178,7 @@ class Varying:
         return self._values[value]
 
     def loop(self, operation: Operation, start: Sequence[bool]) -> tuple[bool, list[bool]]:
-        """Whether lanes leave a ``stablehlo.while`` at different turns, and which of what it carries differs."""
+        """Whether lanes leave a ``stablehlo.while`` at different turns, and which carried values differ."""
         condition, body = operation.regions
         carried = list(start)
         while True:

@@ -223,7 +223,7 @@ class Function:
         b.begin(b.new_label("never"))
 
     def looks_for_signals(self, cost: int) -> None:
-        """Ends the function if Python has a signal to handle; checked after so many instructions."""
+        """Ends the function if Python has a signal to handle; checked after a number of instructions."""
         if not self.module.target.has_signals:
             return
         b = self.builder

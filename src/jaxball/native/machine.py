@@ -163,7 +163,7 @@ def _in_proportion(llvm: Any, text: str) -> Iterator[None]:
     """Process-wide LLVM settings with which compile time is proportional to the length of a program.
 
     CodeGenPrepare takes a time quadratic in a block's length (60 s, against 4 s for the rest, for an event of an Adams
-    method), and made none of the programs faster. So do the scheduler's lists of what may touch the same memory (50 s
+    method), and made none of the programs faster. So do the scheduler's lists of accesses to the same memory (50 s
     of 80 s for a chart of Floquet multipliers), and a second scheduler after registers are allocated: a fifth to a
     half of the time for all, and Gauss's method and Radau's ran 1 to 3% slower without it, Dopri8 as fast.
     """

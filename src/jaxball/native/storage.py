@@ -203,7 +203,7 @@ def parts(dtypes: Sequence[np.dtype], numbers: Sequence[Element]) -> Iterator[tu
 
 
 def parts_of(dtype: np.dtype, count: int) -> list[np.dtype]:
-    """The types of the parts of so many numbers."""
+    """The types of the parts that ``count`` numbers are made of."""
     return [part_of(dtype)] * (2 * count if dtype.kind == "c" else count)
 
 

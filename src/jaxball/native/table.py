@@ -30,7 +30,7 @@ class Part(NamedTuple):
 
 
 # The table has these numbers, at these offsets. Bases and steps of all parts follow, from argument to argument and from
-# result to result; the step of what all rows share is 0.
+# result to result; the step of a result that all rows share is 0.
 NEXT, DONE, USERS, ROWS, BLOCKS, STOPPED, PARTS = 0, 8, 16, 24, 32, 40, 48
 
 

@@ -29,7 +29,7 @@ def side_by_side(
     """What ``compute`` gives for each lane, computed in vectors; None where it is to be computed one by one.
 
     - ``columns``: of each operand the numbers of the lanes; ``dtypes``: their types.
-    - ``results``: the types of what is computed; the list has the numbers of the lanes of each.
+    - ``results``: the types of the results; the list has the numbers of the lanes of each.
     """
     count, known = len(columns[0]), True
     if any(dtype.kind == "c" for dtype in (*dtypes, *results)):
@@ -58,7 +58,7 @@ def is_of_vectors(shape: Sequence[int]) -> bool:
 
 
 def width_for(count: int) -> int:
-    """The lanes of each of the vectors that so many elements take."""
+    """The numbers of lanes of the vectors that ``count`` elements take."""
     return LANES if count >= FEWEST_ALWAYS else LANES // 2
 
 

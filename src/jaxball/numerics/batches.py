@@ -102,8 +102,8 @@ def in_lanes(function: Callable[..., Any]) -> Callable[..., Any]:
 
     **Arguments:**
 
-    - ``function``: a pure function of PyTrees of arrays, such as ``environment.step``. All arguments of what is
-      returned have the rows as leading axis.
+    - ``function``: a pure function of PyTrees of arrays, such as ``environment.step``. All arguments of the
+      function that is returned have the rows as leading axis.
 
     Compiled by ``jaxball.jit`` the rows are computed several at a time, each in a lane of the processor's vectors, and
     what all share once. Elsewhere it is ``jax.vmap``.
@@ -144,7 +144,7 @@ def fill_vectors(function: Callable[[Any], Any], rows: Any) -> Any:
 def map_batches(function: Callable[[Any], Any], rows: Any, size: int) -> Any:
     """``function`` of each row of a PyTree of arrays, by ``jax.vmap`` of about ``size`` rows at a time.
 
-    So many rows at a time that batches are of equal size; JAX can trace it.
+    The rows are shared out among batches of equal size; JAX can trace it.
     """
     count = len(jax.tree.leaves(rows)[0])
     size = even_size(count, size, 1)

@@ -43,8 +43,8 @@ NO_SECOND_OF = (
 )
 NO_CAPTURED = (
     "A run has no derivatives with respect to a traced number that is hidden in a function, such as in a list or in an "
-    "attribute of an object that is called. Pass the number as `parameters` of what the function is given to, or as "
-    "`level` of an event, or write the function with `def` or `lambda`, whose captured numbers are found."
+    "attribute of an object that is called. Pass the number as `parameters` of the object that takes the function, or "
+    "as `level` of an event, or write the function with `def` or `lambda`, whose captured numbers are found."
 )
 
 

@@ -20,7 +20,7 @@ from ..cache.executables import NoNameError, home_of, is_known, name_of
 from ..compat import Primitive, is_traced, node_of
 from . import code, purity
 
-_WITHOUT_EFFECT = ("__annotations__", "__doc__", "__module__")  # of what is made of a function
+_WITHOUT_EFFECT = ("__annotations__", "__doc__", "__module__")  # of a wrapper, copied from its function
 
 
 class _Plain:
@@ -171,7 +171,7 @@ class _Writer:
         return self._once(of, code.of_class) if name is None else name.encode()
 
     def _require_pure(self, value: Any, name: str) -> None:
-        """Of what a user's function or class uses."""
+        """The fingerprints of the objects that a user's function or class uses."""
         if self._of_users:
             module, _, path = name.partition(":")
             code.require_pure(module, path)

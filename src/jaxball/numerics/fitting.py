@@ -37,7 +37,7 @@ def where_finite(residuals: Residuals) -> Residuals:
 def fitted(residuals: Residuals, start: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], bool]:
     """The unknowns with the least sum of squares near ``start``, and whether the last step was negligible.
 
-    By Levenberg's and Marquardt's method as of SciPy, which shortens a step to where residuals are NaN. No step is
+    By Levenberg's and Marquardt's method as in SciPy, which shortens a step to where residuals are NaN. No step is
     taken along directions that the data do not determine.
     """
 

@@ -243,7 +243,7 @@ class OfKinkedFunction(OfFunction):
 
 
 class OfKinkedFunctionOfState(OfKinkedFunction):
-    """The same of the time and of what a solve changes."""
+    """The same as a function of the time and of the variables of a solve."""
 
     def kinks(self) -> Float[Array, " kinks"]:
         return self.kink_times

@@ -92,7 +92,7 @@ class Place(NamedTuple):
         return self._as_kept(self.store.early(self.key)) or self._loaded(self.store.read(self.key))
 
     def obtain(self, compiled: Callable[[], Compiled | native.Refusal], takes: int) -> Compiled | native.Refusal:
-        """The program of so many arrays: loaded, or compiled and written."""
+        """The program that takes ``count`` arrays: loaded, or compiled and written."""
         program = self.found()
         if program is not None:
             return program

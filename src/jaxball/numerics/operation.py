@@ -40,7 +40,7 @@ Which = tuple[bool, ...]
 
 
 def may_be_an_operation() -> bool:
-    """Whether computations are operations of what is traced: not in a part of several devices, nor for debugging."""
+    """Whether computations can be operations of the traced program: not on several devices, nor for debugging."""
     config: Any = jax.config
     if config.jax_debug_nans or config.jax_debug_infs or config.jax_disable_jit:
         return False
@@ -48,7 +48,7 @@ def may_be_an_operation() -> bool:
 
 
 def operation(computation: Computation, arrays: Sequence[Any]) -> list[Any]:
-    """The results of a computation, as one operation of what is being traced."""
+    """The results of a computation, as one operation of the traced program."""
     return run.bind(*arrays, computation=computation, rows=())
 
 
@@ -66,7 +66,7 @@ def _count(rows: Which, arrays: Sequence[Any]) -> int:
 
 @contextlib.contextmanager
 def in_threads(count: int | None) -> Iterator[None]:
-    """Rows of what is called in this block are computed by so many threads; by all cores, if None."""
+    """Calls within this block compute their rows in ``count`` threads; by all cores, if None."""
     before, _limit.threads = _limit.threads, count
     try:
         yield

@@ -2,8 +2,8 @@
 
 If the native compiler is chosen (:mod:`jaxball.native`), XLA compiles only programs that it does not support and,
 unless it was chosen by name, programs whose loops are over large arrays, as for many runs side by side. Each is traced
-once. Within a trace of JAX, a call is one operation of what is traced (:mod:`~.operation`), which XLA hands over to the
-same program. On devices other than a single CPU, XLA compiles the functions.
+once. Within a trace of JAX, a call is one operation of the traced program (:mod:`~.operation`), which XLA hands over to
+the same program. On devices other than a single CPU, XLA compiles the functions.
 """
 
 import contextlib
@@ -157,7 +157,7 @@ class Program:
             kept.clear()
 
     def _traced(self, rest: Rest, arrays: list[Any]) -> tuple[Any] | None:
-        """The result as that of one operation of what is traced; None where it has to be written out."""
+        """The result of the call as one operation of the traced program; None where it has to be written out."""
         if within_a_computation() or not may_be_an_operation():
             return None
         self._follow_store()

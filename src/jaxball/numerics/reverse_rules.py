@@ -30,14 +30,14 @@ def with_rule(function: Callable[[Any], Any], forward: Forward, pull: Pull) -> C
     """``function`` of a PyTree of arrays, with a rule for derivatives in reverse mode.
 
     - ``forward``: of the same PyTree, the results and what is kept for the way back.
-    - ``pull``: of what was kept, the cotangents of the results, in which None is zero, and a PyTree that says of each
-      array whether it varies, the cotangents of the arrays; those of arrays that do not vary are None.
+    - ``pull``: the cotangents of the arrays, None for those that do not vary. It takes what ``forward`` kept, the
+      cotangents of the results, in which None is zero, and a PyTree that says of each array whether it varies.
     """
 
     def kept(operands: Any) -> tuple[Any, Any]:
         varies = jax.tree.map(_varies, operands)
         results, residuals = forward(jax.tree.map(lambda x: x.value, operands))
-        # Only arrays can be kept, but the structure of what is kept may differ.
+        # Only arrays can be kept, but in structures that may differ.
         return results, (residuals, jax.tree.map(lambda does: () if does else None, varies))
 
     def backward(kept: tuple[Any, Any], cotangents: Any) -> tuple[Any]:

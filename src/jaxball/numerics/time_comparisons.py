@@ -164,7 +164,7 @@ class _Trace:
     def _of_while(self, equation: Any, given: list[Value]) -> Sequence[Value]:
         first = argument(equation, "cond_nconsts")
         start = first + argument(equation, "body_nconsts")
-        # Whether there is another turn is no jump of what an iteration converges to.
+        # Whether there is another turn is no jump of the limit of an iteration.
         self._follow_any_turn(argument(equation, "body_jaxpr"), given[first:start], given[start:], [])
         return [joined(given)] * len(equation.outvars)
 

@@ -26,7 +26,8 @@ def jit(function: Callable[P, T]) -> Callable[P, T]:
     If programs are kept (:func:`jaxball.cache.enable`), a program that another process has compiled is loaded, and
     ``function`` is not called at all. It is found by what ``function`` consists of when it is first called with such
     arguments: its code and that of the functions, methods and classes of yours that it uses, the values of their
-    defaults, of what they hold and of the global names in them, and the versions of JAX, equinox, diffrax and jaxball.
+    defaults, of the objects that they hold and of the global names in them, and the versions of JAX, equinox, diffrax
+    and jaxball.
     Where any of these is another, as after a change of a number or of a line, and for arguments with other shapes and
     types of arrays, it is traced anew. So it does not matter in which file or which cell of a notebook it is written.
     A function is traced in each process if it imports something, uses files, the time, random numbers of NumPy or

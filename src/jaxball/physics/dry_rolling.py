@@ -52,7 +52,7 @@ SLOW = 0.4  # power of rounding: of √(g/r) and |ω|, the rate with which a bal
 UNTOLD = 10  # in errors of ω: of so slow a rate, steps cannot tell the direction
 ERRORS = 30  # the same: a ball that comes to rest may be faster by so much
 LONGEST = 0.25  # power of rounding: the longest time, in √(r/g), over which a ball is followed to its rest in this way
-COARSER = 0.3  # the same over the cube root of the tolerance, because the error of what is held halfway grows like this
+COARSER = 0.3  # the same over the cube root of the tolerance, because the error of the torque halfway grows like this
 HALFWAY = 0.5  # through the time in which a ball comes to rest
 
 

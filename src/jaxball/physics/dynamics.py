@@ -248,7 +248,7 @@ def inertia_about_contact(at: AbstractMoments, r: Float[Array, ""], Gamma: Float
 
 
 def given_angles(system: BodyParameters, t: Float[Array, ""], state: State) -> Rates:
-    """θ, θ̇ and θ̈ of what a state's ``theta`` holds: θ̈ = u(t, state) of what a law drives, 0 of free joints."""
+    """θ, θ̇ and θ̈ of all coordinates in a state's ``theta``: θ̈ = u(t, state) if a law drives them, 0 for free joints."""
     if system.law is None:
         return state.theta, state.thetadot, jnp.zeros_like(state.theta)
     driven = system.accelerated

@@ -29,7 +29,7 @@ class AbstractLaw(Printed):
         """u(t, state)."""
 
     def among(self, driven: Sequence[int], t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
-        """u(t, state), where ``driven`` are the indices in the state's ``theta`` of what the law drives."""
+        """u(t, state), where ``driven`` are the indices in the state's ``theta`` that the law drives."""
         return self(t, state)
 
     def require_driven(self, count: int) -> None:

@@ -217,7 +217,7 @@ class FunctionWrench(OfKinkedFunctionOfState, AbstractWrench):
 
 
 def require_wrench(name: str, force: AbstractWrench, coordinates: int) -> None:
-    """Raises a ``TypeError`` unless ``force`` returns a force or a wrench for a body with so many ``coordinates``.
+    """Raises a ``TypeError`` unless ``force`` returns a force or a wrench for a body with ``coordinates`` coordinates.
 
     It is traced for this; an error that it raises itself is passed on with a note.
     """

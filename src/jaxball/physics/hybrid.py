@@ -3,7 +3,7 @@
 In the terms of hybrid systems (R. Goebel, R. G. Sanfelice, A. R. Teel, Hybrid dynamical systems, Princeton University
 Press 2012), the state flows along a field while all guards are positive. Where one of them falls to zero there is an
 event, and a reset map takes the state before it to the state after it. The time of an event is a function of the start
-and of all parameters, and has their derivatives, so that derivatives of what follows are those of the saltation matrix.
+and of all parameters, and has their derivatives, so that later derivatives are those of the saltation matrix.
 """
 
 import functools

@@ -49,7 +49,7 @@ class Packing(eqx.Module, Generic[AnySystem, AnyState]):
         return jax.tree.map(lambda leaf: known_or_nothing(used, leaf), packing.unpack(t, x))
 
     def rates(self, t: Float[Array, ""], x: Float[Array, " size"]) -> AnyState:
-        """The rates of what the vector holds, not yet packed."""
+        """The rates of the variables in the vector, not yet packed."""
         return self.system.packed_field(t, self.unravel(x))
 
     def field(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " size"]:

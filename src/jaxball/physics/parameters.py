@@ -165,7 +165,7 @@ class BodyParameters(Printed):
 
     @property
     def accelerated(self) -> tuple[int, ...]:
-        """The indices in a state's ``theta`` of what the feedback law drives."""
+        """The indices in a state's ``theta`` of the coordinates that the feedback law drives."""
         free = {(i, a) for group, order in self._mechanism_items for i in order for a in group.free}
         joints = (len(self.driven) + slot for slot, joint in enumerate(self.joints) if joint not in free)
         return (*range(len(self.driven)), *joints)

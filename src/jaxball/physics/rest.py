@@ -23,7 +23,7 @@ from ..numerics.vectors import apply, cross, dot, inverse, outer, root
 from .resistance import Resistance, TurningMode
 
 ROUNDING = 64  # of a rate, in units of rounding: what is smaller is none
-TORQUES = 32  # of a torque, in units of rounding of what it compares with: what is smaller is none
+TORQUES = 32  # of a torque, in units of rounding of the torque that it is compared with: a smaller one is none
 
 
 class Turning(NamedTuple):
@@ -146,7 +146,7 @@ def begun(
     rolls: Bool[Array, ""] | bool = False,
     spins: Bool[Array, ""] | bool = False,
 ) -> TurningMode:
-    """Lets go of what friction cannot hold, of the more overloaded first.
+    """Releases whatever friction cannot hold, the more overloaded first.
 
     ``rolls`` and ``spins`` say that it lets go at once of rolling and of spinning, if they are held. What is let go
     turns against the torque that held it; and a ball rolls in the direction in which ω_h grows.

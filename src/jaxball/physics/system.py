@@ -351,7 +351,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
 
     @property
     def shown(self) -> "AbstractSystem":
-        """The system that a trajectory is of, where that is a part of what is solved."""
+        """The system of a trajectory, where it is a part of the system that is solved."""
         return self
 
     def shown_state(self, state: AnyState) -> AbstractState:

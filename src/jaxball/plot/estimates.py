@@ -101,7 +101,7 @@ def _draw_squares(
     degrees: Int[np.ndarray, " K"],
     confidence: float,
 ) -> None:
-    """Numbers that are distributed as χ² with so many degrees, and their bounds."""
+    """Numbers that are distributed as χ² with a number of degrees of freedom, and their bounds."""
     bounds = [np.where(degrees > 0, chi2.ppf(p, np.maximum(degrees, 1)), np.nan) for p in _tails(confidence)]
     lines = [Series(found, "", COMPONENTS[0]), *(Series(bound, "", INK, DASHED) for bound in bounds)]
     over_time(None, times, lines, name, ax)

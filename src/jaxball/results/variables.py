@@ -155,7 +155,7 @@ def event_values(events: Mapping[str, Occurrences]) -> dict[str, Variables]:
 
 
 def prefix_of_event(name: str) -> str:
-    """The beginning of the names of what a file has of an event; a slash would make a group of a netCDF file."""
+    """The beginning of the names of an event's variables in a file; a slash would make a group of a netCDF file."""
     return f"event_{name.replace('/', '_')}"
 
 

@@ -193,7 +193,7 @@ def _check_targets(values: Any, path: str, names: Sequence[str], joints: Sequenc
 
 
 def targets_of(system: System) -> dict[str, AbstractSchedule | None]:
-    """The schedules that the law of a system follows, by the paths of what it drives.
+    """The schedules that the law of a system follows, by the paths of the coordinates that it drives.
 
     **Raises:** :class:`ScenarioError` for a law that a file cannot hold.
     """

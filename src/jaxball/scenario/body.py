@@ -261,7 +261,7 @@ def read_surroundings(document: dict[str, Any], kind: str) -> dict[str, Any]:
 
 
 def check_force(force: AbstractWrench | None, path: str, coordinates: int) -> None:
-    """Raises unless a user's function or class returns a force on a body with so many ``coordinates``."""
+    """Raises unless a user's function or class returns a force on a body with this number of ``coordinates``."""
     if isinstance(force, FunctionWrench):
         with trying(join(path, "function")):
             require_wrench("function", force, coordinates)

@@ -115,6 +115,6 @@ def key_of(name: str) -> str:
         return name.replace(".drive", ".force").replace(".terms[", "[")
     if name.startswith(("ground.", "resistance.", "contact.")):
         return name
-    if name.startswith("law."):  # whose schedules are those of what it drives
+    if name.startswith("law."):  # whose schedules are those of the coordinates that it drives
         return name.replace("law.", "actuation.") if name.startswith("law.signals") else "actuation"
     return {"force": "force", "law": "actuation"}.get(name, join("body", name))

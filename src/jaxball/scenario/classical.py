@@ -173,7 +173,7 @@ def _require_rates(kind: str, system: AbstractSystem, start: Any, state: Abstrac
 def _refuse(conditions: Iterable[Condition]) -> None:
     """Raises for the first condition that does not hold, with the path of its key; see ``require``.
 
-    One of a kind of its own, as of constraints, says itself what does not fit, of a key or of a part of the class.
+    An error of a kind of its own, such as that about constraints, names the key or the part of the class itself.
     """
     for condition in conditions:
         if type(condition) is not Condition:

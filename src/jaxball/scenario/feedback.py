@@ -81,7 +81,7 @@ class AbstractFeedbackSettings(abc.ABC):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FeedforwardSettings(AbstractFeedbackSettings):
-    """The inputs of the motion alone, without feedback: arguments as of :class:`AbstractFeedbackSettings`."""
+    """The inputs of the motion alone, without feedback: arguments as for :class:`AbstractFeedbackSettings`."""
 
     def along(self, run, sample, rtol, atol):
         from ..control.feedback import Feedforward, nominal_of, samples_in
@@ -96,7 +96,7 @@ class RegulatorSettings(AbstractFeedbackSettings):
     """The linear quadratic regulator along the motion of a scenario, of :func:`jaxball.control.tvlqr`.
 
     - ``Q``, ``R``, ``Qf``: its weights: a number, numbers by name, a row or a matrix.
-    - The others: as of :class:`AbstractFeedbackSettings`.
+    - The others: as for :class:`AbstractFeedbackSettings`.
     """
 
     Q: Any
@@ -129,7 +129,7 @@ class PredictiveSettings(RegulatorSettings):
     - ``horizon``: the number of samples that it looks ahead.
     - ``friction``: the coefficient μ that it keeps to; None for any.
     - ``penalty``: the cost of exceeding a limit by its own size, per time.
-    - ``Q``, ``R``, ``Qf``: as of :class:`RegulatorSettings`; the others as of :class:`AbstractFeedbackSettings`.
+    - ``Q``, ``R``, ``Qf``: as for :class:`RegulatorSettings`; the others as for :class:`AbstractFeedbackSettings`.
     """
 
     horizon: int

@@ -2,7 +2,7 @@
 
 On the way forward, what a step begins with is recorded: of every step, or of every second, fourth, … as soon as there
 are more steps than rows. On the way back, the steps in between are taken again from there, and each is pulled back: the
-cotangents of what it led to become those of what it began with. This is the derivative of the steps taken, to rounding.
+cotangents at its end become those at its beginning. This is the derivative of the steps taken, to rounding.
 """
 
 import itertools
@@ -107,7 +107,7 @@ def while_loop(
         carry = structure.unflatten(leaves)
         counts = unfinished(carry)
         new = jax.tree.leaves(advance(carry, counts))
-        # In a weak type, as of Python's numbers, an array stays in that.
+        # An array with a weak type, like that of Python's numbers, keeps it.
         return [
             x if is_written else jnp.where(counts, x, old)
             for x, old, is_written in zip(new, leaves, is_buffer, strict=True)
@@ -253,14 +253,14 @@ class _WayBack:
         self.constants = loop.whole(kept.constants, kept.arrays)
 
     def nothing(self) -> list[list[Array]]:
-        """The cotangents of what all steps read, before any step."""
+        """The cotangents of the values that all steps read, before any step."""
         constants, arrays = chosen(self.constants, self.of_constants), chosen(self.kept.arrays, self.of_arrays)
         return [[jnp.zeros_like(x) for x in group] for group in (constants, arrays)]
 
     def by_segments(self, at: Any) -> Any:
         """Back over all steps, taking those without a row again."""
         loop, every = self.loop, self.kept.every
-        # Of so many steps at most there is one row: rows are at least half full, or all steps have one.
+        # At most every ``every``-th step has a row: rows are at least half full, or all steps have one.
         longest = 2 * -(-loop.max_steps // loop.rows)
 
         def segment(at: Any) -> Any:
@@ -282,7 +282,7 @@ class _WayBack:
         return jax.lax.while_loop(lambda at: at[0] > 0, segment, start)[1]
 
     def through(self, rows: list[Array], count: Array, at: Any) -> Any:
-        """Back over so many steps, each of which has a row."""
+        """Pulls cotangents back over ``count`` steps, each of which has a row."""
 
         def step(at: Any) -> Any:
             k, (cotangents, summed) = at
@@ -299,7 +299,7 @@ class _WayBack:
         return replaced([jnp.zeros(aval.shape, aval.dtype) for aval in avals], self.loop.is_carried, carried)
 
     def pulled(self, leaves: list[Array], known: list[Array], cotangents: list[Array]) -> tuple[Any, Any]:
-        """The cotangents of what a step begins with and of what all steps read, from those of what it led to."""
+        """The cotangents at a step's beginning and of the values that all steps read, from those at its end."""
         loop = self.loop
 
         def following(moving: list[Array], constants: list[Array], arrays: list[Array]) -> list[Array]:
@@ -353,7 +353,7 @@ class _Packing:
         self.size = sum(aval.size * aval.dtype.itemsize for aval in avals)
 
     def room(self, rows: int) -> list[Array]:
-        """Room for so many rows."""
+        """Room for ``rows`` rows."""
         return [uninitialised((rows, count), dtype) for count, dtype in zip(self.counts, self.dtypes, strict=True)]
 
     def packed(self, arrays: Sequence[Array]) -> list[Array]:

@@ -53,12 +53,12 @@ class SolveLoop(diffrax.AbstractAdjoint):
     ``observers``, so is what they ``found``.
 
     diffrax calls a loop after the way in which it is differentiated. ``kind`` is "checkpointed" for reverse mode, with
-    so many ``checkpoints``, and "lax" for forward mode or none.
+    ``checkpoints`` of them, and "lax" for forward mode or none.
     """
 
     times: Float[Array, " T"]
     switching: AbstractSwitching
-    observers: Callable[[Any], Observers] | None = eqx.field(static=True)  # of what the terms are given
+    observers: Callable[[Any], Observers] | None = eqx.field(static=True)  # a function of the terms' arguments
     watch: Watch | None = eqx.field(static=True)
     kind: Literal["checkpointed", "lax"] = eqx.field(static=True)
     parameters: list[Array]
@@ -192,7 +192,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
     def _checkpoints(self, max_steps: int) -> int | None:
         """How many steps are kept for reverse mode.
 
-        With fewer than all steps, derivatives of what follows the end of a slip were off by up to 2e-5, presumably
+        With fewer than all steps, derivatives after the end of a slip were off by up to 2e-5, presumably
         because a recomputed step rounds differently. So where modes end, all steps are kept, up to a limit.
         """
         if self.checkpoints is None and self.switching.jumps:
@@ -218,7 +218,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
         return SavedStates(filled, vectors)
 
     def _due(self, filled: Int[Array, ""]) -> Float[Array, ""]:
-        """The next of the times between, of which so many are past; infinite where there is none."""
+        """The next interior time, after the first ``filled``; infinite where there is none."""
         inner = self.times[1:-1]
         return jnp.where(filled < inner.size, inner[filled], jnp.inf) if inner.size else jnp.asarray(jnp.inf)
 
@@ -268,7 +268,7 @@ class _Solve(NamedTuple):
             self.solver.error_order(self.terms),
             state.controller_state,
         )
-        if smooth and jumps:  # as of StepToKinks: a length that moved with a switch would do so more and more
+        if smooth and jumps:  # as in StepToKinks: a length that moved with a switch would do so more and more
             tnext = jax.lax.stop_gradient(tnext) + (tprev - jax.lax.stop_gradient(tprev))
         interpolation = self.solver.interpolation_cls(t0=state.tprev, t1=state.tnext, **info)
         taken = Taken(state.tprev, state.tnext, y, interpolation.evaluate, state.controller_state)
@@ -345,10 +345,11 @@ def to_kinks(
 
 
 def kinks_of(system: AbstractSystem) -> Float[Array, " kinks"]:
-    """The kinks of motions and of what drives.
+    """The kink times of prescribed motions, and of laws and forces.
 
     At the kinks of motions the field is continuous, so that moving the end of a step there moves nothing, and they
-    have no derivatives. One that coincides with a kink of what drives is left out, which would share its derivative.
+    have no derivatives. One that coincides with a kink of a law or a force is left out, which would share its
+    derivative.
     """
     smooth, driving = jax.lax.stop_gradient(system.motion_kinks()), system.driving_kinks()
     shared = jnp.any(smooth[:, None] == jax.lax.stop_gradient(driving)[None], axis=1)

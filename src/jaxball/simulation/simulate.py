@@ -335,7 +335,7 @@ def solve(
         left = occurrences.pop(LEAVING).times[0] if LEAVING in occurrences else None
         reached, status = until_left(packing.system, times, saved, reached, status, left)
     status = jnp.where(startable, status, Status.IMPOSSIBLE)
-    # The steps that were tried beyond that are part of what reverse mode goes through.
+    # Reverse mode goes through the steps that were tried beyond that, too.
     spoilt = (status == int(Status.NOT_FINITE)) & isinstance(adjoint, diffrax.RecursiveCheckpointAdjoint)
     saved, record, occurrences = with_unknown_derivatives((saved, record, occurrences), given, spoilt)
     return (

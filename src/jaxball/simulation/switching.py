@@ -40,7 +40,7 @@ class Rows(NamedTuple):
 
     @classmethod
     def empty(cls, capacity: int, y: Float[Array, " size"]) -> "Rows":
-        """Rows for so many of them."""
+        """Room for ``capacity`` switches."""
         vectors, no = jnp.zeros((capacity, y.size), y.dtype), jnp.zeros(capacity, bool)
         return cls(jnp.full(capacity, jnp.nan, y.dtype), jnp.zeros(capacity, int), vectors, vectors, no)
 

@@ -177,7 +177,7 @@ def variables_of_event(name: str) -> dict[str, Variable]:
     }
 
 
-# Of what a study can find by itself, in whose store there are no units.
+# Quantities that a study can find by itself, in whose store there are no units.
 FINDS = {
     "distance": Variable((), "length", "distance of the run"),
     "largest_angular_speed": Variable((), "rad/time", "largest angular speed of the run"),

@@ -144,7 +144,7 @@ class Adams(AbstractMultistep):
     [-3.992344 -3.866665]
     """
 
-    approach: ClassVar[float] = 0.1  # as of `approach_of`: stable in short steps only
+    approach: ClassVar[float] = 0.1  # see `approach_of`; stable in short steps only
     interpolation_cls: ClassVar = AdamsPolynomial
     controller_cls: ClassVar = AdamsController
 

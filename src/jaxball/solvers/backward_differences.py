@@ -46,7 +46,7 @@ def error_constants(kappa: Kappa) -> np.ndarray:
 
 
 def up_to(order: Int[Array, ""], rows: int) -> Array:
-    """Which of so many differences, as a column, belong to the polynomial of that degree."""
+    """Which of the first ``count`` differences, as a column, belong to the polynomial of that degree."""
     return (jnp.arange(rows) <= order)[:, None]
 
 

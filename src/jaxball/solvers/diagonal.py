@@ -112,8 +112,8 @@ def _first_slope(problem: FlatProblem, before: StepBefore, t0: Float[Array, ""],
     """h ẋ at the start of a step.
 
     The last stage of the step before satisfies its equation. Re-evaluated in a stiff problem, f would multiply the
-    error of that stage by the large eigenvalues (Hosea & Shampine 1996, section 4). That of what was algebraic is only
-    estimated, so where another M is chosen, it is evaluated.
+    error of that stage by the large eigenvalues (Hosea & Shampine 1996, section 4). That of an algebraic variable is
+    only estimated, so where another M is chosen, it is evaluated.
     """
     known, mass = before.known, problem.mass
     if mass is not None and before.form is not None:

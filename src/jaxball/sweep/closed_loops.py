@@ -46,7 +46,7 @@ class Sought(NamedTuple):
 
     - ``samples``: how many there are.
     - ``longest``: the longest delay of a row.
-    - ``reductions``: by name, of what is at the samples.
+    - ``reductions``: by name, of the quantities at the samples.
     - ``readings``: whether to find what sensors read.
     """
 

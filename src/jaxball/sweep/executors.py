@@ -216,7 +216,7 @@ def _end_with_parent() -> None:
 
 
 def executor_of(workers: int) -> InThisProcess | Processes:
-    """An executor with so many processes; this process itself for one worker."""
+    """An executor with ``workers`` processes; this process itself for one worker."""
     return InThisProcess() if workers == 1 else Processes(workers)
 
 

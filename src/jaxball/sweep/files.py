@@ -99,7 +99,7 @@ def with_checksum(content: bytes) -> bytes:
 
 
 def numbers_of(path: Path, size: int) -> bytes | None:
-    """The numbers in a file that ends with their checksum, in so many bytes; None if it has been changed."""
+    """The numbers in a file of ``size`` bytes that ends with their checksum; None if it has been changed."""
     content = path.read_bytes() if path.is_file() else b""
     numbers = content[:-BYTES_OF_A_CHECKSUM]
     return numbers if len(numbers) == size and content == with_checksum(numbers) else None

@@ -45,7 +45,9 @@ _LOGARITHMIC = ("log-uniform", "lognormal")
 
 def layout_of(study: Study) -> dict[str, list[Any]]:
     """For each path, its axis and whether its values are spaced logarithmically; for each axis, whether its points are
-    scattered; the names of what the study finds. Lists of numbers and strings, which every file format can hold.
+    scattered; the names of the quantities that the study finds.
+
+    Lists of numbers and strings, which every file format can hold.
     """
     finds = {"finds": [find.name for find in study.finds]} if study.finds else {}
     return finds | {
@@ -95,7 +97,7 @@ class Output(NamedTuple):
         return np.nan if self.dtype.kind == "f" else NOT_COMPUTED
 
     def empty(self, rows: int) -> np.ndarray:
-        """An array of fill values for so many rows."""
+        """An array of fill values with ``rows`` rows."""
         return np.full((rows, *self.shape), self.fill, dtype=self.dtype)
 
 
@@ -218,7 +220,7 @@ EXTREME = {"least": np.nanmin, "largest": np.nanmax}
 
 
 def with_extremes(results: dict[str, np.ndarray], template: Scenario | None) -> dict[str, np.ndarray]:
-    """The results with the extremes over time of what the sensors of a scenario read, if it is given; NaN of none."""
+    """The results with the extremes over time of the readings of a scenario's sensors; NaN without any."""
     extremes = {}
     for name in () if template is None else template.sensors:
         read = results[f"measured_{name}"]
@@ -230,7 +232,7 @@ def with_extremes(results: dict[str, np.ndarray], template: Scenario | None) -> 
 
 
 def _of_readings(study: Study, template: Scenario) -> dict[str, Output]:
-    """The variables of what sensors read: its extremes over the save times and, where these are kept, all of it."""
+    """The variables of sensors' readings: their extremes over the save times, and the readings where they are kept."""
     system: Any = template.system
     state: Any = template.state.body if isinstance(template.state, ReleasedState) else template.state
     measurement = Measurement(dict(template.sensors))

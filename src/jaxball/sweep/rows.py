@@ -141,8 +141,8 @@ class _Stacked(NamedTuple):
     """Rows read at once, stacked.
 
     - ``parts``: the parts that depend on their numbers, stacked.
-    - ``in_axes``: which arrays of system, state and events differ, as of a :class:`Batch`.
-    - ``loop_changes``: as of a :class:`Batch`.
+    - ``in_axes``: which arrays of system, state and events differ, as in a :class:`Batch`.
+    - ``loop_changes``: as in a :class:`Batch`.
     - ``times_differ``: whether their times differ.
     - ``possible``: which of the rows are possible.
     """

@@ -145,7 +145,7 @@ def _running(executor: Any, workers: int) -> Iterator[Any]:
 
 
 def _threads(workers: int) -> int:
-    """How many cores each of so many processes uses."""
+    """The number of cores that each of ``workers`` processes uses."""
     return max(1, cores() // workers)
 
 
@@ -265,7 +265,7 @@ def _alone(task: Task, template: Scenario, outputs: dict[str, Output]) -> dict[s
 
 
 def _together(task: Task, workers: int) -> dict[str, float]:
-    """How long so many processes take to start, and to solve and write all chunks, one each at a time."""
+    """How long ``workers`` processes take to start, and to solve and write all chunks, one each at a time."""
     tasks = [task._replace(chunk=chunk) for chunk in range(workers)]
     with _running(None, workers) as pool:
 

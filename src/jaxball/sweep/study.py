@@ -344,6 +344,6 @@ def _check_of_loop(scenario: dict[str, Any], path: str) -> None:
 
 
 def _chunk_for(rows: int, saves: int) -> int:
-    """Enough chunks to share among workers and to lose little, but not so many that lanes and files become costly."""
+    """Enough chunks to share among workers and to lose little, but not as many as make lanes and files costly."""
     most = min(LARGEST_CHUNK, MOST_NUMBERS // (NUMBERS_OF_A_STATE * saves))
     return max(1, min(max(SMALLEST_CHUNK, 1 << (rows // ENOUGH_CHUNKS).bit_length()), most, rows))

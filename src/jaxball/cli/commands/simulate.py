@@ -116,7 +116,7 @@ def _simulate(options: argparse.Namespace, scenario: "Scenario") -> int:
     from ..files import write_json
 
     rolls = isinstance(scenario.system_to_solve, AbstractRollingSystem) and scenario.feedback is None
-    # Of what shows how close the body came to slipping or leaving the plane.
+    # The quantities that show how close the body came to slipping or leaving the plane.
     shown = not options.quiet or any(getattr(options, name) is not None for name in ("out", "json", "plot"))
     events = _events(options, scenario)
     with working(options, "simulating"):
@@ -280,7 +280,7 @@ def _with_contact(document: dict[str, Any], law: str | None) -> dict[str, Any]:
 
 
 def check_memory(options: argparse.Namespace, times: int) -> None:
-    """Prints what so many times need if they are many.
+    """Prints how much memory the saved times need if they are many.
 
     **Raises:** :class:`BadInputError` where that is more than is free.
     """

@@ -131,7 +131,7 @@ def _rest(part: Any) -> Any:
 
 @functools.lru_cache(maxsize=32)
 def program(function: Callable[..., Any], form: Callable[[Any], Any]) -> programs.Program:
-    """``function`` of what a ``form`` makes of numbers, and of other arguments, compiled."""
+    """``function``, compiled, applied to the object that a ``form`` makes from numbers, and to other arguments."""
     return programs.jit(functools.partial(_of_content, function, form))
 
 

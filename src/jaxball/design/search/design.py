@@ -20,7 +20,7 @@ PROGRESS, SCENARIO = "progress.npz", "design.toml"
 TIGHTENINGS = 3
 # A constraint that is violated between the samples is tightened by this much more than its violation.
 MORE = 1.2
-# So many evaluations take less time by a program that was compiled quickly than another takes to be optimised.
+# Up to this number of evaluations, a program that was compiled quickly is done before another one is optimised.
 FEW = 1000
 # A target missed by this many radii was not reached.
 MISSED = 0.1

@@ -71,7 +71,7 @@ class Point(NamedTuple):
 
 
 def bfgs(function: Function, y: Float[np.ndarray, "starts n"], evaluations: int, stationary: float) -> Point:
-    """The point that BFGS reached from each start within so many evaluations, by steps of the weak Wolfe conditions.
+    """The point that BFGS reached from each start within ``evaluations``, by steps of the weak Wolfe conditions.
 
     It ends where no entry of the gradient is larger than ``stationary``. A trial at which the function is not finite
     counts as too long a step. The bisection of Lewis & Overton (Nonsmooth optimization via quasi-Newton methods, Math.
@@ -146,7 +146,7 @@ LAST = 1e-10
 
 
 def newton(function: Function, y: Float[np.ndarray, "starts n"], evaluations: int, stationary: float) -> Point:
-    """The point that Newton's method reached from each start within so many evaluations.
+    """The point that Newton's method reached from each start within ``evaluations``.
 
     It is damped after Levenberg and Marquardt. For a Hessian that is not positive definite, the absolute values of the
     eigenvalues are used, so that every step is a descent (Nocedal & Wright, Numerical Optimization, section 3.4).
@@ -340,7 +340,7 @@ class Optimiser:
         return min(self.settings.starts, self.settings.polished)
 
     def penalised(self, count: int) -> Multipliers:
-        """No multipliers, and the first penalty, for so many designs."""
+        """No multipliers, and the first penalty, for each of ``count`` designs."""
         nothing = np.zeros((count, self.program.layout.size))
         return Multipliers(nothing, np.full(count, self.settings.penalty), nothing)
 

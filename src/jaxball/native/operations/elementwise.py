@@ -16,7 +16,7 @@ from . import complex, real
 def mapped(
     function: Function, shape: tuple[int, ...], dtype: np.dtype, compute: Callable[..., Element], of: Sequence[Array]
 ) -> Array:
-    """The array of what ``compute`` gives for the elements; an operand of shape () is the same for all."""
+    """The array of the results of ``compute`` for the elements; an operand of shape () is the same for all."""
     builder, storage = function.builder, function.storage
     if is_small(shape):
         if function.uses_vectors and is_of_vectors(shape):

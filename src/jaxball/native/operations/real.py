@@ -272,7 +272,7 @@ def convert(b: Builder, source: np.dtype, target: np.dtype, x: Element) -> Eleme
 
 
 def reduce_precision(b: Builder, dtype: np.dtype, x: Element, exponent: int, mantissa: int) -> Element:
-    """Rounded to so many bits, ties to even; what is beyond the exponents becomes infinite or a signed zero."""
+    """Rounds to a number of bits, ties to even; beyond the range of exponents to infinity or a signed zero."""
     own_exponent, own_mantissa = {8: (11, 52), 4: (8, 23)}[dtype.itemsize]
     exponent, mantissa = min(exponent, own_exponent), min(mantissa, own_mantissa)
     integer = np.dtype(f"u{dtype.itemsize}")

@@ -192,7 +192,7 @@ class _Window:
         self.high = [int(high) for _, high in edges]
 
     def running(self) -> int | None:
-        """The dimension along which each window holds all elements up to its own, as of a cumulative sum."""
+        """The dimension along which each window holds all elements up to its own, as in a cumulative sum."""
         long = [k for k, length in enumerate(self.lengths) if length > 1]
         plain = {*self.strides, *self.apart, *self.spread} <= {1}
         if len(long) != 1 or not plain or self.lengths[long[0]] != self.shape[long[0]]:

@@ -86,7 +86,7 @@ def cause_of(mode: Float[Array, ""], guard: Int[Array, ""]) -> Int[Array, ""]:
 class ContactState(AbstractState):
     """The variables of a body that rolls, slides or flies that a solve advances.
 
-    - ``body``, ``V``, ``height``: as of a :class:`ReleasedState`. A solve advances the slip velocity instead of ``V``,
+    - ``body``, ``V``, ``height``: as in a :class:`ReleasedState`. A solve advances the slip velocity instead of ``V``,
       except in flight, so that it is exactly zero where the body rolls.
     - ``friction_loss``, ``impact_loss``: the energy dissipated by sliding friction and by impacts.
     - ``mode``: a :class:`Mode`, as a number.

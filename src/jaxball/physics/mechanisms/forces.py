@@ -271,7 +271,7 @@ class Motor(AbstractJointForce):
 
 
 class SpeedLimitedMotor(AbstractJointForce):
-    """A motor with a linear torque–speed curve: Q = stall (command(t) − θ̇ / free_speed), as of an electric motor.
+    """A motor with a linear torque–speed curve: Q = stall (command(t) − θ̇ / free_speed), like an electric motor's.
 
     **Arguments:**
 

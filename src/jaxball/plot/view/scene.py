@@ -107,7 +107,7 @@ class Scene(NamedTuple):
     """Bodies of one kind, in parts of the dictionary of a view."""
 
     stand: dict[str, Any]  # ``axes``, ``floor``, ``obstacles`` and ``camera``
-    made: list[dict[str, Any]]  # of what each body is made
+    made: list[dict[str, Any]]  # the parts of each body
     numbers: list[dict[str, Numbers]]  # those of each body
     plots: list[dict[str, Any]]
     wanted: Numbers | None = None

@@ -134,7 +134,7 @@ class DenseOutput(NamedTuple):
         return vectors
 
     def room(self, infos: Any, steps: int) -> Any:
-        """Room for the data of the interpolations of so many steps, from that for the solver's ``infos``."""
+        """Room for the interpolation data of ``steps`` steps, from that for the solver's ``infos``."""
         if self.method is None:
             return infos
         y0, degree = infos["y0"], len(self.method.expansion)

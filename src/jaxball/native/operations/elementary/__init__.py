@@ -62,7 +62,7 @@ def definition(name: str, lanes: int = 1) -> str:
 
 
 def declarations(name: str, lanes: int = 1) -> dict[str, str]:
-    """What a function calls, by name: declarations of what LLVM has, and definitions."""
+    """The functions that a function calls, by name: declarations of LLVM's own, and definitions."""
     return _written(name, lanes)[1]
 
 
