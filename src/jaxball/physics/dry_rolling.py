@@ -26,7 +26,7 @@ from ..numerics.vectors import apply, root
 from .body import AbstractBody
 from .conditions import Condition, Problem
 from .contact import slip as slips
-from .contact.slip import Beginning
+from .contact.slip import HALFWAY, Beginning, Heading
 from .dynamics import turning
 from .hybrid import (
     NONE,
@@ -44,16 +44,6 @@ from .resistance import Resistance, TurningMode
 from .rest import Turning, begun, candidates, needs, resist
 from .state import PlacedState, ReducedState
 from .system import AbstractState, AbstractSystem
-
-WINDOW = -3  # no event: the end of the time for which the direction of rolling was known beforehand
-LONGEST_WINDOW = 0.1  # of √(r/g): the longest time for which the direction in which a ball begins to roll is known
-BEFORE_KINK = 0.999  # of the time until the next kink: the same
-SLOW = 0.4  # power of rounding: of √(g/r) and |ω|, the rate with which a ball is followed to its rest in no step
-UNTOLD = 10  # in errors of ω: of so slow a rate, steps cannot tell the direction
-ERRORS = 30  # the same: a ball that comes to rest may be faster by so much
-LONGEST = 0.25  # power of rounding: the longest time, in √(r/g), over which a ball is followed to its rest in this way
-COARSER = 0.3  # the same over the cube root of the tolerance, because the error of the torque halfway grows like this
-HALFWAY = 0.5  # through the time in which a ball comes to rest
 
 
 class DryRollingState(AbstractState):
@@ -129,14 +119,6 @@ class RestHistory(AbstractHistory):
 
 
 ROLLING, SPINNING = 0, 1  # guards, and the events where they fall to zero
-
-
-class Heading(NamedTuple):
-    """The direction σ in which a body rolls as a step begins, and the ``least`` rate at which it does not yet stop."""
-
-    sigma: Float[Array, "2"]
-    speed: Float[Array, ""]
-    least: Float[Array, ""]
 
 
 class DryRolling(AbstractSystem[DryRollingState]):
@@ -251,12 +233,9 @@ class DryRolling(AbstractSystem[DryRollingState]):
     def step_reference(self, t: Float[Array, ""], state: DryRollingState, accuracy: Accuracy) -> Heading:
         """The direction of rolling as a step begins."""
         sigma, omega = self.direction(t, state), apply(state.body.Lambda, state.body.Omega)
-        speed = jnp.maximum(jnp.sum(omega[:2] * sigma), 0.0)
-        if self.body.planar:
-            return Heading(sigma, speed, jnp.zeros_like(speed))
         errors = accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2))
-        least = jnp.maximum(float(jnp.finfo(speed.dtype).eps) ** SLOW * self._unit_of_rate(omega), UNTOLD * errors)
-        return Heading(sigma, speed, jnp.minimum(least, 0.5 * speed))
+        heading = Heading.of(sigma, omega[:2], self._unit_of_rate(omega), errors)
+        return heading._replace(least=jnp.zeros_like(heading.least)) if self.body.planar else heading
 
     def guards(self, t: Float[Array, ""], state: DryRollingState) -> Float[Array, "2"]:
         """The guards without a solve, in which rolling ends where ω_h vanishes."""
@@ -289,13 +268,13 @@ class DryRolling(AbstractSystem[DryRollingState]):
             return Assessment(jnp.where(step.has_fallen, step.zero, NONE), never)
         state, least, guards = step.state, step.reference.least, step.guards
         omega, rolls = apply(state.body.Lambda, state.body.Omega), state.rolls != 0
-        errors = ERRORS * (accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2)))
+        errors = slips.ERRORS * (accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2)))
         slow = root(jnp.sum(omega[:2] ** 2)) <= 2 * least + errors
         stops = rolls & (step.zero == ROLLING)
         ends = (step.zero != NONE) & jnp.where(stops, slow, step.has_fallen)
         before, after = guards[ROLLING, 0] + least, guards[ROLLING, -1] + least
         nears = rolls & slow & slips.nears_its_end(before, after, least)
-        otherwise = jnp.where(step.timed, WINDOW, jnp.where(nears, ROLLING, NONE))
+        otherwise = jnp.where(step.timed, slips.WINDOW, jnp.where(nears, ROLLING, NONE))
         longest = slips.longest_step(before, after, least, step.end - step.start, accuracy)
         return Assessment(jnp.where(ends, step.zero, otherwise), jnp.where(rolls & ~ends, longest, never))
 
@@ -303,11 +282,6 @@ class DryRolling(AbstractSystem[DryRollingState]):
         """A reference for errors of ω: √(g/r) and |ω|."""
         g, r, size = jax.lax.stop_gradient((jnp.abs(self.body.gravity), self.body.radius, root(jnp.sum(omega**2))))
         return root(g / r) + size
-
-    def _unit_of_time(self) -> Float[Array, ""]:
-        """√(r/g); √r without gravity."""
-        g = jnp.abs(self.body.gravity)
-        return root(self.body.radius / jnp.where(g > 0, g, 1.0))
 
     # How modes follow each other.
 
@@ -359,8 +333,7 @@ class DryRolling(AbstractSystem[DryRollingState]):
         def follow(t: Float[Array, ""], state: DryRollingState) -> tuple[Array, DryRollingState, Array]:
             omega = apply(state.body.Lambda, state.body.Omega)[:2]
             end = self._end(t, state, state, omega)
-            longest = jnp.maximum(float(jnp.finfo(t.dtype).eps) ** LONGEST, COARSER * jnp.cbrt(tolerance))
-            ends = end.comes & (end.time <= longest * self._unit_of_time())
+            ends = end.comes & (end.time <= slips.longest_pause(tolerance, slips.unit_of_time(self.body)))
             halfway = self._braked(t, state, state, omega, end.time, HALFWAY)
             end = self._end(t + HALFWAY * end.time, halfway, state, omega)
             stopped = self._braked(t, state, halfway, omega, end.time, 1.0).projected()
@@ -413,9 +386,7 @@ class DryRolling(AbstractSystem[DryRollingState]):
         after = DryRollingState(body, rolls, spin, begins)
         if self.body.planar or self.resistance.dry is None:
             return after
-        kinks = jax.lax.stop_gradient(self.driving_kinks())
-        kink = jnp.min(jnp.where(kinks > t, kinks, jnp.inf), initial=jnp.inf)
-        longest = jnp.minimum(LONGEST_WINDOW * self._unit_of_time(), BEFORE_KINK * (kink - t))
+        longest = slips.longest_window(t, self.driving_kinks(), slips.unit_of_time(self.body))
         window = jax.lax.cond(
             starts_to_roll,
             lambda: slips.beginning(_FromRest(self, after), t, body, sigma, longest),

@@ -13,7 +13,7 @@ On the plane, a body that does not slip rolls if friction can hold it, and other
 
 import dataclasses
 from collections.abc import Iterator
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -33,25 +33,14 @@ from . import friction, slip as slips
 from .law import Contact
 from .modes import Cause, ContactState, ContactSwitches, Mode, cause_of
 from .released import PlacedState, ReleasedState, Response, rates, released, response, slip_velocity
-from .transition import WINDOW, transition
+from .transition import transition
 
 ROUNDING = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none
 FORCES = 32  # of the reaction, in units of rounding of a force that compares with it: what is smaller is none
-SLOW = 0.4  # power of rounding: of the speed of a body, the slip that is followed to its end in no step of a solve
-ERRORS = 30  # of velocities, in tolerances: a slip that ends may be faster by so much
-UNTOLD = 10  # the same: of a slip as slow as that, steps cannot tell the direction
 RISEN = 1e-6  # of √(r/g): the time in which a body that lifts has left the plane
-SLOW_DISK = 0.55  # the same for a disk, whose slip does not turn; more than the error of the time at which a mode ends
+SLOW_DISK = 0.55  # as slip.SLOW, for a disk, whose slip does not turn; more than the error of the time of a mode's end
 NOWHERE = -1  # the mode at times to which a solve did not come
 NOTHING = 1e-9  # a normal force below this part of its size in a step counts as zero
-
-
-class Heading(NamedTuple):
-    """Along σ, the ``speed`` of a slip as a step begins, and the ``least`` one with which it is not about to end."""
-
-    sigma: Float[Array, "2"]
-    speed: Float[Array, ""]
-    least: Float[Array, ""]
 
 
 class BodyOnPlane(AbstractSystem[ContactState]):
@@ -170,23 +159,20 @@ class BodyOnPlane(AbstractSystem[ContactState]):
 
         return jax.tree.map(choose, rolling, sliding, flying)
 
-    def step_reference(self, t: Float[Array, ""], state: ContactState, accuracy: Accuracy) -> Heading:
+    def step_reference(self, t: Float[Array, ""], state: ContactState, accuracy: Accuracy) -> slips.Heading:
         """The heading of a slip as a step begins."""
         slip = slip_velocity(self.body, t, state.released)
         sigma = state.direction(t, slip)
-        speed = jnp.maximum(jnp.sum(slip[:2] * sigma), 0.0)
-        power = SLOW_DISK if self.body.planar else SLOW
-        rest = self.speed_of(state.released)
-        errors = accuracy.atol + accuracy.rtol * rest
-        least = jnp.maximum(float(jnp.finfo(speed.dtype).eps) ** power * rest, UNTOLD * errors)
-        return Heading(sigma, speed, jnp.minimum(least, 0.5 * speed))
+        size = self.speed_of(state.released)
+        power = SLOW_DISK if self.body.planar else slips.SLOW
+        return slips.Heading.of(sigma, slip[:2], size, accuracy.atol + accuracy.rtol * size, power)
 
     def guards(self, t: Float[Array, ""], state: ContactState) -> Float[Array, "3"]:
         """The guards without a solve, in which a slip ends where its velocity vanishes."""
         sigma, zero = state.direction(t, slip_velocity(self.body, t, state.released)), jnp.zeros_like(state.height)
-        return self.guards_in_step(t, state, Heading(sigma, zero, zero))
+        return self.guards_in_step(t, state, slips.Heading(sigma, zero, zero))
 
-    def guards_in_step(self, t: Float[Array, ""], state: ContactState, reference: Heading) -> Float[Array, "3"]:
+    def guards_in_step(self, t: Float[Array, ""], state: ContactState, reference: slips.Heading) -> Float[Array, "3"]:
         """The three guards; ``CAUSES`` gives the meaning of each. A slip lasts while it goes along its heading."""
         found = self.response(t, state)
         acting, slack = self.interaction(t, state, found), self.rounding_of_force(state, found)
@@ -196,7 +182,9 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         forward = jnp.sum(slip[:2] * reference.sigma) - reference.least
         forward = jnp.where(self.coefficient(slip) > 0, forward, one)
         # A body that rises does not land, where rounding takes its height below zero as it lifts.
-        above = jnp.maximum(state.height, jnp.where(slip[2] > 0, RISEN * self.unit_of_time() * slip[2], -jnp.inf))
+        above = jnp.maximum(
+            state.height, jnp.where(slip[2] > 0, RISEN * slips.unit_of_time(self.body) * slip[2], -jnp.inf)
+        )
         rolls, slides = state.is_in(Mode.ROLLING), state.is_in(Mode.SLIDING)
         return jnp.stack(
             [
@@ -218,7 +206,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         """
         state, least, guards = step.state, step.reference.least, step.guards
         slip = slip_velocity(self.body, step.end, state.released)
-        errors = ERRORS * (accuracy.atol + accuracy.rtol * self.speed_of(state.released))
+        errors = slips.ERRORS * (accuracy.atol + accuracy.rtol * self.speed_of(state.released))
         # A slip that does not continue along its heading may be at its end.
         slow = root(jnp.sum(slip[:2] ** 2)) <= 2 * least + errors
         cause = cause_of(state.mode, step.zero)
@@ -228,7 +216,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         before, after = guards[0, 0] + least, guards[0, -1] + least
         slides = state.is_in(Mode.SLIDING)
         stops = slides & slow & slips.nears_its_end(before, after, least)
-        otherwise = jnp.where(step.timed, WINDOW, jnp.where(stops, int(Cause.STOPS), NONE))
+        otherwise = jnp.where(step.timed, slips.WINDOW, jnp.where(stops, int(Cause.STOPS), NONE))
         longest = slips.longest_step(before, after, least, step.end - step.start, accuracy)
         longest = jnp.where(slides & ~ends, longest, jnp.inf)
         return Assessment(jnp.where(ends, cause, otherwise), longest)
@@ -248,11 +236,6 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         g, r = jax.lax.stop_gradient((jnp.abs(self.body.gravity), self.body.radius))
         scale, limits = root(jnp.sum(R**2)) + m * (g + r * jnp.sum(Omega**2)), jnp.finfo(R.dtype)
         return FORCES * float(limits.eps) * scale + float(limits.tiny) ** 0.5
-
-    def unit_of_time(self) -> Float[Array, ""]:
-        """√(r/g); √r without gravity."""
-        g = jnp.abs(self.body.gravity)
-        return root(self.body.radius / jnp.where(g > 0, g, 1.0))
 
     def unit_of_speed(self, found: Response) -> Float[Array, ""]:
         """√(g r); without gravity, the acceleration by which the body would fall takes the place of g."""

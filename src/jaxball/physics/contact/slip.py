@@ -47,6 +47,15 @@ NEARLY = 3  # times the least speed of a slip: one that is slower than that may 
 SAME = 1e-9  # of a speed: what rounding may change
 PAST = 0.5  # of the least speed: a step is to end no slower than that
 TRUNCATED = 2e5  # tolerances: the most of a step's error beside the speed of a slip that ends, for its derivatives
+SLOW = 0.4  # power of rounding: of the speed of a body, the slip that is followed to its end in no step of a solve
+UNTOLD = 10  # errors of the speed: steps cannot tell the direction of so slow a slip
+ERRORS = 30  # the same: a slip that ends may be faster by as much
+LONGEST_WINDOW = 0.1  # of √(r/g): the longest time for which the direction of a slip that begins is known beforehand
+BEFORE_KINK = 0.999  # of the time until the next kink: the same
+LONGEST_PAUSE = 0.25  # power of rounding: the longest time, in √(r/g), over which a slip is followed to its end
+COARSER = 0.3  # the same over the cube root of the tolerance, because the error of the response halfway grows like this
+HALFWAY = 0.5  # through the time, and the speed, of a slip that ends
+WINDOW = -3  # no event: the end of the time for which the direction of a slip was known beforehand
 STEPS = 16  # in the time τ, to the end of a slip
 TURN = 1.5  # by which σ turns and ln s falls in one of them, at most
 
@@ -79,6 +88,28 @@ class Beginning(NamedTuple):
         for k in reversed(range(DEGREE)):
             tangent = u * (self.bends[k] + tangent)
         return _turned(self.sigma, tangent)
+
+
+class Heading(NamedTuple):
+    """Along σ, the ``speed`` of a slip as a step begins, and the ``least`` one with which it is not about to end."""
+
+    sigma: Float[Array, "2"]
+    speed: Float[Array, ""]
+    least: Float[Array, ""]
+
+    @classmethod
+    def of(
+        cls,
+        sigma: Float[Array, "2"],
+        slip: Float[Array, "2"],
+        size: Float[Array, ""],
+        errors: Float[Array, ""],
+        power: float = SLOW,
+    ) -> "Heading":
+        """The heading of a slip in the direction σ: ``size`` is that of velocities, ``errors`` that of their errors."""
+        speed = jnp.maximum(jnp.sum(slip * sigma), 0.0)
+        least = jnp.maximum(float(jnp.finfo(speed.dtype).eps) ** power * size, UNTOLD * errors)
+        return cls(sigma, speed, jnp.minimum(least, 0.5 * speed))
 
 
 class Pull(NamedTuple):
@@ -184,6 +215,26 @@ def end(pull: Callable[[Any, Float[Array, "2"]], Pull], about: Any, slip: Float[
     time = x[3] + slower * left_of_it
     friction_loss, pressed = x[4] + 0.5 * power * left_of_it, x[5] + normal * left_of_it
     return End(comes, speed * time, speed**2 * friction_loss, pressed / jnp.where(time > 0, time, 1.0))
+
+
+def longest_pause(tolerance: Float[Array, ""], unit_of_time: Float[Array, ""]) -> Float[Array, ""]:
+    """The longest time over which a slip is followed to its end by :func:`end`."""
+    eps = float(jnp.finfo(unit_of_time.dtype).eps)
+    return jnp.maximum(eps**LONGEST_PAUSE, COARSER * jnp.cbrt(tolerance)) * unit_of_time
+
+
+def longest_window(
+    t: Float[Array, ""], kinks: Float[Array, " kinks"], unit_of_time: Float[Array, ""]
+) -> Float[Array, ""]:
+    """The longest time from ``t`` on for which the direction of a slip that begins is computed beforehand."""
+    kink = jnp.min(jnp.where(kinks > t, kinks, jnp.inf), initial=jnp.inf)
+    return jax.lax.stop_gradient(jnp.minimum(LONGEST_WINDOW * unit_of_time, BEFORE_KINK * (kink - t)))
+
+
+def unit_of_time(body: AbstractBody) -> Float[Array, ""]:
+    """√(r/g); √r without gravity."""
+    g = jnp.abs(body.gravity)
+    return root(body.radius / jnp.where(g > 0, g, 1.0))
 
 
 def nears_its_end(before: Float[Array, ""], after: Float[Array, ""], least: Float[Array, ""]) -> Bool[Array, ""]:

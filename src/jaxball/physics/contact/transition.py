@@ -20,13 +20,6 @@ from .released import ReleasedState, Response, rates, slip_velocity, with_slip
 if TYPE_CHECKING:
     from .body_on_plane import BodyOnPlane
 
-WINDOW = -3  # no cause: the end of the time for which the direction of a slip was known beforehand
-LONGEST_WINDOW = 0.1  # of √(r/g): the longest time for which the direction of a slip that begins is known beforehand
-BEFORE_KINK = 0.999  # of the time until the next kink: the same
-LONGEST = 0.25  # power of rounding: the longest time, in √(r/g), over which a slip is followed to its end in this way
-COARSER = 0.3  # the same over the cube root of the tolerance, because the error of the response halfway grows like this
-HALFWAY = 0.5  # through the time, and the speed, of a slip that ends
-
 
 def transition(
     plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState, event: Int[Array, ""], accuracy: Accuracy
@@ -49,7 +42,7 @@ def transition(
         after=done.state,
         event=jnp.where(starts, int(Cause.LANDS), cause),
         slope=slope,
-        switches=jnp.where(starts, done.lands, done.decides & (cause != WINDOW)),
+        switches=jnp.where(starts, done.lands, done.decides & (cause != slips.WINDOW)),
         crowds=cause != int(Cause.LANDS),
         # A slip has ended in ever shorter steps.
         pauses=(cause == int(Cause.STOPS)) & done.decides,
@@ -97,10 +90,9 @@ def _ended(plane: "BodyOnPlane", done: "_Progress", tolerance: Float[Array, ""])
     """At the end of a slip, if it has one soon, with the response halfway."""
     t, state = done.t, done.state
     end, found = _end(plane, done, t, state)
-    longest = jnp.maximum(float(jnp.finfo(end.time.dtype).eps) ** LONGEST, COARSER * jnp.cbrt(tolerance))
-    ends = end.comes & (end.time <= longest * plane.unit_of_time())
-    halfway = _slowed(plane, done, found, state, end, HALFWAY)
-    end, found = _end(plane, done, t + HALFWAY * end.time, halfway)
+    ends = end.comes & (end.time <= slips.longest_pause(tolerance, slips.unit_of_time(plane.body)))
+    halfway = _slowed(plane, done, found, state, end, slips.HALFWAY)
+    end, found = _end(plane, done, t + slips.HALFWAY * end.time, halfway)
     stopped = _slowed(plane, done, found, halfway, end, 1.0)
     stopped = eqx.tree_at(lambda x: x.friction_loss, stopped, stopped.friction_loss + end.friction_loss)
     after = done._replace(t=t + end.time, before=stopped, state=stopped, still=jnp.asarray(True))
@@ -112,7 +104,7 @@ def _end(
 ) -> tuple[slips.End, Response]:
     """The end of a slip with the response at some time and state, and that response."""
     found, slip = _response(plane, t, where), slip_velocity(plane.body, done.t, done.state.released)
-    return slips.end(slips.pull_of_friction, (found, plane.coefficient(slip, HALFWAY)), slip[:2]), found
+    return slips.end(slips.pull_of_friction, (found, plane.coefficient(slip, slips.HALFWAY)), slip[:2]), found
 
 
 def _slowed(
@@ -170,9 +162,7 @@ def _begun(plane: "BodyOnPlane", done: "_Progress") -> ContactState:
     """With the direction of a slip that begins, for as long as it is computed in advance."""
     t, state = done.t, done.state
     begins = done.begins & (plane.coefficient(state.V, 0.0) > 0)
-    kinks = jax.lax.stop_gradient(plane.driving_kinks())
-    kink = jnp.min(jnp.where(kinks > t, kinks, jnp.inf), initial=jnp.inf)
-    longest = jax.lax.stop_gradient(jnp.minimum(LONGEST_WINDOW * plane.unit_of_time(), BEFORE_KINK * (kink - t)))
+    longest = slips.longest_window(t, plane.driving_kinks(), slips.unit_of_time(plane.body))
     sigma = state.begun.sigma
     if plane.body.planar:
         begun = slips.Beginning.along(t + longest, sigma)
