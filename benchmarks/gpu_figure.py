@@ -48,6 +48,6 @@ def diagram(rows: Sequence[dict[str, Any]], device: str):
             "runs per second" if ax is panels[0] else "",
         )
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3, frameon=False, prop=style.SMALL)
+    figure.legend(handles, labels, loc="outside upper center", ncols=3, frameon=False, prop=style.SMALL_FONT)
     figure.supxlabel(device, **style.CAPTION)
     return figure

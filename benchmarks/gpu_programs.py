@@ -19,7 +19,7 @@ import jaxball
 from jaxball import BallState, Contact, DiskState, Event, ReleasedState, paper, simulate
 from jaxball.solvers import NDF, Adams, Gauss, RadauIIA
 
-TIMES = np.linspace(paper.START, paper.END, 5)
+TIMES = np.linspace(paper.PAPER_START, paper.PAPER_END, 5)
 SHELL: dict[str, Any] = {"mass": 1.0, "inertia": (0.4, 0.5, 0.6)}
 BOUNCES = np.linspace(0.0, 8.0, 5)
 SEED = 7

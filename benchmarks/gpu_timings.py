@@ -162,7 +162,7 @@ def _radau(rows: int) -> tuple[Callable, np.ndarray]:
     from jaxball import paper
     from jaxball.solvers import RadauIIA
 
-    times = (paper.START, paper.END)
+    times = (paper.PAPER_START, paper.PAPER_END)
 
     def place(p):
         ball = jaxball_gradient.with_parameters(p)

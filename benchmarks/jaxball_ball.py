@@ -13,7 +13,7 @@ import jaxball
 from jaxball import BallState, paper, simulate
 from jaxball.paper.reproduce.experiments import Counter, CountingSolver
 
-TIMES = (paper.START, paper.END)
+TIMES = (paper.PAPER_START, paper.PAPER_END)
 TOLERANCES = (1e-8, 1e-9, 1e-10, 1e-11)
 
 

@@ -8,7 +8,7 @@ from turns import Compiled
 from jaxball import BallState, paper, simulate
 from jaxball.ensemble import simulate_ensemble
 
-TIMES = (paper.START, paper.END)
+TIMES = (paper.PAPER_START, paper.PAPER_END)
 
 
 class Ensemble(Compiled):

@@ -13,7 +13,7 @@ import jaxball
 from jaxball import Ball, BallState, paper, simulate
 from jaxball.ensemble import simulate_ensemble
 
-TIMES = (paper.START, paper.END)
+TIMES = (paper.PAPER_START, paper.PAPER_END)
 
 
 def plain(tolerances: tuple[float, ...]) -> dict[float, Callable[[], np.ndarray]]:

@@ -5,7 +5,7 @@ import numpy as np
 from perturbed import states
 from turns import Compiled
 
-from jaxball.bench.contenders import MAX_STEPS
+from jaxball.bench.contenders import MAX_STEPS_OF_BENCH
 from jaxball.bench.contenders.numbalsoda_ import Legs, advance, right_hand_side
 from jaxball.bench.problems.rolling import BALL
 
@@ -22,7 +22,7 @@ class Batch(Compiled):
             found = np.empty_like(x)
             for i in numba.prange(x.shape[0]):
                 # A copy, because the evaluations are counted in it.
-                found[i] = one(address, x[i], ends, data.copy(), tolerance, tolerance, MAX_STEPS)[0]
+                found[i] = one(address, x[i], ends, data.copy(), tolerance, tolerance, MAX_STEPS_OF_BENCH)[0]
             return found
 
         self.run_all = run_all

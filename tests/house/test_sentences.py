@@ -1,5 +1,7 @@
 """Sentences in the source can be understood without being read twice."""
 
+import ast
+import contextlib
 import re
 from pathlib import Path
 
@@ -12,6 +14,8 @@ PLAIN = {
     "so many": "a number, by the name of the argument",
     "that of which": "two sentences",
 }
+# Numbers of file formats and flags, which every package has under the same name.
+SHARED_NAMES = ("FORMAT", "TYPE_CHECKING")
 PATTERN = re.compile(r"\b(" + "|".join(PLAIN) + r")\b", re.IGNORECASE)
 
 
@@ -29,3 +33,24 @@ def test_no_riddles(room):
         if (match := PATTERN.search(line))
     ]
     assert not riddles, "\n".join(riddles)
+
+
+def numbers_by_name():
+    """The values of all constants that are numbers, by name and by file."""
+    values: dict[str, dict[str, float]] = {}
+    for file in sorted((ROOT / "src/jaxball").rglob("*.py")):
+        for statement in ast.parse(file.read_text()).body:
+            if isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Name):
+                name = statement.targets[0].id
+                if name.isupper() and not name.startswith("_"):
+                    with contextlib.suppress(ValueError):
+                        value = ast.literal_eval(statement.value)
+                        if isinstance(value, float | int):
+                            values.setdefault(name, {})[str(file.relative_to(ROOT))] = value
+    return values
+
+
+def test_a_constant_is_defined_once():
+    """So that its name tells it from all others, wherever it is read."""
+    several = {name: files for name, files in numbers_by_name().items() if len(files) > 1 and name not in SHARED_NAMES}
+    assert not several

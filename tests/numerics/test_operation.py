@@ -16,7 +16,7 @@ import pytest
 
 import jaxball
 from jaxball.numerics import programs
-from jaxball.numerics.computation import BLOCK
+from jaxball.numerics.computation import ROWS_OF_BLOCK
 from jaxball.numerics.operation import in_threads
 from tests.support.precision import enable_x64
 
@@ -103,8 +103,8 @@ MAPPED = {
     "one row": lambda f: jax.jit(jax.vmap(f, in_axes=(0, None, None)))(XS[:1], Y, COUNT),
     "no rows": lambda f: jax.jit(jax.vmap(f, in_axes=(0, None, None)))(XS[:0], Y, COUNT),
     "no rows, as typed": lambda f: jax.vmap(f, in_axes=(0, None, None))(XS[:0], Y, COUNT),
-    "few rows": lambda f: jax.jit(jax.vmap(f, in_axes=(0, None, None)))(XS[: BLOCK // 2], Y, COUNT),
-    "blocks": lambda f: jax.jit(jax.vmap(f, in_axes=(0, None, None)))(XS[: 2 * BLOCK], Y, COUNT),
+    "few rows": lambda f: jax.jit(jax.vmap(f, in_axes=(0, None, None)))(XS[: ROWS_OF_BLOCK // 2], Y, COUNT),
+    "blocks": lambda f: jax.jit(jax.vmap(f, in_axes=(0, None, None)))(XS[: 2 * ROWS_OF_BLOCK], Y, COUNT),
     "of maps": lambda f: jax.jit(jax.vmap(jax.vmap(f, in_axes=(None, 0, None)), in_axes=(0, None, None)))(
         XS, YS, COUNT
     ),

@@ -7,7 +7,7 @@ import numpy as np
 import optimistix as optx
 
 from jaxball.solvers import NDF, NDFController
-from jaxball.solvers.backward_differences import HIGHEST
+from jaxball.solvers.backward_differences import HIGHEST_BDF
 from jaxball.solvers.multistep import PairedNorm
 
 ROWS = 8
@@ -46,12 +46,12 @@ def at_order(state, order):
     """The state for a step of this order, whichever the method has planned."""
     rows, (first, second) = jnp.arange(ROWS)[:, None], state.beyond
     last = jnp.where(rows == state.order + 1, first[None], jnp.where(rows == state.order + 2, second[None], 0.0))
-    return _split(state, last.at[: HIGHEST + 1].add(state.differences), order)
+    return _split(state, last.at[: HIGHEST_BDF + 1].add(state.differences), order)
 
 
 def _split(state, differences, order):
-    rows = jnp.arange(HIGHEST + 1)[:, None]
-    inside = jnp.where(rows <= order, differences[: HIGHEST + 1], 0.0)
+    rows = jnp.arange(HIGHEST_BDF + 1)[:, None]
+    inside = jnp.where(rows <= order, differences[: HIGHEST_BDF + 1], 0.0)
     return state._replace(differences=inside, beyond=differences[order + 1 + jnp.arange(2)], order=order)
 
 

@@ -10,7 +10,13 @@ import numpy as np
 import pytest
 
 from jaxball.solvers import MassMatrixTerm
-from jaxball.solvers.backward_differences import GAMMA, HIGHEST, KAPPAS as VALUES, error_constants, resampled
+from jaxball.solvers.backward_differences import (
+    HARMONIC_SUMS,
+    HIGHEST_BDF,
+    KAPPAS as VALUES,
+    error_constants,
+    resampled,
+)
 from tests.solvers import rotating
 from tests.solvers.fixed_steps import FRACTIONS, observed_order
 from tests.solvers.ndf_steps import KAPPAS, ROWS, at_order, backward_differences, state_of, step
@@ -71,8 +77,8 @@ def test_error_where_the_solution_is_a_polynomial_of_one_degree_more(kappa, orde
     end = PAST[0] + DISTANCE
     (y1, error, _), rounding = stepped(kappa, order, solution, DISTANCE)
     last = backward_differences(solution(np.concatenate([[end], PAST])))[order + 1]
-    share = VALUES[kappa][order] * GAMMA[order]
-    miss = (share + 1 / (order + 1)) * last / (GAMMA[order] - share)
+    share = VALUES[kappa][order] * HARMONIC_SUMS[order]
+    miss = (share + 1 / (order + 1)) * last / (HARMONIC_SUMS[order] - share)
     np.testing.assert_allclose(y1 - solution(end), miss, rtol=1e-6, atol=rounding)
     size = abs((share + 1 / (order + 1)) * (last + miss)) / (1 + max(abs(solution(PAST[0])), abs(y1)))
     np.testing.assert_allclose(error, size, rtol=1e-6, atol=rounding)
@@ -102,7 +108,7 @@ def rotation(t, y, z):
 def formula(kappa, order, r):
     """The z for which y_m = rᵐ solves the formula: ∇ʲy = (1 − 1/r)ʲ y."""
     w = 1 - 1 / r
-    return sum(w**j / j for j in range(1, order + 1)) - VALUES[kappa][order] * GAMMA[order] * w ** (order + 1)
+    return sum(w**j / j for j in range(1, order + 1)) - VALUES[kappa][order] * HARMONIC_SUMS[order] * w ** (order + 1)
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -131,12 +137,12 @@ def amplification(kappa, order, z):
     """The matrix by which a step takes the differences of y′ = zy, as complex numbers, to those at its end."""
 
     def image(row):
-        differences = jnp.eye(HIGHEST + 1)[row][:, None] * jnp.asarray([[1.0, 0.0]])
+        differences = jnp.eye(HIGHEST_BDF + 1)[row][:, None] * jnp.asarray([[1.0, 0.0]])
         state = state_of(np.zeros((ROWS, 2)), 1.0, 1)._replace(differences=differences, order=order)
         _, _, _, after = step(kappa, rotation, state, jnp.asarray(0.0), jnp.asarray(1.0), differences[0], z)
         return after.differences
 
-    return jnp.moveaxis(jax.vmap(image)(jnp.arange(HIGHEST + 1)), 0, 1)
+    return jnp.moveaxis(jax.vmap(image)(jnp.arange(HIGHEST_BDF + 1)), 0, 1)
 
 
 def growth(kappa, order, z):

@@ -9,7 +9,7 @@ from typing import Any
 import tomli_w
 
 from jaxball.design import DesignError
-from jaxball.design.files import TABLE, problem_of, read_control
+from jaxball.design.files import CONTROL_TABLE, problem_of, read_control
 from jaxball.scenario import builtin_scenarios, builtin_text, read_scenario
 from jaxball.scenario.sources import document_of
 from jaxball.sweep import read_study
@@ -491,7 +491,7 @@ def reader_of(document: dict[str, Any]) -> Callable[[str], Any]:
 
 def _read_problem(text: str) -> Any:
     document = document_of(text, "problem", DesignError)
-    return (read_control if TABLE in document else problem_of)(document, EXAMPLES)
+    return (read_control if CONTROL_TABLE in document else problem_of)(document, EXAMPLES)
 
 
 def _blocks(document: str, pattern: str) -> dict[str, str]:

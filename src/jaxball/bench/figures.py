@@ -19,7 +19,7 @@ from .measure import Row
 from .problem import Problem
 
 SIZE = (7.2, 4.8)
-SMALLEST = 1e-17  # where an error of exactly zero is drawn
+SMALLEST_ERROR = 1e-17  # where an error of exactly zero is drawn
 GAP = 0.043  # between two labels, as a fraction of the height
 LABELS_AT = 1.05
 LEADER = {"arrowstyle": "-", "linewidth": 0.4, "linestyle": ":", "shrinkA": 2, "shrinkB": 3, "relpos": (0.0, 0.5)}
@@ -102,7 +102,7 @@ def _number_axis(axis: Axis) -> None:
 
 def _line(ax: Axes, solver: str, rows: Sequence[Row]) -> None:
     if rows:
-        errors = [max(row.error or 0.0, SMALLEST) for row in rows]
+        errors = [max(row.error or 0.0, SMALLEST_ERROR) for row in rows]
         ax.plot(errors, [row.time or 0.0 for row in rows], label=solver, **line_style(solver))
 
 
@@ -125,7 +125,7 @@ def _name_lines(ax: Axes) -> None:
             textcoords="axes fraction",
             color=colour,
             va="center",
-            fontproperties=style.SMALL,
+            fontproperties=style.SMALL_FONT,
             annotation_clip=False,
             arrowprops=LEADER | {"color": colour},
         )

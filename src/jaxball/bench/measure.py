@@ -23,7 +23,7 @@ Result = TypeVar("Result")
 Echo = Callable[[str], None]
 
 ROUNDS = 5
-FEWEST, MOST = 3, 50
+FEWEST_CALLS, MOST_CALLS = 3, 50
 COLD = 0.05  # seconds, compared with which the effect of cold caches on a call is negligible
 PACKAGES = (
     "jaxball", "jax", "jaxlib", "diffrax", "equinox", "optimistix", "numpy",
@@ -171,7 +171,7 @@ def _entry(contender: Contender, program: Program, tolerance: float) -> _Entry:
 
 def time_in_turns(entries: Sequence[_Entry], budget: float) -> None:
     """Fills the times of ``entries``, in rounds of blocks; the first call of a block, with cold caches, is untimed."""
-    repeats = {id(entry): min(max(int(budget / entry.once), FEWEST), MOST) for entry in entries}
+    repeats = {id(entry): min(max(int(budget / entry.once), FEWEST_CALLS), MOST_CALLS) for entry in entries}
     for _, entry in itertools.product(range(ROUNDS), entries):
         left = repeats[id(entry)] - len(entry.times)
         block = min(math.ceil(repeats[id(entry)] / ROUNDS), left)

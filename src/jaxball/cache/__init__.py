@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 from . import current
 from .current import GPU, NATIVE, XLA
-from .folder import LIMIT, Folder
+from .folder import LARGEST_SIZE, Folder
 from .store import FolderStore
 
 __all__ = ["Contents", "clear", "contents", "disable", "enable"]
@@ -139,10 +139,10 @@ def _silence() -> None:
 def _folder(chosen: str | os.PathLike[str] | None) -> Folder:
     place = chosen or os.environ.get(PLACE)
     if place:
-        return Folder(Path(place).expanduser().absolute(), LIMIT)
+        return Folder(Path(place).expanduser().absolute(), LARGEST_SIZE)
     import platformdirs
 
-    return Folder(platformdirs.user_cache_path("jaxball", appauthor=False) / "programs", LIMIT)
+    return Folder(platformdirs.user_cache_path("jaxball", appauthor=False) / "programs", LARGEST_SIZE)
 
 
 def _objection(folder: Folder) -> str | None:

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-LIMIT = 512 * 10**6
+LARGEST_SIZE = 512 * 10**6
 KEPT_OF_LIMIT = 0.9  # so that not every new program evicts an old one
 SECONDS_OF_A_WRITE = 3600
 SECONDS_OF_A_COMPILATION = 900.0
@@ -51,7 +51,7 @@ class Folder:
     - ``limit``: the size of all files together, in bytes.
     """
 
-    def __init__(self, path: Path, limit: int = LIMIT):
+    def __init__(self, path: Path, limit: int = LARGEST_SIZE):
         self.path, self.limit = path, limit
 
     def objection(self) -> str | None:

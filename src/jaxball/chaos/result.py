@@ -9,10 +9,10 @@ from jaxtyping import Array, Bool, Float, Int
 from ..interface.printing import Printed, is_single, shown
 from ..interface.status import SolveError, Status
 
-PARTS = 16  # parts of the run, to whose means the limit is fitted
+PARTS_OF_RUN = 16  # parts of the run, to whose means the limit is fitted
 FEWEST_PARTS = 6
 ALIGNING = 1 / 8  # of the run, during which the deviations align with their directions, and their rates mean nothing
-ERRORS = 2.5  # a limit closer to zero than this many standard errors may be zero
+STANDARD_ERRORS = 2.5  # a limit closer to zero than this many standard errors may be zero
 FOLDS = (
     3.0  # this many e-folds or fewer may occur along regular motions too: t² gives 2.1 where it begins late in a run
 )
@@ -48,7 +48,7 @@ def limits_of(
     step = (times[-1] - times[0]) / max(count - 1, 1)
     middle = times - start - step / 2
     late = middle >= ALIGNING * (times[-1] - start)
-    parts = min(PARTS, int(np.sum(late)))
+    parts = min(PARTS_OF_RUN, int(np.sum(late)))
     if parts < FEWEST_PARTS or not np.all(np.isfinite(rates)):
         return Limits(nothing, nothing, np.full(k, False), np.full(k, False))
     length = int(np.sum(late)) // parts
@@ -60,11 +60,11 @@ def limits_of(
     variance = np.sum((means - basis @ fitted) ** 2, axis=0) / (parts - 2)
     errors = np.sqrt(np.diag(np.linalg.inv(basis.T @ basis))[:, None] * variance)
     mean, length_of_run = rates.mean(axis=0), count * step
-    told = (np.abs(fitted[0]) > ERRORS * errors[0]) & (np.minimum(mean * fitted[0], mean**2) > 0)
+    told = (np.abs(fitted[0]) > STANDARD_ERRORS * errors[0]) & (np.minimum(mean * fitted[0], mean**2) > 0)
     told &= np.minimum(np.abs(fitted[0]), np.abs(mean)) * length_of_run > FOLDS
     change = np.abs(mean - fitted[0])
     drifting = told & (change > standard_error) & (change > 0.1 * np.abs(mean))
-    drifting &= np.abs(fitted[1]) > ERRORS * errors[1]
+    drifting &= np.abs(fitted[1]) > STANDARD_ERRORS * errors[1]
     return Limits(fitted[0], errors[0], told, drifting)
 
 

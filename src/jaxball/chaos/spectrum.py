@@ -18,7 +18,7 @@ from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import possible_start
 from ..simulation.arguments import DEFAULT_TOLERANCE, checked_solver, checked_steps, checked_tolerances
 from ..simulation.deviations import (
-    FIRST_STEP,
+    FIRST_STEP_SHARE,
     Field,
     Flow,
     Normal,
@@ -241,7 +241,7 @@ def _start(
     status = jnp.where(startable, Status.SUCCESS, Status.IMPOSSIBLE)
     return _Progress(
         rows=jnp.concatenate([x[None], orthonormalised(without_normal(generic, x, method.normal))[0]]),
-        step=FIRST_STEP * (edges[1] - edges[0]),
+        step=FIRST_STEP_SHARE * (edges[1] - edges[0]),
         status=status,
         reached=edges[0],
         steps=jnp.zeros_like(status),

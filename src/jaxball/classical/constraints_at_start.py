@@ -11,8 +11,8 @@ from ..numerics.linear import inverse
 from ..physics.conditions import Condition, Problem
 from .multipliers import saddle
 
-ALLOWED = 1e-6  # of the size of its terms: how far a constraint may be from 0 at the start
-SHOWN = 1e-6  # of the largest coefficient: one that is written in a sentence
+ALLOWED_RESIDUAL = 1e-6  # of the size of its terms: how far a constraint may be from 0 at the start
+SHOWN_COEFFICIENT = 1e-6  # of the largest coefficient: one that is written in a sentence
 REMEDY = "the method `consistent(t, state)` of the system gives the nearest state that keeps all constraints"
 
 
@@ -77,7 +77,7 @@ class Independent(Condition):
         for k in np.flatnonzero(~holds):
             before = np.flatnonzero(holds[:k])
             parts = np.linalg.lstsq(A[before].T, A[k], rcond=None)[0]
-            named = [(c, str(self.name[j])) for c, j in zip(parts, before, strict=True) if abs(c) > SHOWN]
+            named = [(c, str(self.name[j])) for c, j in zip(parts, before, strict=True) if abs(c) > SHOWN_COEFFICIENT]
             mismatch = abs(residual[k] - parts @ residual[before])
             if not np.any(A[k]):
                 but = "its row of A is 0 there, so that it restricts no velocity; leave it out"
@@ -105,7 +105,7 @@ def start_conditions(mass: Float[Array, "n n"], given: Constraints) -> Iterator[
     """The conditions on constraints, and on the mass matrix that goes with them, in one state."""
     independent, v = _are_independent(given.rows), given.velocities
     if v:
-        affine = jnp.abs(given.second) <= jnp.maximum(given.allowed, ALLOWED * _lengths(given.rows))
+        affine = jnp.abs(given.second) <= jnp.maximum(given.allowed, ALLOWED_RESIDUAL * _lengths(given.rows))
         yield Affine(affine[:v], given.names[:v], given.second[:v], "affine in qdot")
     if given.names:
         # Holonomic constraints depend on each other only if they do so themselves, and not their rates alone.
@@ -155,5 +155,5 @@ def _sum(parts: list[tuple[float, str]]) -> str:
     text = ""
     for c, name in parts:
         sign = ("−" if c < 0 else "") if not text else (" − " if c < 0 else " + ")
-        text += sign + ("" if abs(abs(c) - 1) < SHOWN else f"{abs(c):.6g} times ") + f"that of {name}"
+        text += sign + ("" if abs(abs(c) - 1) < SHOWN_COEFFICIENT else f"{abs(c):.6g} times ") + f"that of {name}"
     return text

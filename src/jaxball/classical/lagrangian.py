@@ -20,13 +20,13 @@ from ..numerics import programs
 from ..numerics.arrays import Numbers, default_dtype, numbers, to_array
 from ..numerics.kinks import Traced, kinks_of_functions, kinks_seen
 from ..physics.conditions import Condition
-from .constraints_at_start import ALLOWED, Constraints, start_conditions
+from .constraints_at_start import ALLOWED_RESIDUAL, Constraints, start_conditions
 from .multipliers import Equations, equations, nearest_place, nearest_velocity, rate_along
 from .state import AbstractClassicalState, AbstractClassicalSystem
 
 FROM_AFAR = 30  # Newton steps to the constraints from any state; each doubles the digits once it is near
 IN_STEP = 2  # from the end of a step, which is as near as its error
-LEAST = 1e-3  # below this a coordinate or a rate counts as 0, in the user's units, where the start is checked
+LEAST_COUNTED = 1e-3  # below this a coordinate or a rate counts as 0, in the user's units, where the start is checked
 
 
 class LagrangianState(AbstractClassicalState):
@@ -249,9 +249,9 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
             return jax.jvp(lambda qdot: self._rates(t, q, qdot), (qdot,), (across,))[1]
 
         second = jax.jvp(slope, (qdot + 1.0,), (across,))[1]
-        near = ALLOWED * jnp.sqrt(jnp.sum(terms.rows**2, axis=1))
-        allowed = near * (LEAST + jnp.sqrt(jnp.sum(qdot**2))) + ALLOWED * jnp.abs(free)
-        places_allowed = near[near.size - places.size :] * (LEAST + jnp.sqrt(jnp.sum(q**2)))
+        near = ALLOWED_RESIDUAL * jnp.sqrt(jnp.sum(terms.rows**2, axis=1))
+        allowed = near * (LEAST_COUNTED + jnp.sqrt(jnp.sum(qdot**2))) + ALLOWED_RESIDUAL * jnp.abs(free)
+        places_allowed = near[near.size - places.size :] * (LEAST_COUNTED + jnp.sqrt(jnp.sum(q**2)))
         return terms.mass, (terms.rows, residual, allowed, second, places, places_allowed)
 
     def driving_kinks(self) -> Float[Array, " kinks"]:

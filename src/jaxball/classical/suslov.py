@@ -21,7 +21,7 @@ from ..physics.conditions import Condition, positive_inertia, real_inertia
 from .rigid_body import gyroscopic_torque, kinetic_energy, principal_moments, turned, versor_squared
 from .state import AbstractClassicalSystem, RigidBodyState
 
-ALLOWED = 1e-6  # how far the sine of the angle between Ω and the constraint's plane may be from 0
+ALLOWED_SINE = 1e-6  # how far the sine of the angle between Ω and the constraint's plane may be from 0
 
 
 class AbstractAxis(Printed):
@@ -198,7 +198,7 @@ class SuslovProblem(AbstractClassicalSystem[RigidBodyState]):
         size = dot(xi, xi)
         yield Condition((size > 0) & jnp.isfinite(size), "xi", xi, "three finite numbers, not all zero, at the start")
         yield Condition(
-            dot(Omega, xi) ** 2 <= ALLOWED**2 * size * dot(Omega, Omega),
+            dot(Omega, xi) ** 2 <= ALLOWED_SINE**2 * size * dot(Omega, Omega),
             "state.Omega",
             Omega,
             "orthogonal to xi at the start",

@@ -21,7 +21,7 @@ MOST_FRAMES_A_SECOND = {
     ".mp4": 240,
     ".gif": 50,
 }  # a GIF counts in hundredths of a second; players ignore delays of a single one
-SMALLEST, LARGEST = 64, 7680
+SMALLEST_SIDE, LARGEST_SIDE = 64, 7680
 OPTIONS = ("fps", "speed", "size", "from", "to")
 
 
@@ -58,9 +58,10 @@ def check_animation(options: argparse.Namespace) -> None:
 def _size(text: str) -> tuple[int, int]:
     match = re.fullmatch(r"(\d+)x(\d+)", text)
     size = (int(match[1]), int(match[2])) if match else (0, 0)
-    if not all(SMALLEST <= side <= LARGEST for side in size):
+    if not all(SMALLEST_SIDE <= side <= LARGEST_SIDE for side in size):
         raise argparse.ArgumentTypeError(
-            f"it must be WIDTHxHEIGHT in pixels, each from {SMALLEST} to {LARGEST}, as in 1280x720, but it is {text}"
+            f"it must be WIDTHxHEIGHT in pixels, each from {SMALLEST_SIDE} to {LARGEST_SIDE}, as in 1280x720, "
+            f"but it is {text}"
         )
     return size
 

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 
 from .. import __version__
-from ..interface.interruption import INTERRUPTED, STOPPED
+from ..interface.interruption import EXIT_INTERRUPTED, STOPPED
 from ..interface.wording import UserError, did_you_mean
 from .options import BAD_INPUT, BROKEN_PIPE, add_no_cache, sentence
 
@@ -44,7 +44,7 @@ def run(arguments: Sequence[str]) -> int:
             _flush()
     except KeyboardInterrupt as error:
         print(f"jaxball: {error.args[0] if error.args else STOPPED}", file=sys.stderr)
-        return INTERRUPTED
+        return EXIT_INTERRUPTED
     except BrokenPipeError:  # such as from `| head`, which stops reading
         return BROKEN_PIPE
     except (UserError, OSError) as error:

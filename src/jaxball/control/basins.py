@@ -25,7 +25,7 @@ from .weights import Weights, weight_matrix
 if TYPE_CHECKING:
     import xarray
 
-WITHIN = 0.05
+WITHIN_GOAL = 0.05
 
 
 class Outcome(NamedTuple):
@@ -92,7 +92,7 @@ def basin(
     starts: Mapping[str, Numbers] | Numbers,
     *,
     Q: Weights = 1.0,
-    within: float = WITHIN,
+    within: float = WITHIN_GOAL,
     friction: float | None = None,
     system: System | None = None,
     limits: Numbers | Mapping[str, Numbers] | None = None,

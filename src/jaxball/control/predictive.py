@@ -20,9 +20,9 @@ from ..numerics.linear import inverses
 
 MOST_ITERATIONS = 40
 TO_BOUNDARY = 0.995  # the share of the way to the nearest bound that a step may go
-CLOSED = 1e-9  # of the cost, below which the gap between the program and its dual counts as closed
+CLOSED_GAP = 1e-9  # of the cost, below which the gap between the program and its dual counts as closed
 SLACK = 0.1  # at the start, in units of limits, beyond what is exceeded there
-CENTRED = 1.0  # of the cost: the sum of the products of slacks and multipliers at the start
+CENTRED_PRODUCTS = 1.0  # of the cost: the sum of the products of slacks and multipliers at the start
 EXCEEDED = 1e-6  # in units of a limit, above which it counts as exceeded
 
 
@@ -145,18 +145,18 @@ def _iterated(
     """The solution, the number of iterations, and whether the gap is closed."""
     z = unlimited if guess is None else stages.followed(guess.z, xi)
     cost = stages.cost(unlimited)
-    point = _inside(stages, z, CENTRED * cost / stages.d.size, 0.0 if guess is None else guess.multipliers)
+    point = _inside(stages, z, CENTRED_PRODUCTS * cost / stages.d.size, 0.0 if guess is None else guess.multipliers)
 
     def unfinished(carry: Any) -> Bool[Array, ""]:
         point, count = carry
-        return ~kept & (point.gap > CLOSED * cost) & (count < MOST_ITERATIONS)
+        return ~kept & (point.gap > CLOSED_GAP * cost) & (count < MOST_ITERATIONS)
 
     def step(carry: Any) -> Any:
         point, count = carry
         return _advanced(stages, point), count + 1
 
     point, count = jax.lax.while_loop(unfinished, step, (point, jnp.asarray(0)))
-    return point, count, kept | (point.gap <= CLOSED * cost)
+    return point, count, kept | (point.gap <= CLOSED_GAP * cost)
 
 
 def _differentiable(stages: Stages, xi: Float[Array, " n"], found: _Point) -> _Point:

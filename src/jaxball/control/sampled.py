@@ -18,9 +18,9 @@ from ..simulation import DEFAULT_TOLERANCE
 from ..simulation.simulate import simulate
 from .inputs import Place, held, limits_of, places_of, with_inputs
 
-MOST_STEPS = 256  # in one sample
-LEAST = 1e-8  # of the largest singular value of the reachable subspace's factor; below it is rounding
-ROUNDING = 1e-6  # of the largest entry of a combination
+MOST_STEPS_OF_SAMPLE = 256  # in one sample
+LEAST_REACHED = 1e-8  # of the largest singular value of the reachable subspace's factor; below it is rounding
+ROUNDING_OF_COMBINATION = 1e-6  # of the largest entry of a combination
 
 
 class Linear(NamedTuple):
@@ -142,7 +142,7 @@ class SampledSystem(Printed):
             rtol=self.rtol,
             atol=self.atol,
             adjoint=adjoint,
-            max_steps=MOST_STEPS,
+            max_steps=MOST_STEPS_OF_SAMPLE,
             inside=False,
         )
         return jax.tree.map(lambda leaf: leaf[-1], run.state), run.status
@@ -182,7 +182,7 @@ def unreached_by(factor: Float[np.ndarray, "n rank"]) -> Float[np.ndarray, "rows
     """An orthonormal basis of the null space of a Gramian with this factor."""
     columns, sizes, _ = np.linalg.svd(factor)
     sizes = np.append(sizes, np.zeros(len(factor) - len(sizes)))
-    return columns.T[sizes <= LEAST * np.max(sizes, initial=0.0)]
+    return columns.T[sizes <= LEAST_REACHED * np.max(sizes, initial=0.0)]
 
 
 def in_words(rows: Float[np.ndarray, "rows n"], names: Sequence[str]) -> tuple[str, ...]:
@@ -197,7 +197,7 @@ def _reduced(rows: Float[np.ndarray, "rows n"]) -> Float[np.ndarray, "rows n"]:
         if done == len(rows):
             break
         pivot = done + int(np.argmax(np.abs(rows[done:, column])))
-        if abs(rows[pivot, column]) <= ROUNDING:
+        if abs(rows[pivot, column]) <= ROUNDING_OF_COMBINATION:
             continue
         rows[[done, pivot]] = rows[[pivot, done]]
         rows[done] /= rows[done, column]
@@ -210,9 +210,9 @@ def _reduced(rows: Float[np.ndarray, "rows n"]) -> Float[np.ndarray, "rows n"]:
 def _in_words(row: Float[np.ndarray, " n"], names: Sequence[str]) -> str:
     words, largest = "", np.max(np.abs(row))
     for value, name in zip(row, names, strict=True):
-        if abs(value) <= ROUNDING * largest:
+        if abs(value) <= ROUNDING_OF_COMBINATION * largest:
             continue
-        size = "" if abs(abs(value) - 1) < ROUNDING else f"{abs(value):.4g} "
+        size = "" if abs(abs(value) - 1) < ROUNDING_OF_COMBINATION else f"{abs(value):.4g} "
         sign = ("−" if value < 0 else "") if not words else (" − " if value < 0 else " + ")
         words += f"{sign}{size}{name}"
     return words

@@ -11,7 +11,7 @@ from ..interface.wording import did_you_mean
 from ..numerics.arrays import AnyArray, Numbers, is_traced, to_numpy
 
 Weights = Numbers | Mapping[str, Numbers]
-ROUNDING = 1e-10  # of the largest eigenvalue, by which one may be negative
+ROUNDING_OF_EIGENVALUE = 1e-10  # of the largest eigenvalue, by which one may be negative
 
 
 def weight_matrix(name: str, given: Weights, names: Sequence[str]) -> Float[AnyArray, "n n"]:
@@ -38,7 +38,9 @@ def weight_matrix(name: str, given: Weights, names: Sequence[str]) -> Float[AnyA
         )
     if is_traced(matrix):
         return matrix
-    if not np.all(np.isfinite(matrix)) or np.any(np.abs(matrix - matrix.T) > ROUNDING * np.max(np.abs(matrix))):
+    if not np.all(np.isfinite(matrix)) or np.any(
+        np.abs(matrix - matrix.T) > ROUNDING_OF_EIGENVALUE * np.max(np.abs(matrix))
+    ):
         raise ValueError(f"Argument `{name}` must be a finite, symmetric matrix, but it is {matrix.tolist()}.")
     require_positive(name, matrix)
     return matrix
@@ -48,7 +50,7 @@ def require_positive(name: str, matrix: Float[AnyArray, "n n"], strictly: bool =
     """Raises a ``ValueError`` for a symmetric matrix with a negative eigenvalue, or ``strictly``, one of 0."""
     eigenvalues = np.linalg.eigvalsh(matrix)
     least, largest = float(eigenvalues[0]), float(np.max(np.abs(eigenvalues)))
-    if least < -ROUNDING * largest or (strictly and least <= ROUNDING * largest):
+    if least < -ROUNDING_OF_EIGENVALUE * largest or (strictly and least <= ROUNDING_OF_EIGENVALUE * largest):
         must = "positive" if strictly else "0 or positive"
         raise ValueError(f"Argument `{name}` must have eigenvalues that are {must}, but one is {least:.6g}.")
 
@@ -66,7 +68,7 @@ def _by_cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
     rows, rest = [], matrix
     for k in range(len(matrix)):
         pivot = rest[k, k]
-        is_positive = pivot > ROUNDING * matrix[k, k]
+        is_positive = pivot > ROUNDING_OF_EIGENVALUE * matrix[k, k]
         row = jnp.where(is_positive, rest[k] / jnp.sqrt(jnp.where(is_positive, pivot, 1.0)), 0.0)
         rows.append(row)
         rest = rest - row[:, None] * row[None]

@@ -17,7 +17,7 @@ from .problem.requirements import AbstractConstraint, AbstractRunningConstraint,
 from .problem.run import Run
 
 # A determinant below this is that of parallel lines.
-TINY = 1e-30
+PARALLEL = 1e-30
 
 
 class NormalForce(AbstractRunningConstraint):
@@ -272,7 +272,7 @@ def distance(
     u, v, w = to_a - a, to_b - b, a - b
     uu, uv, vv, uw, vw = (jnp.sum(x * y) for x, y in ((u, u), (u, v), (v, v), (u, w), (v, w)))
     determinant = uu * vv - uv**2
-    crossing = determinant > TINY
+    crossing = determinant > PARALLEL
     safe = jnp.where(crossing, determinant, 1.0)
     s, t = (uv * vw - vv * uw) / safe, (uu * vw - uv * uw) / safe
     within = crossing & (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1)

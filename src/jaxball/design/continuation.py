@@ -33,10 +33,10 @@ FOLD_SEARCHES, FLAT = 40, 1e-9
 
 
 # The largest entry of the last correction.
-TOLERANCE = 1e-10
+CORRECTION_TOLERANCE = 1e-10
 LEAST_SHARE = 1e-4
 # Corrections below this that no longer decrease are rounding.
-ROUNDING = 1e-7
+ROUNDING_OF_CORRECTION = 1e-7
 
 # A dense NumPy array, or a sparse SciPy array, whose types do not declare what its methods return.
 Matrix = Any
@@ -130,7 +130,7 @@ def newton(
     equations: AbstractEquations,
     y: Float[np.ndarray, " n"],
     parameter: float,
-    tolerance: float = TOLERANCE,
+    tolerance: float = CORRECTION_TOLERANCE,
     most: int = 50,
 ) -> Float[np.ndarray, " n"]:
     """A solution near ``y``, by Newton's method with the natural monotonicity test.
@@ -156,7 +156,7 @@ def newton(
                 break
             share /= 2
         else:
-            if largest <= ROUNDING:
+            if largest <= ROUNDING_OF_CORRECTION:
                 return y
             break
         y = y + share * change
@@ -219,7 +219,7 @@ def follow(
     within: tuple[float, float] = (-math.inf, math.inf),
     length: float = math.inf,
     points: int = 500,
-    tolerance: float = TOLERANCE,
+    tolerance: float = CORRECTION_TOLERANCE,
     weights: Float[np.ndarray, " n"] | None = None,
     visit: Callable[[Float[np.ndarray, " n"], float], None] = lambda y, parameter: None,
 ) -> Branch:
@@ -363,7 +363,7 @@ class _Corrector:
                 return None
             sizes = np.append(self.equations.sizes(Y[:-1]), 1 + np.abs(Y[-1]))
             before, largest = largest, np.max(np.abs(change) / sizes)
-            if largest <= self.tolerance or before / 2 < largest < ROUNDING:
+            if largest <= self.tolerance or before / 2 < largest < ROUNDING_OF_CORRECTION:
                 return Y, k
         return None
 

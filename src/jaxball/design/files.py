@@ -235,7 +235,7 @@ def _check_corners(values: dict[str, Any], path: str) -> None:
 
 
 FORMAT = 1
-TABLE = "control"
+CONTROL_TABLE = "control"
 LIST = "a list of tables"
 # The keys of problems of either kind.
 SHARED = {
@@ -295,7 +295,7 @@ def _control_keys(place: Numbers) -> Keys:
     return {"place": Key(place, None), **_CONTROL}
 
 
-CONTROL_KEYS = {**SHARED, TABLE: Key(unread(tables={"": _control_keys(PLANE.place)}))}
+CONTROL_KEYS = {**SHARED, CONTROL_TABLE: Key(unread(tables={"": _control_keys(PLANE.place)}))}
 
 
 class ProblemFile(NamedTuple):
@@ -364,7 +364,7 @@ def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlF
         raise key_error("scenario.kind", "ball or disk", system.title.lower())
     rolling_state(scenario, "optimal control is", DesignError)
     assert isinstance(state, BallState | DiskState)
-    control = read_table(given[TABLE], TABLE, _control_keys(plane_of(system).place))
+    control = read_table(given[CONTROL_TABLE], CONTROL_TABLE, _control_keys(plane_of(system).place))
     (objectives, constraints), errors = _requirements(given, system)
     raise_first(errors)
     _require(objectives, OBJECTIVES, AbstractRunningObjective, "means over the run")
@@ -409,7 +409,7 @@ def _require(objects: dict[str, Any], requirements: Requirements, running: type,
         if not isinstance(item, running):
             family = requirements.family(PLANE)
             kinds = ", ".join(kind for kind, member in family.items() if issubclass(member.type, running))
-            raise key_error(requirements.path, f"{words} ({kinds}) together with `{TABLE}`", name)
+            raise key_error(requirements.path, f"{words} ({kinds}) together with `{CONTROL_TABLE}`", name)
 
 
 def _space(document: dict[str, Any], folder: Path) -> DesignSpace:
@@ -446,7 +446,7 @@ def _paths(value: Any, path: str) -> tuple[str, ...]:
 
 def _easy(problem: Rolling, weights: Any) -> Rolling:
     """The problem with other weights of some objectives."""
-    path = f"{TABLE}.first_weights"
+    path = f"{CONTROL_TABLE}.first_weights"
     if not isinstance(weights, dict) or not weights:
         raise key_error(path, "a table of weights by kind of objective", shown(weights))
     unknown = [name for name in weights if name not in problem.objectives]

@@ -12,15 +12,15 @@ from jaxtyping import Array, Bool, Float
 from ..interface.arguments import require_value
 from ..numerics import programs
 from ..numerics.arrays import number_or_none, numbers
-from ..numerics.vectors import ROUNDING, norm
+from ..numerics.vectors import ROUNDING_SQUARED, norm
 from ..simulation.equilibrium import imbalance
 from .problem.plane import AbstractCurve, along, off_e1, place, places
 from .problem.requirements import AbstractObjective, AbstractRunningObjective, OfFunction, Requirement
 from .problem.run import Run
 
 # The least speed at which a piece of the path counts, in mean speeds along the curve: a ball at rest has no path.
-SLOWEST = 1e-3
-DRAWN = 400  # points of a curve
+SLOWEST_SPEED = 1e-3
+POINTS_DRAWN = 400  # points of a curve
 
 
 class ReachPlace(AbstractObjective):
@@ -180,7 +180,7 @@ class FollowCurve(AbstractObjective):
         """The largest distance of a point of the path from the curve, or of the curve from the path, in radii."""
         path, curve = run.z, self.curve.points(self.samples)
         square = jnp.max(jnp.concatenate([squared_distances(path, curve), squared_distances(curve, path)]))
-        return jnp.sqrt(jnp.maximum(square, ROUNDING)) / run.length
+        return jnp.sqrt(jnp.maximum(square, ROUNDING_SQUARED)) / run.length
 
     def in_units(self, value, length, time):
         # Two mean squares: there and back.
@@ -211,7 +211,7 @@ class LargestDistance(FollowCurve):
 def target_path(requirements: Iterable[Requirement]) -> Float[np.ndarray, "k 2"] | None:
     """Points of the curve to follow, the last one if there are several, and None if there is none."""
     followed = [item for item in requirements if isinstance(item, FollowTrajectory | FollowCurve)]
-    return np.asarray(followed[-1].curve.points(DRAWN)) if followed else None
+    return np.asarray(followed[-1].curve.points(POINTS_DRAWN)) if followed else None
 
 
 class AvoidObstacles(AbstractRunningObjective):
@@ -256,7 +256,7 @@ def squared_distances(points: Float[Array, "p 2"], line: Float[Array, "q 2"]) ->
 def _floor(run: Run, curve: Float[Array, "q 2"]) -> Float[Array, " steps"]:
     """The square of the least length at which a step of the path counts."""
     whole = jnp.sum(jnp.sqrt(jnp.sum(jnp.diff(curve, axis=0) ** 2, axis=-1)))
-    return (SLOWEST * whole * jnp.diff(run.times) / (run.times[-1] - run.times[0])) ** 2
+    return (SLOWEST_SPEED * whole * jnp.diff(run.times) / (run.times[-1] - run.times[0])) ** 2
 
 
 class AccelerationEffort(AbstractRunningObjective):

@@ -24,7 +24,7 @@ from ..simulation.trajectory import Trajectory
 from .constraints import discs_to_avoid
 from .control.rolling import rolling
 from .control.schedules import holding, places, scenario_of, schedules_of
-from .control.solution import PLACES, Solution, means
+from .control.solution import POINTS_OF_INTERVAL, Solution, means
 from .control.solve import Controlled
 from .objectives import FollowCurve, FollowTrajectory, LargestDistance, target_path
 from .problem.problem import worst
@@ -38,7 +38,7 @@ REPORT = "report.md"
 UNITS = "Objectives are dimensionless: lengths over r, times over √(r/g), forces over M g."
 # Anything less is rounding and is not drawn.
 SMALLEST_FRICTION = 1e-9
-DRAWN = 601
+SAVES_DRAWN = 601
 BRANCH = ("first weight", "last weight")  # of the paths that are drawn; "before" is the given scenario
 
 
@@ -332,14 +332,16 @@ def _control_constraints(controlled: Controlled) -> list[list[str]]:
     if not violations:
         return []
     rows = [[name, violation(by, allowed)] for name, by in violations.items()]
-    evaluated = f"Evaluated {PLACES - 1} times on each of {counted(controlled.solution.errors.size, 'interval')}"
+    evaluated = (
+        f"Evaluated {POINTS_OF_INTERVAL - 1} times on each of {counted(controlled.solution.errors.size, 'interval')}"
+    )
     return [_table(["constraint", ""], rows, f"{evaluated}; a violation of {allowed:g} is allowed.")]
 
 
 def _control_figures(controlled: Controlled) -> dict[str, Axes]:
     solution, branch = controlled.solution, controlled.branch
     problem = rolling(solution.problem)
-    times = np.linspace(float(problem.start), float(problem.end), DRAWN)
+    times = np.linspace(float(problem.start), float(problem.end), SAVES_DRAWN)
     requirements = [*problem.objectives.values(), *problem.constraints.values()]
     first, last = ((times, places(one, times)) for one in (controlled.first, solution))
     axes = {"path": _path_figure(requirements, first, last, names=BRANCH)}

@@ -14,7 +14,7 @@ from ..results.saving import PACKAGES
 from ..scenario import Scenario, load_scenario, read_document
 from ..scenario.sources import naming, scenario_document
 from .constraints import discs_to_avoid
-from .files import TABLE, problem_of, read_control
+from .files import CONTROL_TABLE, problem_of, read_control
 from .objectives import target_path
 from .problem.requirements import Requirement
 from .problem.space import DesignError
@@ -136,7 +136,7 @@ def _copied(path: Path) -> dict[str, Any]:
 
 def _problem(document: dict[str, Any], folder: Path) -> tuple[str, Scenario, list[Requirement]]:
     """Title, scenario at the start, and the objectives and constraints of a problem of either kind."""
-    if TABLE in document:
+    if CONTROL_TABLE in document:
         control = read_control(document, folder)
         scenario = read_document(scenario_document(document["scenario"], folder, DesignError))
         return control.title, scenario, _requirements(control.problem)

@@ -36,7 +36,7 @@ from ..simulation.trajectory import Trajectory
 from .program import Settings, solved
 from .reductions import AbstractReduction
 
-LANES = 64
+DEFAULT_LANES = 64
 
 
 class Ensemble(Printed):
@@ -219,7 +219,7 @@ def simulate_ensemble(
         project=project,
         inside=inside,
     )
-    lanes = lanes or (LANES if jax.default_backend() == "cpu" else runs)
+    lanes = lanes or (DEFAULT_LANES if jax.default_backend() == "cpu" else runs)
     settings = Settings(method, tuple(reductions.items()), lanes)
     with in_threads(threads):
         ends, reported, executed = _in_blocks(settings, shared, block, parameters, whole, *limits)

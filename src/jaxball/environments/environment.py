@@ -28,7 +28,7 @@ from .observations import AbstractObservation, ObservedState, observation_of
 from .randomisation import AbstractDistribution, directions_by_name, require_numbers_of, with_numbers
 from .tasks import AbstractGoal, AbstractReward, Moment, QuadraticReward
 
-TOLERANCE = 1e-6  # of the solve of a sample, far below what a policy could tell
+SAMPLE_TOLERANCE = 1e-6  # of the solve of a sample, far below what a policy could tell
 
 
 class Episode(Printed):
@@ -158,8 +158,8 @@ class Environment(Printed):
         parameters: Mapping[str, AbstractDistribution] | None = None,
         delay: int | tuple[int, int] = 0,
         friction: Numbers | None = None,
-        rtol: Numbers = TOLERANCE,
-        atol: Numbers = TOLERANCE,
+        rtol: Numbers = SAMPLE_TOLERANCE,
+        atol: Numbers = SAMPLE_TOLERANCE,
         adjoint: diffrax.AbstractAdjoint | None = None,
     ):
         require("goal", goal, AbstractGoal, "a goal, such as ReachPoint(...)")

@@ -20,7 +20,7 @@ from ..numerics.arrays import is_traced
 from ..physics.state import PlacedState
 
 # Of a covariance scaled to a diagonal of 1, an eigenvalue below which a combination is known, but for rounding.
-KNOWN = 1e-12
+KNOWN_EXACTLY = 1e-12
 
 
 class Belief(NamedTuple):
@@ -46,13 +46,13 @@ def symmetric(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
 
 def is_uncertain(P: Float[Array, "n n"]) -> Bool[Array, " n"]:
     """Of each principal direction of a covariance, whether there is any doubt about it."""
-    return _principal(P)[0] > KNOWN
+    return _principal(P)[0] > KNOWN_EXACTLY
 
 
 def inverse(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
     """The inverse of a covariance on the directions that are uncertain, 0 on those that are known."""
     values, vectors, size = _principal(P)
-    uncertain = values > KNOWN
+    uncertain = values > KNOWN_EXACTLY
     weights = jnp.where(uncertain, 1.0 / jnp.where(uncertain, values, 1.0), 0.0)
     scaled = vectors / size[:, None]
     return (scaled * weights[None]) @ scaled.T

@@ -26,7 +26,7 @@ from ..physics.body import Ball, Disk, System
 from ..physics.system import require_one_state
 from ..sensors import AbstractSensor
 from ..sensors.base import Measurement, PlacedState, measurement_of
-from ..sensors.errors import CLOSE
+from ..sensors.errors import SAME_TIME
 from ..simulation import DEFAULT_TOLERANCE
 from .estimate import Belief, Estimate, Filtered, symmetric
 
@@ -387,7 +387,7 @@ def samples_late(name: str, sensor: AbstractSensor, sampled: SampledSystem) -> i
     if not delay:
         return 0
     late = delay / float(np.asarray(sampled.sample))
-    if abs(late - round(late)) > CLOSE * max(late, 1.0):
+    if abs(late - round(late)) > SAME_TIME * max(late, 1.0):
         raise ValueError(
             f"Argument `sensors[{name!r}].errors.delay` must be a whole number of samples, but it is {late:.6g} of "
             "them."

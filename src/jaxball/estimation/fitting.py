@@ -34,7 +34,7 @@ from ..simulation.simulate import simulate
 from .filter import require_not_negative
 
 Robot = Callable[[dict[str, Array]], System]
-KNOWN = 1e-3  # of a direction, by which an unknown may be part of an undetermined direction
+UNDETERMINED_SHARE = 1e-3  # of a direction, by which an unknown may be part of an undetermined direction
 
 
 @dataclasses.dataclass(frozen=True)
@@ -324,7 +324,7 @@ def _fit(problem: _Problem, x: Float[Array, " n"], scale: Float[np.ndarray, " n"
     _, s, Vt = np.linalg.svd(J, full_matrices=False)
     seen = determined(s)
     covariance = (Vt[seen].T / s[seen] ** 2) @ Vt[seen] * np.outer(scale, scale)
-    lost = np.any(np.abs(Vt[~seen]) > KNOWN, axis=0)
+    lost = np.any(np.abs(Vt[~seen]) > UNDETERMINED_SHARE, axis=0)
     covariance = np.where(np.logical_or.outer(lost, lost), 0.0, covariance)
     covariance[lost, lost] = np.inf
     names = _names(problem)

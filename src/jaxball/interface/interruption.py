@@ -12,7 +12,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 
-INTERRUPTED = 130
+EXIT_INTERRUPTED = 130
 STOPPED = "Stopped."
 SECONDS_FOR_THE_MAIN_THREAD = 0.2
 # What each signal does by default, and how it is sent again.

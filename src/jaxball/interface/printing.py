@@ -12,7 +12,7 @@ import numpy as np
 from ..compat import is_traced
 from .arguments import require_arguments
 
-FEW = 9
+MOST_WRITTEN_OUT = 9
 
 
 class Printed(eqx.Module):
@@ -58,7 +58,7 @@ def in_short(value: Any) -> str:
 
 def _within(value: Any) -> str:
     if is_array(value):
-        by_shape = not _is_known(value) or value.size > FEW or (value.size == 0 and value.ndim > 1)
+        by_shape = not _is_known(value) or value.size > MOST_WRITTEN_OUT or (value.size == 0 and value.ndim > 1)
         return _shape(value) if by_shape else _nested(np.asarray(value))
     if isinstance(value, eqx.Module):
         return shown_fields(value, dataclasses.fields(value), brief=True)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ..interface.wording import UserError
 
-LEAST = 1e-15  # MuJoCo's mjMINVAL: the mass and the moments that it requires of a link that moves
+MINVAL = 1e-15  # MuJoCo's mjMINVAL: the mass and the moments that it requires of a link that moves
 ORIENTATIONS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
 MAIN = "main"
 IN_BODIES = ("geom", "joint", "site")

@@ -21,7 +21,7 @@ from ..physics.mechanisms import (
 from ..physics.motion import Fixed
 from ..physics.parameters import PointMass
 from .drives import read_springs
-from .elements import LEAST, Frame, MJCFError, called, frame_of, numbers, refuse_others, refuse_values
+from .elements import MINVAL, Frame, MJCFError, called, frame_of, numbers, refuse_others, refuse_values
 from .sensors import Site
 from .shapes import Inertias
 
@@ -107,10 +107,10 @@ class _Reader:
 
     def _masses(self, body: ET.Element, frame: Frame) -> Iterator[CarriedMass]:
         found = self.inertias.of(body)
-        if found is None or (found.mass <= LEAST and np.all(found.moments <= LEAST)):
+        if found is None or (found.mass <= MINVAL and np.all(found.moments <= MINVAL)):
             return
         placed = frame.then(found.axes)
-        if np.all(found.moments <= LEAST):
+        if np.all(found.moments <= MINVAL):
             yield CarriedMass(found.mass, placed.shift)
             return
         try:

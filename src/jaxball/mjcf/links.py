@@ -21,11 +21,11 @@ from ..physics.parameters import PointMass
 from ..physics.rails import AbstractRail, Circle, Tube
 from ..physics.schedules import AbstractSchedule, FunctionSchedule
 from .drives import Control, write_drive
-from .elements import LEAST, MJCFError, add
+from .elements import MINVAL, MJCFError, add
 
-ALONG = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+AXES_BY_NAME = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 ON_AXIS = 1e-12  # relative to the radius of a circle
-SHOWN = 0.04  # the radius of the sphere that shows a mass, relative to that of the shell
+SHOWN_RADIUS = 0.04  # the radius of the sphere that shows a mass, relative to that of the shell
 
 
 @dataclass
@@ -85,7 +85,7 @@ def _write_mass(item: PointMass, name: str, shell: ET.Element, links: Links) -> 
         return
     body = add(shell, "body", name=name)
     _add_least(body)
-    for axis, direction in enumerate(ALONG.items()):
+    for axis, direction in enumerate(AXES_BY_NAME.items()):
         joint = add(body, "joint", name=f"{name}.{direction[0]}", type="slide", axis=direction[1])
         _drive(joint, FunctionSchedule(functools.partial(_coordinate, axis), motion), mass, links)
     _add_mass(body, f"{name}.mass", mass, np.zeros(3), links)
@@ -192,4 +192,4 @@ def _add_mass(body: ET.Element, name: str, mass: float, place: Sequence[float] |
 
 
 def _add_least(body: ET.Element) -> None:
-    add(body, "inertial", pos=np.zeros(3), mass=LEAST, diaginertia=(LEAST,) * 3)
+    add(body, "inertial", pos=np.zeros(3), mass=MINVAL, diaginertia=(MINVAL,) * 3)

@@ -19,12 +19,12 @@ from ..physics.system import AbstractState
 from ..scenario import Scenario
 from .drives import LIMITS, Control, control_values
 from .elements import MJCFError, add
-from .links import SHOWN, Links, write_links
+from .links import SHOWN_RADIUS, Links, write_links
 from .sensors import write_sensors
 
 TIMESTEP = 0.002  # MuJoCo's own
 STICKING = 1.0  # the coefficient of friction of a body that always rolls: MuJoCo's own
-TABLE = 100.0  # the radius of a turntable, in radii of the body
+TABLE_RADIUS = 100.0  # the radius of a turntable, in radii of the body
 FLYWHEEL = 1e6  # the moment of inertia of a turntable in M r²; solvers lose small ones beside 1e8 to rounding
 ROOT = {
     "x": {"type": "slide", "axis": (1.0, 0.0, 0.0)},
@@ -93,7 +93,7 @@ def to_mjcf(scenario: Scenario, *, timestep: float = TIMESTEP) -> Exported:
     style = {"integrator": "implicitfast", "cone": "elliptic", "impratio": "100"}
     add(root, "option", timestep=timestep, gravity=gravity, **style)
     world, actuators, sensors = (ET.Element(tag) for tag in ("worldbody", "actuator", "sensor"))
-    links = Links(actuators, timestep, SHOWN * float(system.radius))
+    links = Links(actuators, timestep, SHOWN_RADIUS * float(system.radius))
     surface = _surface(system, scenario.friction_or(STICKING))
     _add_plane(world, system, surface)
     shell = _add_shell(world, system, surface)
@@ -190,7 +190,7 @@ def _add_plane(world: ET.Element, system: System, surface: dict[str, Any]) -> No
     add(table, "joint", name="turntable", type="hinge", axis=(0.0, 0.0, 1.0))
     heavy = FLYWHEEL * float(system.total_mass) * r**2
     add(table, "inertial", pos=np.zeros(3), mass=system.total_mass, diaginertia=(heavy,) * 3)
-    add(table, "geom", name="turntable", type="cylinder", size=(TABLE * r, r), **surface)
+    add(table, "geom", name="turntable", type="cylinder", size=(TABLE_RADIUS * r, r), **surface)
 
 
 def _add_shell(world: ET.Element, system: System, surface: dict[str, Any]) -> ET.Element:

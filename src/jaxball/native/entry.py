@@ -10,7 +10,7 @@ from .executable import ALIGNMENT, Form
 from .extent import loops_over_large_arrays
 from .gpu import GridForm, compile_for_gpus
 from .handler import handler
-from .lowering import INTERRUPTED, REFUSED, Compiler, Function
+from .lowering import INTERRUPTED_CODE, REFUSED, Compiler, Function
 from .machine import object_code, ptx, routines_in, triple
 from .program import Value, functions_of
 from .row_threads import PATIENCE, rows_in_threads
@@ -52,7 +52,7 @@ together:
   %stop.all = icmp ne i64 %all.stopped, 0
   br i1 %stop.all, label %interrupt, label %continue
 interrupt:
-  store i8 {INTERRUPTED}, ptr %place
+  store i8 {INTERRUPTED_CODE}, ptr %place
   br label %stop
 stop:
   store i64 -1, ptr %control

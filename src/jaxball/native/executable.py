@@ -12,8 +12,7 @@ import numpy as np
 
 from ..compat import put
 from .machine import Code
-
-ALIGNMENT = 64  # of each result, in bytes
+from .module import ALIGNMENT
 
 _spare = threading.local()
 _targets: dict[str, Code] = {}  # the programs that XLA may call at any time

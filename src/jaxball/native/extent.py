@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from .program import Block
 
-LONG = 64  # numbers along an axis
+LONG_AXIS = 64  # numbers along an axis
 
 
 def loops_over_large_arrays(functions: Mapping[str, Block]) -> bool:
@@ -17,7 +17,7 @@ def loops_over_large_arrays(functions: Mapping[str, Block]) -> bool:
     """
     lengths: list[int] = []
     _note(functions, functions["main"], False, {}, lengths)
-    return bool(lengths) and 2 * sum(length >= LONG for length in lengths) >= len(lengths)
+    return bool(lengths) and 2 * sum(length >= LONG_AXIS for length in lengths) >= len(lengths)
 
 
 def _note(

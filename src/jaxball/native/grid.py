@@ -10,11 +10,11 @@ from .table import DONE, NEXT, ROWS, Part, bytes_of_table, write_places
 
 THREADS = 64  # of a group: few, because the registers of a group are free again only when its last run has ended
 # Rows that are started together. Where a display hangs on the GPU, its driver ends what takes more than seconds.
-SLICE = 2**18
+ROWS_OF_LAUNCH = 2**18
 # Bytes to work in that a thread has as its own memory, which CUDA reserves for all threads that a GPU can run at once,
 # and arranges so that they read side by side. More is one array of XLA's, of which each thread has a part.
 MOST_LOCAL = 16_384
-FEWEST = 1_024  # threads below which too little memory is left
+FEWEST_THREADS = 1_024  # threads below which too little memory is left
 MOST_BYTES_OF_TABLE = 4_096  # which is an argument of the kernel, and may have no more
 
 MEMORY = DONE  # where the array to work in is: a number of the table that a grid does not need
@@ -165,10 +165,10 @@ allocate:
 fewer:
   %half.groups = udiv i64 %threads.tried, {2 * THREADS}
   %half = mul i64 %half.groups, {THREADS}
-  %is_enough = icmp sge i64 %half, {FEWEST}
+  %is_enough = icmp sge i64 %half, {FEWEST_THREADS}
   br i1 %is_enough, label %allocate, label %fail
 begin:
-  %threads = phi i64 [ {SLICE}, %memory ], [ %threads.tried, %allocate ]
+  %threads = phi i64 [ {ROWS_OF_LAUNCH}, %memory ], [ %threads.tried, %allocate ]
   %memory.array = phi ptr [ null, %memory ], [ %array, %allocate ]
   %memory.size = phi i64 [ 0, %memory ], [ %size, %allocate ]
   %memory.place = getelementptr i8, ptr %shared, i64 {MEMORY}
@@ -189,7 +189,7 @@ slice:
   %goes.on = and i1 %is_left, %is_well
   br i1 %goes.on, label %start, label %finish
 start:
-  %after = add i64 %first, {SLICE}
+  %after = add i64 %first, {ROWS_OF_LAUNCH}
   %is_last = icmp slt i64 %rows, %after
   %following = select i1 %is_last, i64 %rows, i64 %after
   store i64 %first, ptr %next.place

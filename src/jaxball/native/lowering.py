@@ -15,7 +15,7 @@ from .targets import HOST, Target
 from .values import Array, Buffer, Formula, Memory, Registers, is_small
 
 # Why a program stopped before its end: a signal, or because it cannot do what comes next.
-INTERRUPTED, REFUSED = 1, 2
+INTERRUPTED_CODE, REFUSED = 1, 2
 MOST_INLINED = 200  # operations of a function that is called more than once and still written where it is called
 
 

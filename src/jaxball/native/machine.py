@@ -16,7 +16,7 @@ _lock = threading.Lock()
 
 # Characters of a program of which quick code needs half a megabyte of stack, twice what optimised code does.
 MOST_QUICKLY = 8_000_000
-LONG = 2_000_000  # characters of a program above which LLVM's scheduler considers fewer instructions at a time
+LONG_PROGRAM = 2_000_000  # characters of a program above which LLVM's scheduler considers fewer instructions at a time
 
 # What PTX is written for; drivers of CUDA 12 and newer compile it for every GPU from this one on.
 OLDEST_GPU, VERSION_OF_PTX = "sm_70", "+ptx70"
@@ -169,7 +169,7 @@ def _in_proportion(llvm: Any, text: str) -> Iterator[None]:
     """
     llvm.set_option("", "-disable-cgp=true")
     llvm.set_option("", "-disable-post-ra=true")
-    llvm.set_option("", f"-dag-maps-huge-region={200 if len(text) > LONG else 1000}")
+    llvm.set_option("", f"-dag-maps-huge-region={200 if len(text) > LONG_PROGRAM else 1000}")
     try:
         yield
     finally:

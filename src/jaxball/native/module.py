@@ -6,7 +6,7 @@ from .elements import Name, UnsupportedError
 from .targets import HOST, Target
 
 MOST_LINES = 400_000  # of a program: more takes LLVM longer than XLA
-ALIGNMENT = 64
+ALIGNMENT = 64  # of arrays, in bytes
 
 
 class Module:

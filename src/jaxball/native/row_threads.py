@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 
 from .table import BLOCKS, DONE, ROWS, STOPPED, USERS, Part, write_places
 
-MOST_HELPERS = 255  # threads that compute blocks besides the one that calls
+MOST_HELPER_THREADS = 255  # threads that compute blocks besides the one that calls
 SPARE = 16  # memories to work in that a program keeps for its next calls
 
 # Instructions between two checks for signals: a few milliseconds; and more than there are, for XLA's threads.
@@ -300,8 +300,8 @@ count:
   %others.threads = sub i64 %threads, 1
   %fewer.blocks = icmp slt i64 %others, %others.threads
   %useful = select i1 %fewer.blocks, i64 %others, i64 %others.threads
-  %few = icmp slt i64 %useful, {MOST_HELPERS}
-  %helpers = select i1 %few, i64 %useful, i64 {MOST_HELPERS}
+  %few = icmp slt i64 %useful, {MOST_HELPER_THREADS}
+  %helpers = select i1 %few, i64 %useful, i64 {MOST_HELPER_THREADS}
   %users.place = getelementptr i8, ptr %shared, i64 {USERS}
   %arguments = alloca [40 x i8], align 8
   call void @begin_arguments(ptr %arguments, i64 40, ptr %context)

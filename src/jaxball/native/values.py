@@ -33,7 +33,7 @@ from .elements import (
 )
 
 MOST_REGISTERS = 81  # numbers of an array
-LONGEST = 48  # axis of such an array: longer ones are of many times or switches, not of vectors and stages
+LONGEST_AXIS = 48  # axis of such an array: longer ones are of many times or switches, not of vectors and stages
 MOST_VECTORS = 100  # of an array whose first axis is in vectors
 MOST_PAIRS = 30  # of vectors, in an array whose first axis takes two
 _DEEPEST = 40  # formulas in formulas
@@ -198,7 +198,7 @@ def is_small(shape: Sequence[int]) -> bool:
     """Whether an array of that shape is kept in registers."""
     size = size_of(shape)
     if size <= MOST_REGISTERS:
-        return size <= LONGEST or max(shape) <= LONGEST
+        return size <= LONGEST_AXIS or max(shape) <= LONGEST_AXIS
     if FEWEST_ALWAYS <= shape[0] <= LANES:
         return size <= shape[0] * MOST_VECTORS
     # Tangents of vectors and of matrices; with two axes it is rather a state at each stage, or a matrix.

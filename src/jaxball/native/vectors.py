@@ -15,7 +15,7 @@ import numpy as np
 from .builder import Builder
 from .elements import FEWEST_ALWAYS, LANES, MOST_ROWS, Element, Lanes, Pair, is_known, llvm_type, written
 
-SHORTEST = 3  # elements of a first axis that is computed in vectors
+SHORTEST_AXIS = 3  # elements of a first axis that is computed in vectors
 MOST_TO_PACK = 3  # instructions that make vectors of less, for one operation on them
 
 
@@ -54,7 +54,7 @@ def side_by_side(
 
 def is_of_vectors(shape: Sequence[int]) -> bool:
     """Whether operations on an array of that shape may be computed in vectors along its first axis."""
-    return bool(shape) and SHORTEST <= shape[0] <= MOST_ROWS
+    return bool(shape) and SHORTEST_AXIS <= shape[0] <= MOST_ROWS
 
 
 def width_for(count: int) -> int:

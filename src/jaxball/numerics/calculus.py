@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from .closures import put_captures, take_captures
 
-ROUNDS, NEAR = 4, 8  # to a 4096th of the spacing
+REFINEMENTS, POINTS_EACH_SIDE = 4, 8  # to a 4096th of the spacing
 Curve = Callable[[Float[Array, ""]], Float[Array, "..."]]
 
 
@@ -69,7 +69,7 @@ def furthest(curve: Curve, x: Float[Array, " n"], points: Float[Array, "n 3"]) -
     The distance is that of a point of the curve, so it is never too large. Points where the curve is not finite are
     ignored.
     """
-    shares = jnp.asarray(np.arange(-NEAR, NEAR + 1) / NEAR, x.dtype)
+    shares = jnp.asarray(np.arange(-POINTS_EACH_SIDE, POINTS_EACH_SIDE + 1) / POINTS_EACH_SIDE, x.dtype)
 
     def best(x, points):
         squares = jnp.sum(points**2, axis=1)
@@ -81,7 +81,7 @@ def furthest(curve: Curve, x: Float[Array, " n"], points: Float[Array, "n 3"]) -
     def nearer(_, carry):
         (at, _), spacing = carry
         x = at + spacing * shares
-        return best(x, jax.vmap(curve)(x)), spacing / NEAR
+        return best(x, jax.vmap(curve)(x)), spacing / POINTS_EACH_SIDE
 
-    (at, largest), _ = jax.lax.fori_loop(0, ROUNDS, nearer, (best(x, points), x[1] - x[0]))
+    (at, largest), _ = jax.lax.fori_loop(0, REFINEMENTS, nearer, (best(x, points), x[1] - x[0]))
     return Furthest(at, jnp.sqrt(largest))

@@ -22,8 +22,8 @@ from .differentiation import differentiated_forward, without_captured_derivative
 from .kept_programs import QUICKLY, Compiled, Place, Rest, kept_by_jax, place_in
 from .reverse_rules import chosen, pulled_by_forward_mode, replaced
 
-BLOCK = native.FEWEST * native.LANES  # rows that a program computes at once
-TOGETHER = 64  # rows that are one solve by XLA on a CPU, where 512 were no faster
+ROWS_OF_BLOCK = native.FEWEST * native.LANES  # rows that a program computes at once
+ROWS_OF_XLA = 64  # rows that are one solve by XLA on a CPU, where 512 were no faster
 
 _within = setting_of_traces(False)
 
@@ -94,7 +94,7 @@ class Computation:
         name: str,
         large: bool = False,
         in_lanes: bool = True,
-        together: int = TOGETHER,
+        together: int = ROWS_OF_XLA,
         opaque: bool = True,
         gives: Sequence[Any] | None = None,
     ):
@@ -359,10 +359,10 @@ class Computation:
         """The same of a block of rows; ``taken`` says which arrays have them as leading axis."""
 
         def make() -> Computation:
-            takes = [in_rows(one, BLOCK) if many else one for one, many in zip(self.takes, taken, strict=True)]
+            takes = [in_rows(one, ROWS_OF_BLOCK) if many else one for one, many in zip(self.takes, taken, strict=True)]
             function = functools.partial(_of_each_row, _Traced(self), taken)
-            made = self._made_of(function, takes, [in_rows(one, BLOCK) for one in self.gives])
-            made.rows, made.large = native.Rows(BLOCK, taken), True
+            made = self._made_of(function, takes, [in_rows(one, ROWS_OF_BLOCK) for one in self.gives])
+            made.rows, made.large = native.Rows(ROWS_OF_BLOCK, taken), True
             return made
 
         return self._following(("block", taken), make)

@@ -10,8 +10,8 @@ from jaxtyping import Array, Float
 from .batches import map_rows
 from .bracketing import Sample, between, other_end
 
-SAMPLES = 24  # of directions between which one is sought
-STEPS = 12  # of the Illinois method: errors below 1e-15 from brackets of a quarter
+DIRECTIONS_SAMPLED = 24  # of directions between which one is sought
+ILLINOIS_STEPS = 12  # of the Illinois method: errors below 1e-15 from brackets of a quarter
 
 
 class Direction(NamedTuple):
@@ -46,8 +46,8 @@ def diverging(
         return parts(still, angle)[0]
 
     start = _angle(guess)
-    width = 2 * jnp.pi / SAMPLES
-    angles = start + width * (jnp.arange(SAMPLES, dtype=guess.dtype) - 0.5)
+    width = 2 * jnp.pi / DIRECTIONS_SAMPLED
+    angles = start + width * (jnp.arange(DIRECTIONS_SAMPLED, dtype=guess.dtype) - 0.5)
     found = map_rows(turning, angles)
     ends = jnp.roll(found, -1)
     share = found / jnp.where(found == ends, 1.0, found - ends)
@@ -60,7 +60,7 @@ def diverging(
         sample = Sample(newest, turning(newest))
         return other_end(*bracket, sample), sample
 
-    angle = jax.lax.fori_loop(0, STEPS, narrowed, (old, new))[1].x
+    angle = jax.lax.fori_loop(0, ILLINOIS_STEPS, narrowed, (old, new))[1].x
     # Newton's method moves it only by rounding, but provides its derivatives.
     value, slope = jax.jvp(turning, (angle,), (jnp.ones_like(angle),))
     slope = jnp.where(slope == 0, jnp.inf, slope)

@@ -9,10 +9,10 @@ from scipy.optimize import least_squares
 
 # Directions to which the data are less sensitive than to the best one by this factor, the square root of rounding, are
 # unseen.
-UNSEEN, ROUNDING = 1e-7, 1e-12
+UNSEEN, ROUNDING_OF_FIT = 1e-7, 1e-12
 # The search ends when a step gains less than this fraction of the sum of squares, or is shorter than this fraction of
 # |y|.
-GAIN, STEP, EVALUATIONS = 1e-9, 1e-9, 60
+GAIN, SHORT_FIT_STEP, EVALUATIONS = 1e-9, 1e-9, 60
 
 # The residuals at the unknowns y, and their Jacobian.
 Residuals = Callable[[tuple[float, ...]], tuple[Float[np.ndarray, " residuals"], Float[np.ndarray, "residuals n"]]]
@@ -45,7 +45,7 @@ def fitted(residuals: Residuals, start: Float[np.ndarray, " n"]) -> tuple[Float[
         U, s, Vt = np.linalg.svd(residuals(tuple(y))[1], full_matrices=False)
         known = (U * np.where(determined(s), s, 0.0)) @ Vt
         # SciPy scales unknowns by their columns, and would take the rounding in an empty one for a sensitivity.
-        return np.where(np.abs(known) > ROUNDING * s[0], known, 0.0)
+        return np.where(np.abs(known) > ROUNDING_OF_FIT * s[0], known, 0.0)
 
     fit = least_squares(
         lambda y: residuals(tuple(y))[0],
@@ -53,7 +53,7 @@ def fitted(residuals: Residuals, start: Float[np.ndarray, " n"]) -> tuple[Float[
         determined_jacobian,  # pyright: ignore[reportArgumentType]
         x_scale="jac",
         ftol=GAIN,
-        xtol=STEP,
+        xtol=SHORT_FIT_STEP,
         gtol=None,  # pyright: ignore[reportArgumentType]
         max_nfev=EVALUATIONS,
     )

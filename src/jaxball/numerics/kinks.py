@@ -17,7 +17,7 @@ from ..interface.warning import warn_of_kinks
 from .arrays import concatenated, default_dtype
 from .time_comparisons import compared_times
 
-CLOSE = 100  # roundings within which two times are the same: a kink and the end of a run, or two kinks
+CLOSE_KINKS = 100  # roundings within which two times are the same: a kink and the end of a run, or two kinks
 
 
 class Traced(NamedTuple):
@@ -48,7 +48,7 @@ def kinks_of_functions(
     seen = concatenated([_times_seen(part, one.evaluate, one.others, one.function, remedy) for one in functions])
     if not (seen.size and declared.size):
         return declared if declared.size else seen
-    near = CLOSE * jnp.finfo(seen.dtype).eps * jnp.abs(seen)
+    near = CLOSE_KINKS * jnp.finfo(seen.dtype).eps * jnp.abs(seen)
     same = jnp.isfinite(seen)[None] & (jnp.abs(declared[:, None] - seen[None]) <= near[None])
     return jnp.concatenate([jnp.where(jnp.any(same, axis=1), jnp.inf, declared), seen])
 
@@ -95,7 +95,7 @@ def seen_from_before(kinks: Float[Array, " kinks"], end: Float[Array, ""]) -> Fl
 
     A quantity that jumps there has, at the kink, the value of the later side, which is not part of the run.
     """
-    kinks, near = kinks.astype(end.dtype), CLOSE * jnp.finfo(end.dtype).eps * jnp.abs(end)
+    kinks, near = kinks.astype(end.dtype), CLOSE_KINKS * jnp.finfo(end.dtype).eps * jnp.abs(end)
     here = (kinks <= end) & (end - kinks <= near)
     earlier = jnp.min(jnp.where(here, before(kinks), jnp.inf), initial=jnp.inf)
     return end + jax.lax.stop_gradient(jnp.minimum(earlier, end) - end)

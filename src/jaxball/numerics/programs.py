@@ -21,7 +21,7 @@ from ..cache import current
 from ..cache.current import Store
 from ..compat import is_within_trace, settings
 from .closures import put_captures, take_captures
-from .computation import QUICKLY, TOGETHER, Compiled, Computation, Rest, call_with, parted, within_a_computation
+from .computation import QUICKLY, ROWS_OF_XLA, Compiled, Computation, Rest, call_with, parted, within_a_computation
 from .operation import may_be_an_operation, operation
 
 P = ParamSpec("P")
@@ -37,7 +37,7 @@ def forget() -> None:
         program.forget()
 
 
-def jit(function: Callable[P, T], *, in_lanes: bool = True, together: int = TOGETHER) -> "Program":
+def jit(function: Callable[P, T], *, in_lanes: bool = True, together: int = ROWS_OF_XLA) -> "Program":
     """Like ``jax.jit``: all leaves of all arguments are arrays. What ``function`` holds distinguishes programs.
 
     - ``in_lanes``: whether ``jax.vmap`` of it computes several rows side by side, in vectors.
@@ -89,7 +89,7 @@ class Program:
         *,
         large: bool = False,
         in_lanes: bool = True,
-        together: int = TOGETHER,
+        together: int = ROWS_OF_XLA,
         opaque: bool = True,
     ):
         self._function, self._compiled, self._is_dynamic = function, compiled, is_dynamic

@@ -33,10 +33,10 @@ GUARD = 1e-6  # a number of one sign that is compared with less is kept from 0, 
 COMPARISONS = {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "lt_to": "<", "le_to": "<="}
 KEEP_SIGN = ("add", "mul", "div", "max", "reduce_sum", "reduce_max", "convert_element_type")
 KEEP_SIGN += ("broadcast_in_dim", "reshape", "squeeze")
-STEPS = ("floor", "ceil", "round")
+STEP_FUNCTIONS = ("floor", "ceil", "round")
 
 
-APART = 8  # roundings, of all numbers involved, between the time of a change and where it really is
+ROUNDINGS_OF_CHANGE = 8  # roundings, of all numbers involved, between the time of a change and where it really is
 
 Comparison = Callable[[Any, Any], Any]
 
@@ -219,7 +219,7 @@ def _as_rounded(times: Array, one: Piece, other: Piece, comparison: Comparison) 
     slopes = sum(jnp.abs(piece.slope()) for piece in (one, other) if piece.slope is not None)
     moves = jnp.isfinite(times)
     near = jnp.abs(times) + offsets / jnp.where(moves, slopes, 1.0)
-    width = APART * jnp.finfo(times.dtype).eps * jnp.where(moves, near, 0.0)
+    width = ROUNDINGS_OF_CHANGE * jnp.finfo(times.dtype).eps * jnp.where(moves, near, 0.0)
     centre = jnp.where(moves, times, 0.0)
 
     def compared(t: Array, place: Array) -> Array:
@@ -365,7 +365,7 @@ def _zero(equation: Any) -> Fixed:
 def _rounded(trace: _Trace, equation: Any, given: list[Value]) -> Value:
     whole = joined(given)
     if whole.time and not trace.loops:
-        trace.unresolved.append(name if (name := equation.primitive.name) in STEPS else "astype(int)")
+        trace.unresolved.append(name if (name := equation.primitive.name) in STEP_FUNCTIONS else "astype(int)")
     return Dependent(False, whole.state)
 
 
@@ -386,7 +386,7 @@ def _selected(trace: _Trace, equation: Any, given: list[Value]) -> Value:
 
 _RULES: dict[str, Callable[[_Trace, Any, list[Value]], Value]] = {
     **dict.fromkeys(COMPARISONS, _compared),
-    **dict.fromkeys(STEPS, _rounded),
+    **dict.fromkeys(STEP_FUNCTIONS, _rounded),
     **dict.fromkeys(("eq", "ne", "eq_to", "is_finite"), _equal),
     **dict.fromkeys(("max", "min"), _of_larger_or_smaller),
     "clamp": _clamped,

@@ -11,7 +11,7 @@ from jaxtyping import Array
 
 from ..compat import function_of
 
-MOST_PIECES = 16
+MOST_PIECES_OF_TIME = 16
 
 Lazy = Callable[[], Any]
 
@@ -19,7 +19,17 @@ Lazy = Callable[[], Any]
 OF_ALL = ("concatenate", "stack")
 OF_FIRST = ("broadcast_in_dim", "copy", "cumsum", "expand_dims", "neg", "reduce_precision", "reduce_sum", "reshape")
 OF_FIRST += ("rev", "slice", "squeeze", "transpose")
-ROUNDING = ("add", "add_any", "sub", "mul", "div", "cumsum", "reduce_sum", "reduce_precision", "convert_element_type")
+ROUNDING_OPERATIONS = (
+    "add",
+    "add_any",
+    "sub",
+    "mul",
+    "div",
+    "cumsum",
+    "reduce_sum",
+    "reduce_precision",
+    "convert_element_type",
+)
 BY_INDEX = ("dynamic_slice", "gather")
 
 
@@ -82,7 +92,7 @@ class Piecewise(NamedTuple):
 
     @classmethod
     def of(cls, pieces: tuple[Piece, ...]) -> "Value":
-        if len(pieces) <= MOST_PIECES:
+        if len(pieces) <= MOST_PIECES_OF_TIME:
             return cls(pieces)
         return Dependent(any(piece.slope is not None for piece in pieces), False)
 
@@ -133,9 +143,9 @@ def is_linear(name: str, equation: Any, given: Sequence[Value]) -> bool:
     count = 1
     for value in given:
         count *= len(pieces_of(value))
-    if count > MOST_PIECES:
+    if count > MOST_PIECES_OF_TIME:
         return False
-    if name in OF_ALL or name in OF_FIRST or name in ROUNDING[:3]:
+    if name in OF_ALL or name in OF_FIRST or name in ROUNDING_OPERATIONS[:3]:
         return True
     if name in BY_INDEX:
         return all(isinstance(value, Fixed) for value in given[1:])
@@ -162,7 +172,7 @@ def _piece(name: str, equation: Any, given: tuple[Piece, ...]) -> Piece:
     def evaluate(t: Array) -> Array:
         return operation(*(piece.evaluate(t) for piece in given))
 
-    exact = name not in ROUNDING and all(piece.exact for piece in given)
+    exact = name not in ROUNDING_OPERATIONS and all(piece.exact for piece in given)
     if all(piece.slope is None for piece in given):
         return Piece(None, offset, evaluate, True)
 

@@ -95,7 +95,7 @@ def cofactors(A: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
 
 
 # A square below this is rounding; a derivative there would have the direction of rounding errors.
-ROUNDING = 1e-30
+ROUNDING_SQUARED = 1e-30
 
 
 def root(square: Float[Array, "*batch"], rounding: float = 0.0) -> Float[Array, "*batch"]:
@@ -106,7 +106,7 @@ def root(square: Float[Array, "*batch"], rounding: float = 0.0) -> Float[Array, 
 
 def norm(x: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
     """|x| over the last axis, for |x| of order one; 0, with the derivative 0, where it is rounding."""
-    return root(jnp.sum(x**2, axis=-1), ROUNDING)
+    return root(jnp.sum(x**2, axis=-1), ROUNDING_SQUARED)
 
 
 def room(x: Float[Array, "*batch n"], most: Float[Array, "*#batch"]) -> Float[Array, "*batch"]:

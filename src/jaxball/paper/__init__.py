@@ -12,8 +12,8 @@ from .systems import (
     DISK_RAIL_RADII as DISK_RAIL_RADII,
     DISK_THETA as DISK_THETA,
     DISK_TOLERANCE as DISK_TOLERANCE,
-    END as END,
-    START as START,
+    PAPER_END as PAPER_END,
+    PAPER_START as PAPER_START,
     ball as ball,
     disk as disk,
 )

@@ -12,7 +12,7 @@ from ..physics.rails import Circle
 from ..physics.schedules import Pulse
 
 # Both sections run from a = 0 to b = 20.
-START, END = 0.0, 20.0
+PAPER_START, PAPER_END = 0.0, 20.0
 
 # Tolerances supplied to every integrator, relative and absolute: section 4 and section 5.
 DISK_TOLERANCE = 1e-12

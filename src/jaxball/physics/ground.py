@@ -20,7 +20,7 @@ from .conditions import Condition
 from .motion import AbstractPrescribedMotion
 from .schedules import AbstractSchedule
 
-ALONG = 1e-6  # how far the sine of a disk's heading may be from 0
+SINE_ALONG = 1e-6  # how far the sine of a disk's heading may be from 0
 
 
 class AbstractGround(Printed):
@@ -145,7 +145,7 @@ class Ground(AbstractGround):
         yield Condition(abs(self.angle) < number.pi / 2, "ground.angle", self.angle, tilted)
         yield Condition(number.isfinite(self.heading), "ground.heading", self.heading, "a finite number")
         if planar:
-            along = abs(number.sin(self.heading)) < ALONG
+            along = abs(number.sin(self.heading)) < SINE_ALONG
             yield Condition(along, "ground.heading", self.heading, "0 or π for a disk, which rolls along e1")
 
     @property

@@ -22,9 +22,9 @@ from ..numerics.kinks import after
 
 NONE = -1  # no event
 START = -2  # the start of a run
-ZERO = 1e-6  # a guard below this part of its size in a step is zero
+ZERO_GUARD = 1e-6  # a guard below this part of its size in a step is zero
 SOON = 16  # after a kink, in units of rounding of the time: where the shortest of steps may end, and no other does
-MOST_SHOWN = 8  # switches in a summary; `lines` of the switches has all
+MOST_SWITCHES_SHOWN = 8  # switches in a summary; `lines` of the switches has all
 
 
 class Accuracy(NamedTuple):
@@ -68,7 +68,7 @@ class GuardedStep(NamedTuple):
     @property
     def is_zero(self) -> Bool[Array, ""]:
         """Whether that guard is zero; polynomials through a few values have spurious zeros, too."""
-        return (self.zero != NONE) & (jnp.abs(entry(self.zero, self.guards[:, -1])) <= ZERO * self.size)
+        return (self.zero != NONE) & (jnp.abs(entry(self.zero, self.guards[:, -1])) <= ZERO_GUARD * self.size)
 
     @property
     def has_fallen(self) -> Bool[Array, ""]:
@@ -252,7 +252,7 @@ class Switches(Printed):
     def first_lines(self) -> list[str]:
         """The first of ``lines``, indented, and how many more there are; none without a switch."""
         count, lines = int(self.count), self.lines
-        shown = lines[:MOST_SHOWN] if count else []
+        shown = lines[:MOST_SWITCHES_SHOWN] if count else []
         more = [f"and {count - len(shown):,} more"] if count > len(shown) else []
         return [f"  {line}" for line in (*shown, *more)]
 

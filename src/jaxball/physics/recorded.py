@@ -16,7 +16,7 @@ from ..interface.printing import Printed
 from ..interface.wording import one_of
 from ..numerics.arrays import AnyArray, is_traced, numbers
 from ..numerics.functions import PiecewisePolynomial, not_a_knot_cubic_spline
-from ..numerics.kinks import CLOSE
+from ..numerics.kinks import CLOSE_KINKS
 from .conditions import ExplainedCondition, Problem
 from .schedules import AbstractSchedule
 from .signals import AbstractIntegrableSignal
@@ -73,7 +73,7 @@ class AbstractRecorded(Printed):
         increases = jnp.all(own[1:] > own[:-1])
         if not self.is_bounded:
             return jnp.asarray(increases)
-        rounding = CLOSE * float(np.finfo(own.dtype).eps) * jnp.maximum(jnp.abs(start), jnp.abs(end))
+        rounding = CLOSE_KINKS * float(np.finfo(own.dtype).eps) * jnp.maximum(jnp.abs(start), jnp.abs(end))
         return increases & (own[0] <= start + rounding) & (own[-1] >= end - rounding)
 
 

@@ -22,7 +22,7 @@ from ..numerics.directions import diverging
 from ..numerics.vectors import apply, cross, dot, inverse, outer, root
 from .resistance import Resistance, TurningMode
 
-ROUNDING = 64  # of a rate, in units of rounding: what is smaller is none
+ROUNDING_OF_RATE = 64  # of a rate, in units of rounding: what is smaller is none
 TORQUES = 32  # of a torque, in units of rounding of the torque that it is compared with: a smaller one is none
 
 
@@ -131,7 +131,7 @@ def candidates(resistance: Resistance, turning: Turning, omega: Float[Array, "3"
     """The mode of a body where friction holds all that does not move, whether it can or not."""
     spin = dot(turning.up, omega)
     rolling = apply(turning.plane, omega) if turning.axle is not None else omega - spin * turning.up
-    least = jax.lax.stop_gradient(ROUNDING * float(jnp.finfo(omega.dtype).eps) * root(dot(omega, omega)))
+    least = jax.lax.stop_gradient(ROUNDING_OF_RATE * float(jnp.finfo(omega.dtype).eps) * root(dot(omega, omega)))
     rolls, spins = dot(rolling, rolling) > least**2, jnp.abs(spin) > least
     sigma = jnp.where(rolls, rolling / jnp.sqrt(jnp.where(rolls, dot(rolling, rolling), 1.0)), 0.0)
     rests = ~rolls & (resistance.dry is not None)

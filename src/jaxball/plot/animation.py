@@ -31,7 +31,7 @@ FRAMES = {".mp4": 30, ".gif": 20}  # a second
 Picture = UInt8[np.ndarray, "height width 3"]
 GREYS = (1.0, 0.965, 0.9, 0.8, 0.7, 0.6, 0.45, 0.25, 0.0)
 STRENGTHS = (1.0, 0.66, 0.33)  # of a colour over white, for antialiased edges
-SHORTEST = 8  # pixels; a gap between changes that is shorter is written too, which compresses better
+SHORTEST_GAP = 8  # pixels; a gap between changes that is shorter is written too, which compresses better
 FOREVER = 0
 QUALITY = 26  # of libx264, where 0 is exact and 51 the worst
 EVEN = "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white"  # the chroma of a film has half the resolution of its luma
@@ -220,7 +220,7 @@ def gif(
             if shown is not None:
                 changed = frame != shown
                 rows, columns = _extent(changed.any(axis=1)), _extent(changed.any(axis=0))
-                kept = long_runs(~changed[rows, columns], SHORTEST)
+                kept = long_runs(~changed[rows, columns], SHORTEST_GAP)
                 corner, part = (columns.start, rows.start), np.where(kept, unchanged, frame[rows, columns])
             shown = frame
             image = Image.fromarray(part.astype(np.uint8))

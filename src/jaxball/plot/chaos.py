@@ -14,7 +14,7 @@ from ..chaos import LyapunovSpectrum
 from ..simulation.variables import symbol
 from ..stability import PeriodicMotion, SteadyMotion
 from .palette import COMPONENTS, INK
-from .style import SMALL, SQUARE, colour_bar, label_axes, legend_above, mass_line, plane_axes, zero_line
+from .style import SMALL_FONT, SQUARE, colour_bar, label_axes, legend_above, mass_line, plane_axes, zero_line
 
 if TYPE_CHECKING:
     import xarray
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 CHART = (5.2, 4.0)
 LIFTED, FAILED = "0.82", "#BB5566"
 STABLE = ((True, "stable", "o", COMPONENTS[0]), (False, "unstable", "x", COMPONENTS[1]))
-NEUTRAL = 1e-6  # a growth rate of either sign below this is rounding
+NEUTRAL_GROWTH = 1e-6  # a growth rate of either sign below this is rounding
 
 
 def chaos_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, largest: float | None = None) -> Axes:
@@ -61,7 +61,7 @@ def _chart(
             ax.pcolormesh(values[right], values[up], marked, cmap=ListedColormap([colour]), rasterized=True)
             keys.append(Patch(color=colour, label=name))
     if keys:
-        ax.legend(handles=keys, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, prop=SMALL)
+        ax.legend(handles=keys, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, prop=SMALL_FONT)
     label_axes(ax, right, up)
     return ax, mesh
 
@@ -85,10 +85,10 @@ def stability_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, larges
     end = largest if largest is not None else max(size, 1e-12)
     marks = {"no periodic motion found": (~found, LIFTED)}
     ax, mesh = _chart(dataset["growth"], ax, marks, cmap="RdBu_r", vmin=-end, vmax=end)
-    if min(growth.shape) > 1 and np.any(growth > NEUTRAL) and np.any(growth < -NEUTRAL):
+    if min(growth.shape) > 1 and np.any(growth > NEUTRAL_GROWTH) and np.any(growth < -NEUTRAL_GROWTH):
         up, right = (dataset[name].values for name in dataset["growth"].dims)
         # Neutral motions count as neither growing nor decaying.
-        told = np.where(growth > NEUTRAL, growth, np.minimum(growth, -NEUTRAL))
+        told = np.where(growth > NEUTRAL_GROWTH, growth, np.minimum(growth, -NEUTRAL_GROWTH))
         ax.contour(right, up, told, levels=[0.0], colors=INK, linewidths=0.8)
     ends = (bool(size and np.min(growth[found]) < -end), bool(size and np.max(growth[found]) > end))
     extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[ends]

@@ -13,7 +13,7 @@ from ..interface.arguments import require
 from ..physics.body import Disk
 from .over_time import Series, over_time
 from .palette import COMPONENTS, DASHED, FAINT, INK, MASSES, mass_look
-from .style import SMALL, SQUARE, WIDE, label_axes, legend_above, linestyle, mark_ends, plane_axes
+from .style import SMALL_FONT, SQUARE, WIDE_FIGURE, label_axes, legend_above, linestyle, mark_ends, plane_axes
 
 COLOURS = (*COMPONENTS, *MASSES)
 RETURNED = COMPONENTS[0]
@@ -63,7 +63,7 @@ def held_paths(loops: Mapping[str, ClosedLoop], ax: Axes | None = None) -> Axes:
         ]
         motion = Series(_extended(np.asarray(nominal.states.z), len(first.times)), "motion", INK, DASHED)
         return over_time(system, np.asarray(first.times), [*series, motion], "$z$", ax)
-    ax = plane_axes(ax, (WIDE[0], 4.0), system)
+    ax = plane_axes(ax, (WIDE_FIGURE[0], 4.0), system)
     for k, (label, loop) in enumerate(loops.items()):
         colour, path = COLOURS[k % len(COLOURS)], np.asarray(loop.states.z)
         ax.plot(*path.T, color=colour, linewidth=1.2, label=label)
@@ -127,7 +127,7 @@ def basin_map(basin: Basin, ax: Axes | None = None) -> Axes:
     values = returned.values.astype(float)
     ax.pcolormesh(returned[second], returned[first], values, cmap=colours, vmin=0.0, vmax=1.0, rasterized=True)
     keys = [Patch(color=RETURNED, label="comes back"), Patch(color=FAINT, label="does not")]
-    ax.legend(handles=keys, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False, prop=SMALL)
+    ax.legend(handles=keys, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False, prop=SMALL_FONT)
     label_axes(ax, second, first)
     return ax
 

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from .palette import COMPONENTS, DASHED, INK, MASSES, SHELL, TRAIL
 from .style import (
-    WIDE,
+    WIDE_FIGURE,
     label_axes,
     legend_above,
     linestyle,
@@ -50,7 +50,7 @@ def designed_path(
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
-    ax = plane_axes(ax, (WIDE[0], 4.0))
+    ax = plane_axes(ax, (WIDE_FIGURE[0], 4.0))
     for centre, radius in discs:
         ax.add_patch(Ring((float(centre[0]), float(centre[1])), radius, facecolor="0.9", edgecolor=SHELL))
     ax.plot(*before.T, color="0.7", linewidth=1.0, label=names[0])

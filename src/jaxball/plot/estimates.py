@@ -13,10 +13,10 @@ from ..estimation.estimate import AbstractEstimate
 from ..simulation.variables import STATE
 from .over_time import Series, over_time
 from .palette import COMPONENTS, DASH_DOTTED, DASHED, INK, SOLID
-from .style import WIDE, label_axes
+from .style import WIDE_FIGURE, label_axes
 
-PANEL = 1.5  # the height of a panel, inches
-BAND = 0.15
+ESTIMATE_PANEL_HEIGHT = 1.5  # the height of a panel, inches
+BAND_OPACITY = 0.15
 ATTITUDE = r"\varphi"
 LOOKS = [(colour, dashes) for dashes in (SOLID, DASHED, DASH_DOTTED) for colour in COMPONENTS]
 
@@ -47,7 +47,7 @@ def estimate(estimate: AbstractEstimate, truth: PlacedState | None = None, confi
         nees = np.asarray(estimate.nees(truth)), np.asarray(estimate.uncertain)
         squares.insert(0, (r"$\xi^\top P^{-1}\xi$", *nees))
     count = len(groups) + len(squares)
-    figure = Figure(figsize=(WIDE[0], PANEL * count), layout="constrained")
+    figure = Figure(figsize=(WIDE_FIGURE[0], ESTIMATE_PANEL_HEIGHT * count), layout="constrained")
     panels = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
     width = float(np.sqrt(chi2.ppf(confidence, 1)))
     for ax, (group, places) in zip(panels, groups.items(), strict=False):
@@ -87,7 +87,7 @@ def _draw_errors(
         elif errors is not None:
             values = errors[:, place]
         deviation = width * np.asarray(estimate.deviations[name])
-        ax.fill_between(times, centre - deviation, centre + deviation, color=colour, alpha=BAND, linewidth=0)
+        ax.fill_between(times, centre - deviation, centre + deviation, color=colour, alpha=BAND_OPACITY, linewidth=0)
         label = f"${symbol}_{{{k + 1}}}$" if len(places) > 1 else ""
         series.append(Series(values, label, colour, dashes))
     over_time(None, times, series, f"${symbol}$", ax)

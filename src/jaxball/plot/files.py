@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 FORMATS = ("png", "pdf", "svg")
 # The metadata field of each format for the description. In a file it is plain text.
 METADATA = {"png": "Description", "pdf": "Subject", "svg": "Description"}
-LONGEST = 60  # letters of a name
+LONGEST_NAME = 60  # letters of a name
 
 
 def run_mark(trajectory: "Trajectory[Any, Any]") -> str:
@@ -50,7 +50,7 @@ def _mark(content: bytes) -> str:
 def plain_name(text: str, otherwise: str) -> str:
     """A text as a file name: its letters, digits, dots, hyphens and underscores; ``otherwise`` if none remains."""
     words = re.sub(r"[^\w.-]+", "-", text).strip("-._")
-    return words[:LONGEST].rstrip("-._") or otherwise
+    return words[:LONGEST_NAME].rstrip("-._") or otherwise
 
 
 def check_others(paths: Iterable[Path], mark: str, option: str) -> None:

@@ -16,7 +16,7 @@ from ..simulation.trajectory import Trajectory
 from .record import Record, finite_rows
 from .shapes import arms
 
-ROOM = 1.3  # from the path to the edge of the floor, in radii
+ROOM_AROUND = 1.3  # from the path to the edge of the floor, in radii
 
 
 class Setting(NamedTuple):
@@ -127,10 +127,10 @@ class Floor(NamedTuple):
 def floor_under(path: Float[np.ndarray, "T 3"], r: float, setting: Setting) -> Floor:
     """The floor under a ``path`` of the contact point, space axes."""
     along, height, table = path[:, :2], float(path[0, 2]), 0.0
-    low, high = along.min(axis=0) - ROOM * r, along.max(axis=0) + ROOM * r
+    low, high = along.min(axis=0) - ROOM_AROUND * r, along.max(axis=0) + ROOM_AROUND * r
     if setting.turned is not None:
         centre = setting.centre[:2]
-        table = float(np.max(np.linalg.norm(along - centre, axis=1))) + ROOM * r
+        table = float(np.max(np.linalg.norm(along - centre, axis=1))) + ROOM_AROUND * r
         low, high = np.minimum(low, centre - table), np.maximum(high, centre + table)
     xs, ys = (low[0], high[0], high[0], low[0]), (low[1], low[1], high[1], high[1])
     return Floor(low, high, height, table, _block(np.column_stack([xs, ys, np.full(4, height)]), setting))
@@ -138,5 +138,5 @@ def floor_under(path: Float[np.ndarray, "T 3"], r: float, setting: Setting) -> F
 
 def ground_under(path: Float[np.ndarray, "T 3"], r: float, setting: Setting) -> Block:
     """The line under a disk, whose contact point has the ``path``, space axes: from left to right."""
-    ends = path[:, 0].min() - ROOM * r, path[:, 0].max() + ROOM * r
+    ends = path[:, 0].min() - ROOM_AROUND * r, path[:, 0].max() + ROOM_AROUND * r
     return _block(np.array([[end, 0.0, path[0, 2]] for end in ends]), setting)

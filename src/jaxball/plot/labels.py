@@ -11,11 +11,11 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Annotation, Text
 from mpl_toolkits.mplot3d import Axes3D, proj3d
 
-from .style import SMALL
+from .style import SMALL_FONT
 
 DIRECTIONS, DISTANCES = 24, (2.0, 5.0, 9.0, 14.0, 20.0, 28.0, 38.0, 50.0)  # in points, from the edge of the mark
 LEADER = 15.0  # a name farther than this from its mark is connected to it by a line
-FIRST = np.pi / 4  # upwards to the right, where a reader looks first
+FIRST_ANGLE = np.pi / 4  # upwards to the right, where a reader looks first
 PADDING = 1.5  # points around a name
 SPACING = 1.0  # points between the samples of a curve
 FAINT_LINE = 0.6  # a line thinner than this, in points, counts as background, which a name may cross
@@ -70,7 +70,7 @@ def name_points(
         "textcoords": "offset points",
         "ha": "center",
         "va": "center",
-        "fontproperties": SMALL,
+        "fontproperties": SMALL_FONT,
         "annotation_clip": False,
     }
     start = tuple(np.asarray(points)[0, :2]) if len(points) else (0.0, 0.0)
@@ -130,7 +130,7 @@ def _candidates(
     anchor: Float[np.ndarray, "2"], size: Float[np.ndarray, "2"], room: float
 ) -> Float[np.ndarray, "candidates 2"]:
     """Centres around an anchor, nearest distance first, so that the edge of the name is that far from the mark."""
-    angles = FIRST + 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    angles = FIRST_ANGLE + 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     towards = np.column_stack([np.cos(angles), np.sin(angles)])
     beside = np.clip(np.sqrt(2.0) * towards, -1.0, 1.0) * size / 2
     return np.concatenate([anchor + (room + distance) * towards + beside for distance in DISTANCES])

@@ -18,15 +18,26 @@ from ..simulation.variables import symbol, symbol_of
 from .over_time import Series, components, over_time
 from .palette import COMPONENTS, DASHED, FAINT, INK, MASSES, SOLID, mass_look
 from .record import finite_rows, require_one
-from .style import ABOVE, SMALL, WIDE, caption, label_axes, legend_above, linestyle, plane_axes, up_to_ticks, zero_line
+from .style import (
+    ABOVE,
+    SMALL_FONT,
+    WIDE_FIGURE,
+    caption,
+    label_axes,
+    legend_above,
+    linestyle,
+    plane_axes,
+    up_to_ticks,
+    zero_line,
+)
 
-PANEL = 1.05  # the height of a panel, in inches
+LAW_PANEL_HEIGHT = 1.05  # the height of a panel, in inches
 # A coordinate and its rate have the same colour.
 _LOOKS = {
     letter + dot: (COMPONENTS[k], DASHED if dot else SOLID) for dot in ("", "dot") for k, letter in enumerate("xyz")
 }
 COLOURS = (INK, *MASSES)
-LEAST = 1e-8  # of the expected residual: smaller ones are drawn here
+LEAST_DRAWN = 1e-8  # of the expected residual: smaller ones are drawn here
 ROW = 4  # entries in a row of the legend
 
 
@@ -78,7 +89,7 @@ def law_errors(trajectory: Trajectory[Any, Any]) -> Figure:
     """
     rows = _rows(trajectory)
     times, laws = np.asarray(trajectory.times)[rows], trajectory.laws._asdict()
-    figure = Figure(figsize=(WIDE[0], 0.6 + PANEL * len(laws)), layout="constrained")
+    figure = Figure(figsize=(WIDE_FIGURE[0], 0.6 + LAW_PANEL_HEIGHT * len(laws)), layout="constrained")
     caption(figure, trajectory.system)
     panels = figure.subplots(len(laws), 1, sharex=True, squeeze=False)[:, 0]
     for ax, (name, leaf) in zip(panels, laws.items(), strict=True):
@@ -102,7 +113,7 @@ def _panel(ax: Axes, times: Float[np.ndarray, " T"], changes: Float[np.ndarray, 
     up_to_ticks(ax)
     scale = f", in $10^{{{power}}}$" if power else ""
     change = f"change since the start{scale}" if largest > 0 else "no change"
-    ax.set_title(f"{name}: {change}", fontproperties=SMALL, loc="left", pad=5)
+    ax.set_title(f"{name}: {change}", fontproperties=SMALL_FONT, loc="left", pad=5)
     if changes.shape[1] > 1:
         narrow: dict[str, Any] = {"handlelength": 1.0, "columnspacing": 0.8, "handletextpad": 0.4, "borderaxespad": 0.0}
         ax.legend(ncols=3, **(ABOVE | {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)}), **narrow, borderpad=0.1)
@@ -136,7 +147,7 @@ def law_residuals(
     ax = plane_axes(ax)
     for k, (law, values) in enumerate(residuals.items()):
         colour, dashes = mass_look(k + 1)
-        name, values = law.replace("_", " "), np.maximum(values, LEAST)
+        name, values = law.replace("_", " "), np.maximum(values, LEAST_DRAWN)
         ax.semilogy(times, values, color=colour, linestyle=linestyle(dashes), linewidth=0.9, label=name)
     ax.axhline(1.0, color=INK, linestyle=linestyle(DASHED), linewidth=0.8)
     ax.margins(x=0)

@@ -17,7 +17,7 @@ from ..physics.contact.modes import Mode
 from ..simulation.trajectory import Trajectory
 from .palette import DASHED, DOTTED, MODES, on_white
 from .record import finite_rows
-from .style import SMALL, legend_above, linestyle
+from .style import SMALL_FONT, legend_above, linestyle
 
 BANDS = {mode: on_white(colour) for mode, colour in MODES.items()}
 PATHS: dict[Mode, dict[str, Any]] = {
@@ -112,7 +112,12 @@ def share_bands(figure: Figure) -> None:
             legend_above(ax, IN_A_ROW)
         bands |= of_ax
     if drawn := {name: patch for name, patch in bands.items() if patch is not None}:
-        look: dict[str, Any] = {"loc": "outside lower center", "ncols": len(drawn), "frameon": False, "prop": SMALL}
+        look: dict[str, Any] = {
+            "loc": "outside lower center",
+            "ncols": len(drawn),
+            "frameon": False,
+            "prop": SMALL_FONT,
+        }
         figure.legend(list(drawn.values()), list(drawn), **look)
 
 

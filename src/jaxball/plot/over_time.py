@@ -16,8 +16,8 @@ from .palette import COMPONENTS, INK, SOLID, Dashes
 from .record import finite_rows
 from .style import label_axes, legend_above, linestyle, plane_axes, sharing, up_to_ticks, zero_line
 
-ROUNDING = 1e-12  # of the typical size of a quantity in the system; below this it is drawn as zero
-NEAR = 1.2  # points on paper between lines that hide each other
+ROUNDING_DRAWN = 1e-12  # of the typical size of a quantity in the system; below this it is drawn as zero
+NEAR_LINES = 1.2  # points on paper between lines that hide each other
 MOSTLY = 0.8  # the fraction of the time in which they do
 
 
@@ -59,7 +59,7 @@ def sizes_of(system: Any) -> Sizes:
 
 def without_rounding(values: Float[np.ndarray, "..."], size: float) -> Float[np.ndarray, "..."]:
     """The values, and 0 for those that are no larger than the rounding of numbers of this ``size``."""
-    return np.where(np.abs(values) <= ROUNDING * size, 0.0, values)
+    return np.where(np.abs(values) <= ROUNDING_DRAWN * size, 0.0, values)
 
 
 def over_time(
@@ -145,7 +145,7 @@ def tell_apart(ax: Axes) -> None:
 def _near(ax: Axes, curves: Sequence[Line2D]) -> Bool[np.ndarray, "lines lines"]:
     """Which lines hide each other."""
     points = [line.get_transform().transform(np.asarray(line.get_xydata(), dtype=float)) for line in curves]
-    close = NEAR * ax.figure.dpi / 72
+    close = NEAR_LINES * ax.figure.dpi / 72
     near = np.eye(len(curves), dtype=bool)
     for (i, a), (j, b) in itertools.combinations(enumerate(points), 2):
         if len(a) == len(b) and np.array_equal(a[:, 0], b[:, 0], equal_nan=True):

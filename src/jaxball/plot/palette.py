@@ -37,7 +37,7 @@ class Line(NamedTuple):
 TAKEN = {"to friction": Line("#997700", DASH_DOTTED), "to impacts": Line("#6699CC", DOTTED)}
 # Of bands behind what is drawn over time, which show a share of these.
 MODES = {Mode.SLIDING: "#555555", Mode.FLIGHT: "#66CCEE"}
-BAND = 0.2
+BAND_SHARE = 0.2
 # Of arrows in views, which have names at their tips.
 ARROWS = {
     "normal": COMPONENTS[0],
@@ -64,4 +64,4 @@ def mass_look(i: int) -> Line:
 def on_white(colour: str) -> str:
     """A colour for bands, pale on white."""
     parts = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
-    return "#" + "".join(f"{round(255 - BAND * (255 - part)):02X}" for part in parts)
+    return "#" + "".join(f"{round(255 - BAND_SHARE * (255 - part)):02X}" for part in parts)

@@ -16,15 +16,15 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ..physics.body import Disk
 from ..simulation.trajectory import Trajectory
-from .floor import ROOM, Floor, Placed, Setting, floor_under, ground_under, place
+from .floor import ROOM_AROUND, Floor, Placed, Setting, floor_under, ground_under, place
 from .modes import PATHS, modes_of, track_of
 from .palette import FAINT, INK, SHELL, TRAIL, mass_colour
 from .record import Record
 from .shapes import BREAK, looks, outline, parallel, rail_points, split, towards, wireframe
-from .style import CAPTION, SMALL, mass_line, subject
+from .style import CAPTION, SMALL_FONT, mass_line, subject
 
-ELEVATION, AZIMUTH = 26.0, -60.0  # degrees
-WIDTH, MARGIN, HEADER = 8.0, 0.15, 0.5  # inches
+ELEVATION_3D, AZIMUTH_3D = 26.0, -60.0  # degrees
+SCENE_WIDTH, MARGIN, HEADER = 8.0, 0.15, 0.5  # inches
 SHADOW = "0.88"
 SPOKES = 12  # of a turntable
 TOP, SIDE, TABLE = "0.965", "0.9", "0.93"
@@ -86,8 +86,8 @@ def scene(trajectory: Trajectory, run: Record) -> Scene:
 def _ball_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
     setting, r = placed.setting, float(trajectory.system.radius)
     # A slope is seen from its side, so that it is visible, and never from below.
-    azimuth = AZIMUTH + setting.downhill
-    viewer = towards(ELEVATION, azimuth)
+    azimuth = AZIMUTH_3D + setting.downhill
+    viewer = towards(ELEVATION_3D, azimuth)
     wire, silhouette = wireframe(r), outline(r, viewer)
     floor = floor_under(run.observables.contact_point, r, setting)
     visited = (placed.centre[:, None] + silhouette[::8]).reshape(-1, 3)
@@ -120,24 +120,24 @@ def _ball_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
 def _stage(content: Float[np.ndarray, "points 3"], azimuth: float) -> tuple[Figure, Axes3D]:
     """A figure that the points ``content`` fill, and its Axes, seen from ``azimuth``."""
     low, high = content.min(axis=0), content.max(axis=0)
-    figure = Figure(figsize=(WIDTH, WIDTH))
+    figure = Figure(figsize=(SCENE_WIDTH, SCENE_WIDTH))
     ax = figure.add_axes((0.0, 0.0, 1.0, 1.0), projection="3d", computed_zorder=False)
     assert isinstance(ax, Axes3D)
     ax.set_proj_type("ortho")
-    ax.view_init(elev=ELEVATION, azim=azimuth)
+    ax.view_init(elev=ELEVATION_3D, azim=azimuth)
     ax.set_axis_off()
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     ax.set_box_aspect(tuple(high - low))
     x, y, _ = proj3d.proj_transform(*content.T, ax.get_proj())  # pyright: ignore[reportCallIssue]
     inches = ax.transData.transform(np.column_stack([x, y])) / figure.dpi
     (left, bottom), (width, height) = inches.min(axis=0), np.ptp(inches, axis=0)
-    scale = min((WIDTH - 2 * MARGIN) / width, (WIDTH - MARGIN - HEADER) / height)
+    scale = min((SCENE_WIDTH - 2 * MARGIN) / width, (SCENE_WIDTH - MARGIN - HEADER) / height)
     tall = round(10 * (scale * height + MARGIN + HEADER)) / 10
     # The Axes stay square and extend beyond the figure, because they clip what is outside.
-    corner = (WIDTH - scale * width) / 2 - scale * left, MARGIN - scale * bottom
-    side = scale * WIDTH
-    figure.set_size_inches(WIDTH, tall)
-    ax.set_position((corner[0] / WIDTH, corner[1] / tall, side / WIDTH, side / tall))
+    corner = (SCENE_WIDTH - scale * width) / 2 - scale * left, MARGIN - scale * bottom
+    side = scale * SCENE_WIDTH
+    figure.set_size_inches(SCENE_WIDTH, tall)
+    ax.set_position((corner[0] / SCENE_WIDTH, corner[1] / tall, side / SCENE_WIDTH, side / tall))
     return figure, ax
 
 
@@ -147,8 +147,8 @@ def _disk_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
     content = np.concatenate([ground_under(path, r, setting).everywhere(setting.moved), *around])
     (left, _, low), (right, _, high) = content.min(axis=0), content.max(axis=0)
     bottom, top = low - 0.25 * r, high + 1.55 * r
-    height = np.clip(WIDTH * (top - bottom) / (right - left), 2.0, 6.0)
-    figure = Figure(figsize=(WIDTH, round(10 * float(height)) / 10))
+    height = np.clip(SCENE_WIDTH * (top - bottom) / (right - left), 2.0, 6.0)
+    figure = Figure(figsize=(SCENE_WIDTH, round(10 * float(height)) / 10))
     ax = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(left, right), ylim=(bottom, top), aspect="equal")
     ax.set_axis_off()
     show_ground = draw_ground(ax, path, r, setting)
@@ -199,7 +199,9 @@ def _contents(figure: Figure, ax: Axes, trajectory: Trajectory, placed: Placed) 
     names = [look.name if look not in shown[:k] else "" for k, look in enumerate(shown)]
     dots = [line(ax, **dot, color=look.colour, label=name, zorder=6) for look, name in zip(shown, names, strict=True)]
     star = line(ax, **(dot | {"marker": "*", "ms": 10}), color=INK, label="CM", zorder=6)
-    figure.legend(loc="upper right", ncols=min(len(set(shown)) + 1, 7), frameon=False, prop=SMALL, handletextpad=0.2)
+    figure.legend(
+        loc="upper right", ncols=min(len(set(shown)) + 1, 7), frameon=False, prop=SMALL_FONT, handletextpad=0.2
+    )
     figure.text(0.5, 0.02 / figure.get_figheight(), subject(system), ha="center", va="bottom", **CAPTION)
     clock = _clock(figure, ax)
 
@@ -220,10 +222,10 @@ def _contents(figure: Figure, ax: Axes, trajectory: Trajectory, placed: Placed) 
 def _clock(figure: Figure, ax: Axes) -> Text:
     """Writes "t =" into the upper left corner, and returns the text after it, plain because formulas are slow."""
     corner = figure.transFigure + ScaledTranslation(0.0, BASELINE / 72, figure.dpi_scale_trans)
-    name = figure.text(0.02, 1.0, "$t =$", fontproperties=SMALL, transform=corner)
+    name = figure.text(0.02, 1.0, "$t =$", fontproperties=SMALL_FONT, transform=corner)
     behind: dict[str, Any] = {"xycoords": name, "xytext": (2.5, 0.0), "textcoords": "offset points"}
     return ax.annotate(
-        "", (1.0, 0.0), va="bottom", **behind, fontproperties=SMALL, annotation_clip=False, animated=True
+        "", (1.0, 0.0), va="bottom", **behind, fontproperties=SMALL_FONT, annotation_clip=False, animated=True
     )
 
 
@@ -301,7 +303,7 @@ def draw_ground(ax: Axes, path: Float[np.ndarray, "T 3"], r: float, setting: Set
         ax.add_patch(wedge)
     surface = line(ax, color=SHELL, linewidth=1.2, zorder=1, animated=setting.moves)
     height = path[0, 2]
-    at = multiples(r, path[:, 0].min() - ROOM * r, path[:, 0].max() + ROOM * r)
+    at = multiples(r, path[:, 0].min() - ROOM_AROUND * r, path[:, 0].max() + ROOM_AROUND * r)
     ticks = [np.array([[x, 0.0, height - 0.06 * r], [x, 0.0, height], [np.nan] * 3]) @ setting.page.T for x in at]
     marks = line(ax, color=SHELL, linewidth=0.8, zorder=1, animated=setting.moves)
 

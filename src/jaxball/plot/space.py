@@ -26,7 +26,7 @@ from .record import record, require_one
 from .shapes import arms, looks, outline, parallel, rails_of, split, view, wireframe
 from .style import (
     SQUARE,
-    WIDE,
+    WIDE_FIGURE,
     cube,
     label_axes,
     legend_above,
@@ -45,7 +45,7 @@ EDGE: dict[str, Any] = {"markeredgecolor": "white", "zorder": 4}
 COINCIDENT = 1e-6  # radii
 # Three-dimensional Axes clip what is outside their square, and their layout would take these lines' coordinates in
 # space for coordinates on the page.
-LONG = (5.6, 3.6)
+LONG_FIGURE = (5.6, 3.6)
 ARROW = 0.35  # inches, of the one that points down a slope
 UNCUT: dict[str, Any] = {"clip_on": False, "in_layout": False}
 
@@ -222,7 +222,7 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         label_axes(ax, "$t$", "$z$" + ("" if falls is None else " (downhill)" if falls[0] > 0 else " (uphill)"))
         legend_above(ax)
         return ax
-    ax = plane_axes(ax, (WIDE[0], 4.2), trajectory.system)
+    ax = plane_axes(ax, (WIDE_FIGURE[0], 4.2), trajectory.system)
     _draw_path(ax, trajectory, z)
     mark_ends(ax, z[:, :2], INK, labelled=True)
     ax.set_aspect("equal", adjustable="datalim")
@@ -296,7 +296,7 @@ def _paths(
         ax.plot(*(r * parallel(0.0)).T, color=SHELL, linewidth=0.4, zorder=1)
     elif ax is None or isinstance(ax, Axes3D):
         span = float(trajectory.times[0]), float(trajectory.times[-1])
-        ax, columns, over_time = _cylinder(space_axes(ax, LONG, system), r, frame, span), [0, 2], True
+        ax, columns, over_time = _cylinder(space_axes(ax, LONG_FIGURE, system), r, frame, span), [0, 2], True
         for t in modes_of(trajectory).changes:
             _ring(ax, t, r, **SWITCH)
     else:

@@ -30,12 +30,12 @@ DASH = 7.0  # of lines that lie on one another, in widths of the line
 SHARED = "bevel"  # the joins of their dashes, by which the legend recognises them
 
 LABEL = FontProperties(family="STIXGeneral", math_fontfamily="stix", size=11)
-SMALL = FontProperties(family="STIXGeneral", math_fontfamily="stix", size=10)
+SMALL_FONT = FontProperties(family="STIXGeneral", math_fontfamily="stix", size=10)
 # Titles are the users', and may have characters that STIX lacks.
-TINY = FontProperties(family=["STIXGeneral", "DejaVu Sans"], math_fontfamily="stix", size=8)
-ABOVE: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "frameon": False, "prop": SMALL}
-CAPTION: dict[str, Any] = {"fontproperties": TINY, "color": "0.35"}
-WIDE, SQUARE = (4.6, 3.1), (4.6, 4.7)
+TINY_FONT = FontProperties(family=["STIXGeneral", "DejaVu Sans"], math_fontfamily="stix", size=8)
+ABOVE: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "frameon": False, "prop": SMALL_FONT}
+CAPTION: dict[str, Any] = {"fontproperties": TINY_FONT, "color": "0.35"}
+WIDE_FIGURE, SQUARE = (4.6, 3.1), (4.6, 4.7)
 WIDE_RANGE = 1e3  # range of a logarithmic axis on which powers of ten are enough ticks
 EDGE = 0.02  # of a plane Axes, by which a curve may exceed it
 LETTERS = 20  # of a caption in an inch
@@ -91,7 +91,9 @@ def mass_line(i: int, **changes: Any) -> dict[str, Any]:
     return {"color": look.colour, "linestyle": linestyle(look.dashes), "linewidth": 1.2} | changes
 
 
-def plane_axes(ax: Axes | None, size: tuple[float, float] = WIDE, system: "AbstractSystem | None" = None) -> Axes:
+def plane_axes(
+    ax: Axes | None, size: tuple[float, float] = WIDE_FIGURE, system: "AbstractSystem | None" = None
+) -> Axes:
     """``ax``, or the Axes of a new figure that says which ``system`` it shows, with thin ticks and without a box.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
@@ -287,5 +289,5 @@ def colour_bar(ax: Axes, shown: ScalarMappable, label: str, **options: Any) -> C
 
 def write(ax: Axes, at: Sequence[float] | Float[np.ndarray, " d"], sentence: str, **options: Any) -> Text:
     """Writes into a plane or a three-dimensional Axes."""
-    options = {"fontproperties": SMALL} | options
+    options = {"fontproperties": SMALL_FONT} | options
     return ax.text(*at, sentence, **options)  # pyright: ignore[reportCallIssue]

@@ -24,14 +24,14 @@ from .modes import share_bands
 from .over_time import Series, components, over_run, over_time, sizes_of, without_rounding
 from .palette import COMPONENTS, DASHED, DOTTED, INK, TAKEN
 from .record import drawn_run, finite_rows, record, require_one
-from .style import WIDE, caption, legend_above, linestyle, plane_axes, up_to_ticks, write
+from .style import WIDE_FIGURE, caption, legend_above, linestyle, plane_axes, up_to_ticks, write
 
 if TYPE_CHECKING:
     from ..simulation.extremes import ContactExtremes
 
 SHORT = 4  # entries in a row of a legend that has long ones
 CONSTANT = 1e-6  # a force with a smaller relative change counts as constant
-PANEL = 1.5  # the height of a panel, in inches
+PANEL_HEIGHT = 1.5  # the height of a panel, in inches
 
 
 def angular_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -350,7 +350,7 @@ def measurements(trajectory: Trajectory[Any, Any], sensors: Mapping[str, Abstrac
         raise ValueError("Argument `sensors` must have one sensor or more to draw, but it is empty.")
     run = drawn_run(trajectory)
     rows = finite_rows(run)
-    figure = Figure(figsize=(WIDE[0], 0.5 + PANEL * len(sensors)), layout="constrained")
+    figure = Figure(figsize=(WIDE_FIGURE[0], 0.5 + PANEL_HEIGHT * len(sensors)), layout="constrained")
     caption(figure, trajectory.system)
     panels = figure.subplots(len(sensors), 1, sharex=True, squeeze=False)[:, 0]
     for ax, (name, leaf) in zip(panels, run.measured(sensors).items(), strict=True):

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from ..interface.wording import all_of
 from ..numerics.arrays import to_array
 from ..physics.body import AbstractBody, Ball, Disk, System
-from ..physics.contact.law import COEFFICIENTS, ROOM, SLOWEST, AbstractFriction, Contact
+from ..physics.contact.law import COEFFICIENTS, DEFAULT_ROOM, SLOWEST_REBOUND, AbstractFriction, Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.force import AbstractWrench, FunctionWrench, HarmonicForce, require_wrench
 from ..physics.ground import Ground
@@ -128,8 +128,8 @@ CONTACT = Module(
         "sliding": Key(_Sliding()),
         "static": Key(Numbers(), None),
         "restitution": Key(Numbers(), 0.0),
-        "slowest": Key(Numbers(), SLOWEST),
-        "room": Key(Integer(1, 10**6), ROOM),
+        "slowest": Key(Numbers(), SLOWEST_REBOUND),
+        "room": Key(Integer(1, 10**6), DEFAULT_ROOM),
     },
     build=_law,
     attributes={"sliding": "law_of_sliding"},

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 Number = float | Array  # an array where it is traced
 Named = Mapping[str, Number]
 SOLVER = "dopri8"  # of the samples of a closed loop
-PENALTY = 1e3
+DEFAULT_PENALTY = 1e3
 OF_MODEL = ("body", "force", "ground", "resistance", "masses", "mechanisms", "actuation")
 
 
@@ -134,7 +134,7 @@ class PredictiveSettings(RegulatorSettings):
 
     horizon: int
     friction: Number | None = None
-    penalty: Number = PENALTY
+    penalty: Number = DEFAULT_PENALTY
 
     def along(self, run, sample, rtol, atol):
         from ..control.prediction import mpc
@@ -242,7 +242,7 @@ _PREDICTIVE = {
     **_REGULATOR,
     "horizon": Key(Integer(1, 10**6)),
     "friction": Key(Numbers(rule=POSITIVE), None),
-    "penalty": Key(Numbers(rule=POSITIVE), PENALTY),
+    "penalty": Key(Numbers(rule=POSITIVE), DEFAULT_PENALTY),
 }
 FEEDBACK: Family = {
     "feedforward": Module(FeedforwardSettings, _FEEDFORWARD),

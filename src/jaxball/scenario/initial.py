@@ -74,7 +74,7 @@ _DISK = {
     **_DRIVEN,
 }
 INITIAL = {"ball": {**_CHOICES["versor"], **_CHOICES["axis"]}, "disk": _DISK}
-UNIT = 1e-6
+UNIT_SQUARE = 1e-6
 
 
 def read_initial(values: Any, path: str, kind: str) -> dict[str, Any]:
@@ -106,7 +106,7 @@ def _unit(q: Any, path: str) -> Any:
     """A versor, normalised only where it is off by more than rounding, so that it is read as it was written."""
     size = _length(q)
     must = "a versor, whose four numbers have squares that add up to 1"
-    require(abs(size - 1) <= UNIT, path, must, lambda: str(q.tolist()))
+    require(abs(size - 1) <= UNIT_SQUARE, path, must, lambda: str(q.tolist()))
     # A traced one always is, because it has the derivatives of a unit vector.
     return q / size if is_traced(size) or abs(size - 1) >= 1e-15 else q
 

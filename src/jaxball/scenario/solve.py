@@ -29,7 +29,7 @@ from .values import (
 )
 
 MOST_SAVES = 10_000_000
-APART = 4 * float(np.finfo(float).eps)  # times further apart than this share of the later differ when rounded
+ROUNDINGS_APART = 4 * float(np.finfo(float).eps)  # times further apart than this share of the later differ when rounded
 _SPAN = {"start": Key(Numbers(dimension=TIME)), "end": Key(Numbers(dimension=TIME))}
 TIMES = {
     "saves": {**_SPAN, "saves": Key(Integer(2, MOST_SAVES))},
@@ -72,7 +72,7 @@ def read_times(values: Any, path: str) -> SaveTimes:
     _check_span(start, end, f"{path}.end")
     if choice == "saves":
         saves, xp = table["saves"], namespace(start, end)
-        apart = end - start > (saves - 1) * APART * xp.maximum(abs(start), abs(end))
+        apart = end - start > (saves - 1) * ROUNDINGS_APART * xp.maximum(abs(start), abs(end))
         require(apart, f"{path}.saves", "few enough for the times to differ", lambda: repr(saves))
         return SaveTimes(start, end, saves)
     return SaveTimes(start, end, _intervals(start, end, table["step"], f"{path}.step") + 1)

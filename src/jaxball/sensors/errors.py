@@ -16,7 +16,7 @@ from ..numerics import programs
 from ..numerics.arrays import is_traced, numbers
 
 # Times that differ by less, in spans of the run, are the same: more than rounding, less than any interval.
-CLOSE = 1e-9
+SAME_TIME = 1e-9
 
 
 class SensorErrors(Printed):
@@ -87,7 +87,7 @@ class SensorErrors(Printed):
 
     def arrivals(self, times: Float[Array, " T"]) -> tuple[Int[Array, " T"], Bool[Array, " T"]]:
         """For each time, whether a reading arrives then, and the place of the time at which it was taken."""
-        close = CLOSE * (times[-1] - times[0])
+        close = SAME_TIME * (times[-1] - times[0])
         taken = times - self.delay
         place = jnp.clip(jnp.searchsorted(times, taken - close), 0, times.size - 1)
         arrives = jnp.abs(times[place] - taken) <= close
@@ -98,7 +98,7 @@ class SensorErrors(Printed):
 
     def require_times(self, name: str, times: Float[np.ndarray, " T"]) -> None:
         """Raises a ``ValueError`` unless readings are taken and arrive at saved times; ``name`` is the sensor's."""
-        close = CLOSE * (times[-1] - times[0])
+        close = SAME_TIME * (times[-1] - times[0])
         taken = times
         if self.rate is not None:
             taken = times[0] + np.arange(int((times[-1] - times[0] + close) * self.rate) + 1) / self.rate

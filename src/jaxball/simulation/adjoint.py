@@ -21,7 +21,7 @@ from ..numerics.dependence import evaluated, varying_in_loop
 from ..numerics.reverse_rules import added, chosen, or_zeros, replaced, with_rule
 
 Carry = TypeVar("Carry")
-ROOM = 2**18  # bytes in which all steps are recorded, if they fit
+BYTES_FOR_ALL = 2**18  # bytes in which all steps are recorded, if they fit
 
 
 class Recorded:
@@ -161,7 +161,7 @@ class _Loop:
         results = [variable.aval for equation, _ in self.recorded for variable in equation.outvars]
         self.packing = _Packing([*chosen(step.in_avals, self.is_carried), *results])
         least = math.isqrt(max(max_steps - 1, 0)) + 1
-        self.rows = min(max(ROOM // max(self.packing.size, 1), least) if rows is None else rows, max_steps)
+        self.rows = min(max(BYTES_FOR_ALL // max(self.packing.size, 1), least) if rows is None else rows, max_steps)
         # Steps that are taken twice are taken by the same program, so that they are the same to the last bit.
         self.stepped = self._stepped if self.rows == self.max_steps else jax.jit(self._stepped)
 

@@ -23,7 +23,7 @@ from .simulate import status_of
 Field = Callable[[Float[Array, ""], Float[Array, " size"], Any], Float[Array, " size"]]
 Normal = Callable[[Float[Array, " size"]], Float[Array, " size"]]
 Monitor = Callable[[Float[Array, ""], Float[Array, " size"], Any], Float[Array, ""]]
-FIRST_STEP = 1 / 64  # of the time to advance by; the step-size control corrects it within two or three steps
+FIRST_STEP_SHARE = 1 / 64  # of the time to advance by; the step-size control corrects it within two or three steps
 
 
 def tangent_field(field: Field) -> Callable[..., Float[Array, "rows size"]]:

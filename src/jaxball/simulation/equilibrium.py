@@ -29,8 +29,8 @@ from ..physics.motion import Driven, OnRail
 from ..physics.parameters import BodyParameters
 from ..physics.state import BallState, DiskState, RotationState, State
 
-STARTS = 256
-SAME = 1e-6
+STARTS_OF_BALANCE = 256
+SAME_BALANCE = 1e-6
 
 
 class Balance(Printed):
@@ -211,7 +211,7 @@ def _starts(rails, radius, guess):
     for _ in range(60):
         ratio = (1 + ratio) ** (1 / (k + 1))
     steps = (1 / ratio) ** np.arange(1, k + 1)
-    unit = (0.5 + np.arange(1, STARTS)[:, None] * steps) % 1
+    unit = (0.5 + np.arange(1, STARTS_OF_BALANCE)[:, None] * steps) % 1
     low = np.array([-radius if rail.period is None else 0.0 for rail in rails])
     width = np.array([2 * radius if rail.period is None else rail.period for rail in rails])
     return np.concatenate([guess[None], low + unit * width])
@@ -263,7 +263,7 @@ def _choose(end: _Candidates, rails, guess, above, radius, sloping) -> Balance:
         good &= (end.height > 0) == above
     kept: list[int] = []
     for i in np.argsort(np.sum((theta - guess) ** 2, axis=1), kind="stable"):
-        if good[i] and all(np.max(np.abs(theta[i] - theta[j])) > SAME for j in kept):
+        if good[i] and all(np.max(np.abs(theta[i] - theta[j])) > SAME_BALANCE for j in kept):
             kept.append(int(i))
     best = kept[0] if kept else int(np.argmin(np.where(np.isfinite(miss), miss, np.inf)))
     return Balance(

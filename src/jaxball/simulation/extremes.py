@@ -20,8 +20,9 @@ from ..solvers.dense.maxima import maxima, moved
 from ..solvers.dense.steps import Steps
 from .trajectory import Interpolant, Trajectory, always_rolls
 
-ROUNDING = 1e-12  # of the weight, or of 1: anything smaller counts as zero, and leaves a constant value constant
-SAME = 1e-8  # the relative change that a constant value may have
+# Of the weight, or of 1: anything smaller counts as zero, and leaves a constant value constant.
+ROUNDING_OF_EXTREME = 1e-12
+SAME_VALUE = 1e-8  # the relative change that a constant value may have
 
 
 class ContactExtremes(Printed):
@@ -83,7 +84,7 @@ class ContactExtremes(Printed):
         lines = [f"least normal force {least:.10g} {self.when[0]}, {least / float(self.weight):.4g} of the weight"]
         if np.isfinite(self.friction_needed):
             mu = float(self.friction_needed)
-            lines.append(f"friction needed, max |f|/N, {mu if mu > ROUNDING else 0.0:.10g} {self.when[1]}")
+            lines.append(f"friction needed, max |f|/N, {mu if mu > ROUNDING_OF_EXTREME else 0.0:.10g} {self.when[1]}")
         else:
             lines.append("the body would leave the plane, so no friction is enough")
         return "\n".join(lines)
@@ -147,7 +148,9 @@ def _extremes(interpolant: Interpolant, reached: Float[Array, ""], status: Array
     extremes = once("extremes of the contact force", extremes)
     weight = packing.system.weight
     sizes = jax.lax.stop_gradient(jnp.stack([weight, jnp.ones_like(weight), weight]))
-    constant = found.size - found.least <= jnp.maximum(SAME * jnp.abs(found.size), ROUNDING * jnp.abs(sizes))
+    constant = found.size - found.least <= jnp.maximum(
+        SAME_VALUE * jnp.abs(found.size), ROUNDING_OF_EXTREME * jnp.abs(sizes)
+    )
     return ContactExtremes(
         *(jnp.where(started, value, jnp.nan) for value in (*extremes, weight)), constant=constant & started
     )

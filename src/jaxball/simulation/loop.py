@@ -33,7 +33,7 @@ from .switching import AbstractSwitching, NextStep, Taken
 from .watch import Watch, Within
 
 # A step that would end this close to the end of the run, relative to it, ends there.
-CLOSE = 100
+CLOSE_TO_END = 100
 MOST_CHECKPOINTS = 4096  # of some kilobytes each, which XLA fills with zeros
 MOST_NATIVELY = 16384  # where memory that is not used costs nothing
 RESULTS: Any = diffrax.RESULTS
@@ -276,7 +276,7 @@ class _Solve(NamedTuple):
         hybrid, following = self.switching.detect(hybrid, taken, proposed, self.args)
         keep, tprev, tnext, controller_state, exact = following
         tprev = jnp.minimum(tprev, self.t1)
-        almost = self.t1 - CLOSE * float(jnp.finfo(self.t1.dtype).eps) * jnp.abs(self.t1)
+        almost = self.t1 - CLOSE_TO_END * float(jnp.finfo(self.t1.dtype).eps) * jnp.abs(self.t1)
         end = jnp.where(keep, self.t1, tprev + 0.5 * (self.t1 - tprev))
         y, solver_state = selected(keep, (y, solver_state), (state.y, state.solver_state))
         result = RESULTS.where(keep, step_result, RESULTS.successful)

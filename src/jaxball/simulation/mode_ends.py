@@ -19,10 +19,10 @@ from ..numerics.bracketing import Sample, between, other_end
 from ..physics.hybrid import NONE, entry
 from ..solvers.dense.steps import sampling
 
-NEAR = 1e-10  # of the length of a step: where it ends so close to a zero of a guard, one step of Newton's is exact
-TOGETHER = 1e-6  # of the length of a step: zeros of guards this close to each other are one event
+NEAR_ZERO = 1e-10  # of the length of a step: where it ends so close to a zero of a guard, one step of Newton's is exact
+ONE_EVENT = 1e-6  # of the length of a step: zeros of guards this close to each other are one event
 MOST_TRIES = 40
-LEAST = 8  # the length of a step, in units of rounding of the time
+LEAST_LENGTH = 8  # the length of a step, in units of rounding of the time
 ROOT_STEPS = 8  # of the Illinois method, to the zero of a quartic
 POWERS = sampling().powers.tolist()
 END_SLOPE = (np.arange(len(POWERS)) @ sampling().powers).tolist()  # of a quartic at the end of a step, by its samples
@@ -90,7 +90,7 @@ def bracketed(
     tangent = sum(part * sample for part, sample in zip(END_SLOPE, samples, strict=True)) / length
     slope = jnp.where(adjacent, secant, tangent)
     next_end = end - value / jnp.where(slope == 0, 1.0, slope)
-    width = jnp.maximum(NEAR * length, 4 * float(jnp.finfo(end.dtype).eps) * jnp.abs(end))
+    width = jnp.maximum(NEAR_ZERO * length, 4 * float(jnp.finfo(end.dtype).eps) * jnp.abs(end))
     met = (jnp.abs(next_end - end) <= width) & (slope != 0) | (value == 0)
     met |= (value > 0) & (end >= bracket.high) & jnp.isinf(bracket.below)
     earlier = jnp.any(samples[1:-1] < 0)
@@ -98,7 +98,7 @@ def bracketed(
     behind = at_target & ~met & (earlier | ~adjacent & (value < 0))
     first = _first_zero(start, end, guards, jnp.where(at_target & ~behind, bracket.which, NONE))
     # Two guards may fall to zero together; then either will do.
-    another = ~at_target | (first.which != bracket.which) & (first.target < end - TOGETHER * length)
+    another = ~at_target | (first.which != bracket.which) & (first.target < end - ONE_EVENT * length)
     # The quartics may have spurious zeros, and then, in a shorter step, others.
     tries = jnp.where(at_target, bracket.tries + 1, 0)
     found = first.on & another & (tries < MOST_TRIES)
@@ -134,7 +134,7 @@ def _first_zero(
     root = _root(samples, fraction(place - 1), fraction(place))
     length = end - start
     # A step has some length, even if a guard was below zero by rounding at its start.
-    earliest = start + LEAST * float(jnp.finfo(end.dtype).eps) * jnp.maximum(jnp.abs(start), jnp.abs(end))
+    earliest = start + LEAST_LENGTH * float(jnp.finfo(end.dtype).eps) * jnp.maximum(jnp.abs(start), jnp.abs(end))
     return RootBracket(
         on=place <= last,
         which=which,

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..solvers.dense.steps import last_within, lobatto_weights, place_of_largest, sampling
 
-ROUNDS = 5
+ROUNDS_OF_SEARCH = 5
 # From a time and a vector to the vector of the state, and to quantities.
 Between = Callable[[Float[Array, ""]], Float[Array, " size"]]
 Quantities = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " k"]]
@@ -166,7 +166,7 @@ class Observers:
 
             # A maximum does not change to first order as its place does.
             first, last = jax.lax.stop_gradient((step.start, last_within(step.start, step.end)))
-            t = place_of_largest(lambda t: jax.lax.stop_gradient(at(t)), first, last, ROUNDS)
+            t = place_of_largest(lambda t: jax.lax.stop_gradient(at(t)), first, last, ROUNDS_OF_SEARCH)
             return at(t), t
 
         values, times = (x.reshape(2, count) for x in jax.lax.map(search, jnp.arange(2 * count)))

@@ -22,10 +22,10 @@ from ..numerics.reverse_rules import CarryOut, pulled_by_forward_mode, put
 from ..physics.hybrid import NONE, START, Accuracy, GuardedStep, Record, Transition
 from ..physics.packing import Packing
 from ..solvers.dense.steps import sampling
-from .mode_ends import LEAST, RootBracket, bracketed
+from .mode_ends import LEAST_LENGTH, RootBracket, bracketed
 
 GRAZING = 1e-6  # a guard that falls by less than this part of its size in a step touches zero
-CLOSE = 1e-9  # switches closer to each other than this part of a run are counted as crowded
+CLOSE_SWITCHES = 1e-9  # switches closer to each other than this part of a run are counted as crowded
 TOO_MANY = 64  # crowded switches
 
 
@@ -253,14 +253,14 @@ class Switching(AbstractSwitching):
         """What follows an event that has been ``done``, in a run of the length ``run``."""
         t, after, switches, starts = done.t, done.after, done.switches, carry.event == START
         fixed = jax.lax.stop_gradient(t)
-        crowded = switches & done.crowds & (fixed - carry.last <= CLOSE * run)
+        crowded = switches & done.crowds & (fixed - carry.last <= CLOSE_SWITCHES * run)
         crowd = jnp.where(crowded, carry.crowd + 1, jnp.where(switches, 0, carry.crowd))
         status = jnp.where(crowd > TOO_MANY, int(Status.CHATTERED), carry.status)
         status = jnp.where(done.status == int(Status.SUCCESS), status, done.status)
         row = jnp.where(switches, carry.switches, self.capacity)
         grazing = jnp.abs(done.slope) * carry.length <= GRAZING * carry.size
         switch = Rows(t, done.event, done.before, after, grazing)
-        least = LEAST * float(jnp.finfo(fixed.dtype).eps) * jnp.abs(fixed)
+        least = LEAST_LENGTH * float(jnp.finfo(fixed.dtype).eps) * jnp.abs(fixed)
         length = jnp.where(done.pauses, carry.length, least)
         kinks = jax.lax.stop_gradient(self._packing(args).system.driving_kinks())
         carry = carry._replace(

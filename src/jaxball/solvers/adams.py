@@ -12,14 +12,14 @@ from ..numerics.arrays import selected
 from .base import RESULTS, FlatProblem, at_limit, flat_problem
 from .differences import Points, error_constants, folded, sums, unfolded
 from .interpolation import AdamsPolynomial
-from .multistep import AbstractMultistep, AdamsController, Plan, checked_order
+from .multistep import EQUAL, AbstractMultistep, AdamsController, Plan, checked_order
 from .stages import FROM_CONTROLLER
 
 # The target error of a step, relative to the tolerance. With STEP's own 0.5 a run takes 7 % fewer evaluations and has
 # an error three to four times as large: the same work for a given error, but less control by the tolerance, and more
 # rejected steps.
 TARGET = 0.1
-SHORTEST = 1e-4
+MOST_SHRUNK = 1e-4
 
 
 def plan(
@@ -55,7 +55,7 @@ def plan(
 
     def shortened() -> tuple[Float[Array, ""], Float[Array, ""]]:
         kept = jnp.where(error <= TARGET, 1.0, jnp.clip(_ratio(error, new), 0.5, 0.9))
-        shrink = jnp.clip(_ratio(here, k), SHORTEST, 0.5)
+        shrink = jnp.clip(_ratio(here, k), MOST_SHRUNK, 0.5)
         return kept, jnp.where(jnp.isfinite(here), shrink, 0.1)
 
     # Most steps are accepted and followed by one as long or twice as long, and powers cost as much as the rest.
@@ -71,11 +71,9 @@ def _ratio(error: Float[Array, ""], order: Int[Array, ""]) -> Float[Array, ""]:
     return (TARGET / safe) ** (1.0 / (order + 1).astype(error.dtype))
 
 
-HIGHEST = 12
-# Two steps are equal if their lengths differ by less than this, relative to them.
-EQUAL = 0.01
+HIGHEST_ADAMS = 12
 # A step shorter than this, relative to the one before, adds no point.
-TINY = 0.01
+SHORT_ADAMS_STEP = 0.01
 # Another correction may change a state by this many tolerances. For smooth fields it changes less, because a correction
 # is some 10 to 25 errors, and each next one is much smaller.
 SETTLED = 30.0
@@ -151,8 +149,8 @@ class Adams(AbstractMultistep):
     max_order: int = eqx.field(static=True)
     root_finder: Any  # pyright: ignore[reportIncompatibleVariableOverride]
 
-    def __init__(self, max_order: int = HIGHEST):
-        self.max_order = checked_order(max_order, HIGHEST)
+    def __init__(self, max_order: int = HIGHEST_ADAMS):
+        self.max_order = checked_order(max_order, HIGHEST_ADAMS)
         self.root_finder = PredictorCorrector()  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def order(self, terms) -> int:
@@ -304,5 +302,5 @@ def _after(
     moved = AdamsState(attempt.differences, points.advanced(), following.order, equal, rising)
     # Differences of two points so close to each other would be rounding errors only, so the end is not added.
     stayed = state._replace(past=state.past + h)
-    tiny = ~first & (h < TINY * spacing) & (state.past[0] == 0)
+    tiny = ~first & (h < SHORT_ADAMS_STEP * spacing) & (state.past[0] == 0)
     return selected(tiny, stayed, moved), following

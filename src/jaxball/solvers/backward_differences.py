@@ -25,24 +25,24 @@ from jaxtyping import Array, Float, Int
 
 from .differences import products
 
-HIGHEST = 5
+HIGHEST_BDF = 5
 Kappa = Literal["ndf", "bdf"]
 # From order 0. That of order 5 is zero, because the stability region would become too small.
 KAPPAS: dict[str, np.ndarray] = {
     "ndf": np.array([0.0, -0.1850, -1 / 9, -0.0823, -0.0415, 0.0]),
-    "bdf": np.zeros(HIGHEST + 1),
+    "bdf": np.zeros(HIGHEST_BDF + 1),
 }
-GAMMA = np.concatenate([[0.0], np.cumsum(1 / np.arange(1, HIGHEST + 1))])
+HARMONIC_SUMS = np.concatenate([[0.0], np.cumsum(1 / np.arange(1, HIGHEST_BDF + 1))])
 
 
 def leading(kappa: Kappa) -> np.ndarray:
     """(1 − κ) γ_k for each order k: x_{n+1} − P(t_{n+1}) has this factor in the formula."""
-    return (1 - KAPPAS[kappa]) * GAMMA
+    return (1 - KAPPAS[kappa]) * HARMONIC_SUMS
 
 
 def error_constants(kappa: Kappa) -> np.ndarray:
     """The error of a step of each order k, in units of ∇ᵏ⁺¹x_{n+1}."""
-    return np.abs(KAPPAS[kappa] * GAMMA + 1 / np.arange(1, HIGHEST + 2))
+    return np.abs(KAPPAS[kappa] * HARMONIC_SUMS + 1 / np.arange(1, HIGHEST_BDF + 2))
 
 
 def up_to(order: Int[Array, ""], rows: int) -> Array:

@@ -16,7 +16,7 @@ from .stages import AbstractStageIteration, value_and_jacobian
 
 # If rounding, magnified by the condition number, exceeds this, the algebraic variables count as undetermined.
 WORST_CONDITION = 1e-3
-MAX_STEPS = 20
+MOST_NEWTON_STEPS = 20
 
 
 class InitialValues(eqx.Module):
@@ -112,7 +112,7 @@ def solve_algebraic(g: Callable, mass: Mass, x0: Float[Array, " n"], needed: Boo
     eps = jnp.finfo(x0.dtype).eps
 
     def unfinished(at: Solved):
-        return ~at.converged & at.index_one & (at.passes < MAX_STEPS)
+        return ~at.converged & at.index_one & (at.passes < MOST_NEWTON_STEPS)
 
     def improve(at: Solved) -> Solved:
         change, index_one = _correction(g, mass, at.x)

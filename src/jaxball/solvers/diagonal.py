@@ -192,10 +192,10 @@ class Trapezoidal(AbstractDiagonallyImplicit):
         return jnp.where(before.known, h / (6 * (h + before.length)) * second, (k1 - k0) / 2)
 
 
-GAMMA = 2 - math.sqrt(2)
-W, D = math.sqrt(2) / 4, GAMMA / 2
+TR_BDF2_GAMMA = 2 - math.sqrt(2)
+W, D = math.sqrt(2) / 4, TR_BDF2_GAMMA / 2
 # The difference to the embedded formula of order 3.
-ERROR = np.array([[(4 * W - 1) / 3, -1 / 3, 2 * D / 3]])
+ERROR_WEIGHTS = np.array([[(4 * W - 1) / 3, -1 / 3, 2 * D / 3]])
 
 
 class TRBDF2(AbstractDiagonallyImplicit):
@@ -210,8 +210,8 @@ class TRBDF2(AbstractDiagonallyImplicit):
     - ``root_finder``: :class:`~jaxball.solvers.SimplifiedNewton` or :class:`~jaxball.solvers.FixedPoint`.
     """
 
-    tableau: ClassVar[Tableau] = diagonally_implicit([GAMMA, 1.0], [[D, 0.0], [W, D]])
+    tableau: ClassVar[Tableau] = diagonally_implicit([TR_BDF2_GAMMA, 1.0], [[D, 0.0], [W, D]])
     first: ClassVar[np.ndarray] = np.array([[D], [W]])
 
     def estimated_error(self, K, h, before):
-        return combine(ERROR, K)[0]
+        return combine(ERROR_WEIGHTS, K)[0]

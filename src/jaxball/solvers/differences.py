@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 # Components in a vector, and how many of them are not worth one.
-LANES, FEW = 8, 2
+COMPONENTS_OF_VECTOR, FEW_COMPONENTS = 8, 2
 
 
 class Points(NamedTuple):
@@ -93,7 +93,7 @@ def folded(rows: Float[Array, "rows n"]) -> Float[Array, "lanes columns rows"]:
     They end with zeros where n is no multiple of eight. One or two components stay as they are.
     """
     n = rows.shape[-1]
-    lanes = n if n <= FEW else LANES
+    lanes = n if n <= FEW_COMPONENTS else COMPONENTS_OF_VECTOR
     columns = -(-n // lanes) if n else 0
     padded = jnp.pad(rows, ((0, 0), (0, lanes * columns - n)))
     return jnp.transpose(padded.reshape(len(rows), columns, lanes), (2, 1, 0))

@@ -12,6 +12,9 @@ from jaxtyping import Array, Float, Int, PyTree
 
 from .base import FlatProblem
 
+# Two steps are equal if their lengths differ by less than this, relative to them.
+EQUAL = 0.01
+
 
 class PlannedError(eqx.Module):
     """What a multistep method passes to its controller about a step.

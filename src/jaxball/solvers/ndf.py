@@ -10,8 +10,8 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
 from .backward_differences import (
-    GAMMA,
-    HIGHEST,
+    HARMONIC_SUMS,
+    HIGHEST_BDF,
     KAPPAS,
     Kappa,
     advanced,
@@ -27,7 +27,7 @@ from .diagonal import diagonally_implicit
 from .differences import products
 from .interpolation import BackwardPolynomial
 from .mass import mass_term
-from .multistep import AbstractMultistep, NDFController, Plan, checked_order
+from .multistep import EQUAL, AbstractMultistep, NDFController, Plan, checked_order
 from .stages import FROM_CONTROLLER, AbstractStageIteration, Memory, SimplifiedNewton, Stages
 
 # The next step over the one that would have an error of 1, by the estimate.
@@ -37,7 +37,7 @@ LEAST_GROWTH = 1.2
 GREATEST_GROWTH = 10.0
 # If the error is so close to 1 that the next step should be shorter than this, it is shortened, before it fails.
 LONGEST_SHRUNK = 0.9
-SHORTEST, LONGEST_AGAIN = 0.2, 0.8
+SHORTEST_RETRY, LONGEST_RETRY = 0.2, 0.8
 # After an iteration that did not converge.
 GIVEN_UP = 0.3
 
@@ -64,7 +64,7 @@ def plan(errors: Float[Array, "3"], order: Int[Array, ""], equal: Int[Array, ""]
         longest, here = jnp.max(lengths), lengths[1]
         kept = jnp.where(ready | stays[1], 1.0, here)
         growth = jnp.where(changes, jnp.minimum(longest, GREATEST_GROWTH), kept)
-        again = jnp.clip(LONGEST_SHRUNK * here, SHORTEST, LONGEST_AGAIN)
+        again = jnp.clip(LONGEST_SHRUNK * here, SHORTEST_RETRY, LONGEST_RETRY)
         shrink = jnp.where(jnp.isfinite(errors[1]), again, GIVEN_UP)
         return Plan(jnp.where(changes, order - 1 + jnp.argmax(lengths), order), growth, shrink)
 
@@ -91,12 +91,10 @@ EULER = diagonally_implicit([1.0], [[1.0]])
 # earlier. Compared with the usual numbers, these need a third fewer matrices and a seventh fewer evaluations, with no
 # more steps and no larger error. A kappa of 0.05 costs some problems more steps.
 ITERATION = SimplifiedNewton(kappa=0.03, reuse=0.6, slowest=0.3)
-# Two steps are equal if their lengths differ by less than this, relative to them.
-EQUAL = 0.01
 # Lengths of equal steps differ by rounding, and the square of the effect on their differences is negligible.
-ROUNDING = 1e-8
+ROUNDING_OF_LENGTHS = 1e-8
 # A step shorter than this, relative to the distance of the points, adds none.
-TINY = 0.2
+SHORT_NDF_STEP = 0.2
 
 
 class NDFState(NamedTuple):
@@ -168,7 +166,7 @@ class NDF(AbstractMultistep):
     root_finder: AbstractStageIteration  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def __init__(
-        self, max_order: int = HIGHEST, kappa: Kappa = "ndf", root_finder: AbstractStageIteration | None = None
+        self, max_order: int = HIGHEST_BDF, kappa: Kappa = "ndf", root_finder: AbstractStageIteration | None = None
     ):
         if kappa not in KAPPAS:
             raise ValueError(f'Argument `kappa` must be "ndf" or "bdf", but it is {kappa!r}.')
@@ -178,7 +176,7 @@ class NDF(AbstractMultistep):
                 "Argument `root_finder` must have no tolerances and no norm of its own, because the order is chosen by "
                 "those of the step-size controller, but it has."
             )
-        self.max_order, self.kappa = checked_order(max_order, HIGHEST), kappa
+        self.max_order, self.kappa = checked_order(max_order, HIGHEST_BDF), kappa
         self.root_finder = root_finder  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def order(self, terms) -> int:
@@ -222,7 +220,7 @@ class NDF(AbstractMultistep):
     ) -> Stages:
         """The correction to the state that ``before`` predicts for the end of the step, as the only stage."""
         alpha = _at(leading(self.kappa), state.order, problem.x0.dtype)
-        psi = jnp.sum(jnp.asarray(GAMMA[: len(before)], before.dtype)[:, None] * before, axis=0) / alpha
+        psi = jnp.sum(jnp.asarray(HARMONIC_SUMS[: len(before)], before.dtype)[:, None] * before, axis=0) / alpha
         mass_psi = (psi if problem.mass is None else problem.mass.times(psi[None])[0])[None]
         control = problem.control / alpha.astype(problem.control.dtype)
         scaled = problem._replace(slope=Slope(problem.field, control), control=control)
@@ -253,7 +251,7 @@ class NDF(AbstractMultistep):
         following = plan(jnp.where(stages.converged, sizes, jnp.inf), state.order, equal, self.max_order)
         # After a step much shorter than those before, rounding errors of its differences would grow with the next
         # steps. So the points stay on their old polynomial; the next step begins where this one ended.
-        stays = ~state.stayed & (ratio < TINY)
+        stays = ~state.stayed & (ratio < SHORT_NDF_STEP)
         after, last = jax.lax.cond(stays, lambda: _kept(state, ratio), lambda: (after, last))
         changes = following.order != state.order
         differences, beyond = jax.lax.cond(
@@ -309,7 +307,7 @@ def _at_distance(state: NDFState, ratio: Float[Array, ""]) -> tuple[Float[Array,
         inside = jnp.where(up_to(order, len(differences)), resampled(differences, ratio), 0.0)
         return inside, _scaled(beyond, scales)
 
-    return jax.lax.cond(jnp.abs(ratio - 1) < ROUNDING, equal, another)
+    return jax.lax.cond(jnp.abs(ratio - 1) < ROUNDING_OF_LENGTHS, equal, another)
 
 
 def _scaled(rows: Float[Array, "rows n"], scales: Float[Array, " rows"]) -> Float[Array, "rows n"]:

@@ -15,7 +15,7 @@ from ..numerics.arrays import Numbers, to_array
 from ..physics.packing import phase_point
 from ..physics.system import AbstractState, AbstractSystem
 from ..simulation.arguments import checked_steps, checked_tolerances
-from .periodic import DEFAULT_TOLERANCE, equations_of, multipliers_of
+from .periodic import PERIODIC_TOLERANCE, equations_of, multipliers_of
 from .shooting import Search, Shot, shoot
 
 if TYPE_CHECKING:
@@ -29,8 +29,8 @@ def floquet_chart(
     parameters: Mapping[str, Numbers],
     *,
     t: Numbers = 0.0,
-    rtol: Numbers = DEFAULT_TOLERANCE,
-    atol: Numbers = DEFAULT_TOLERANCE,
+    rtol: Numbers = PERIODIC_TOLERANCE,
+    atol: Numbers = PERIODIC_TOLERANCE,
     iterations: int = 20,
     max_steps: int = 4096,
     chunk: int = 128,

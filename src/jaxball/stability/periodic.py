@@ -16,9 +16,9 @@ from ..simulation.deviations import generic_vectors
 from .shooting import TURN, Search, Shot, countable, rates_at, returning, shoot
 from .steady import kind_of
 
-DEFAULT_TOLERANCE = 1e-11
-SAME = 1e-9  # up to which, relative to the largest, rates of change count as the same
-SHARES = np.array([0.0, 0.137, 0.381, 0.733])  # of the period: times at which the equations are compared
+PERIODIC_TOLERANCE = 1e-11
+SAME_RATES = 1e-9  # up to which, relative to the largest, rates of change count as the same
+SHARES_OF_PERIOD = np.array([0.0, 0.137, 0.381, 0.733])  # of the period: times at which the equations are compared
 BESIDE = 0.01  # the distance of a state at which the equations are compared as well
 STANDING = 1e-8  # the change over a period at the initial rate, up to which a state counts as steady
 
@@ -78,8 +78,8 @@ def periodic_motion(
     *,
     turns: Numbers | None = None,
     t: Numbers = 0.0,
-    rtol: Numbers = DEFAULT_TOLERANCE,
-    atol: Numbers = DEFAULT_TOLERANCE,
+    rtol: Numbers = PERIODIC_TOLERANCE,
+    atol: Numbers = PERIODIC_TOLERANCE,
     iterations: int = 20,
     max_steps: int = 4096,
 ) -> PeriodicMotion:
@@ -151,9 +151,9 @@ def equations_of(
     candidates = countable(state)
     beside = x + BESIDE * generic_vectors(1, x.size)
     turned = [beside + TURN * np.eye(x.size)[k] for k in np.flatnonzero(candidates)]
-    times = np.concatenate([t + period * SHARES, t + period * (1 + SHARES)])
+    times = np.concatenate([t + period * SHARES_OF_PERIOD, t + period * (1 + SHARES_OF_PERIOD)])
     rates = np.asarray(rates_at(system, state, to_array(times), to_array(np.concatenate([x[None], beside, *turned]))))
-    same = SAME * max(float(np.max(np.abs(rates))), 1e-300)
+    same = SAME_RATES * max(float(np.max(np.abs(rates))), 1e-300)
     here, later = np.split(rates[:, :2], 2)
     forced = bool(np.max(np.abs(here - here[0])) > same)
     if forced and np.max(np.abs(later - here)) > same:

@@ -17,11 +17,12 @@ from ..physics.state import AbstractBodyState, BallState, DiskState
 from ..physics.system import AbstractState, AbstractSystem, vector_field
 from ..physics.validity import possible_start
 from ..simulation.arguments import DEFAULT_SOLVER
-from ..simulation.deviations import FIRST_STEP, Flow, Steps, advanced
+from ..simulation.deviations import FIRST_STEP_SHARE, Flow, Steps, advanced
 
 TURN = 2 * np.pi
-CLOSED = 100.0  # the residual, in units of the tolerance, up to which a motion counts as closed
-DAMPING = 1e-7  # the least weight of the step against the residual; families of motions have no derivative along them
+CLOSED_RESIDUAL = 100.0  # the residual, in units of the tolerance, up to which a motion counts as closed
+# The least weight of the step against the residual; families of motions have no derivative along them.
+LEAST_DAMPING = 1e-7
 BOLDEST = 0.25  # the largest step of the period, as a share of it, and of the state, as a share of its size
 
 
@@ -135,7 +136,7 @@ def shoot(
         least_normal_force=jnp.full_like(period, jnp.inf),
     )
     x, period, returned, count = jax.lax.while_loop(going, body, (x, period, first, jnp.zeros_like(start)))
-    closed = (returned.status == Status.SUCCESS) & (returned.residual <= CLOSED * limit(x))
+    closed = (returned.status == Status.SUCCESS) & (returned.residual <= CLOSED_RESIDUAL * limit(x))
     return Shot(unravel(x), period, returned, count - 1, closed)
 
 
@@ -153,7 +154,7 @@ def _newton(
     square = jnp.concatenate([returned.monodromy - jnp.eye(size, dtype=held.dtype), held])
     nothing = jnp.zeros((count,), held.dtype)
     column = jnp.concatenate([jnp.zeros_like(returned.after) if forced else returned.after, nothing])
-    damping = jnp.maximum(returned.residual, DAMPING) * jnp.eye(size + 1, dtype=held.dtype)
+    damping = jnp.maximum(returned.residual, LEAST_DAMPING) * jnp.eye(size + 1, dtype=held.dtype)
     matrix = jnp.concatenate([jnp.concatenate([square, column[:, None]], axis=1), damping])
     right_side = jnp.concatenate([-returned.gain, nothing, jnp.zeros((size + 1,), held.dtype)])
     change = least_squares(matrix, right_side)
@@ -176,7 +177,7 @@ def _returned(
     y, into = pack(x), jax.jacfwd(pack)(x)
     flow, steps = Flow.of(system, packing), Steps(DEFAULT_SOLVER, search.rtol, search.atol, search.max_steps)
     from_rows, possible = jnp.concatenate([y[None], into.T]), jnp.asarray(True)
-    solution = advanced(flow, steps, search.t, end, from_rows, FIRST_STEP * period, possible)
+    solution = advanced(flow, steps, search.t, end, from_rows, FIRST_STEP_SHARE * period, possible)
     rows = solution.rows
     arrived, out = unpack(rows[0]), jax.jacfwd(unpack)(rows[0])
     after = ravel_pytree(vector_field(prepared, end, unravel(arrived)))[0]

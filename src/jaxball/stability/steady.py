@@ -23,8 +23,8 @@ from ..physics.state import ReducedState, State
 from ..physics.system import vector_field
 
 STEADY = 1e-8  # the rate, in units of the largest eigenvalue, up to which a state counts as steady
-NEUTRAL = 1e-7  # the real part, in the same units, that counts as zero
-ZERO = 1e-5  # the size that counts as zero: a threefold zero is found as the cube root of the rounding error
+NEUTRAL_EIGENVALUE = 1e-7  # the real part, in the same units, that counts as zero
+ZERO_EIGENVALUE = 1e-5  # the size that counts as zero: a threefold zero is found as the cube root of the rounding error
 
 
 class SteadyMotion(Printed):
@@ -145,9 +145,9 @@ def _linearised(system: System, state: State, turning, t):
 
 def kind_of(eigenvalues: np.ndarray) -> str:
     """The kind, see :class:`SteadyMotion`, by eigenvalues in units of about the largest."""
-    real = np.where(np.abs(eigenvalues) > ZERO, np.real(eigenvalues), 0.0)
-    growing, falling = bool(np.any(real > NEUTRAL)), bool(np.any(real < -NEUTRAL))
-    turning = bool(np.any((np.abs(real) <= NEUTRAL) & (np.abs(eigenvalues) > ZERO)))
+    real = np.where(np.abs(eigenvalues) > ZERO_EIGENVALUE, np.real(eigenvalues), 0.0)
+    growing, falling = bool(np.any(real > NEUTRAL_EIGENVALUE)), bool(np.any(real < -NEUTRAL_EIGENVALUE))
+    turning = bool(np.any((np.abs(real) <= NEUTRAL_EIGENVALUE) & (np.abs(eigenvalues) > ZERO_EIGENVALUE)))
     if growing and falling:
         return "saddle-centre" if turning else "saddle"
     return "source" if growing else "sink" if falling else "centre"
@@ -225,8 +225,8 @@ def steady_rolling(ball: Ball, inclination: float, precession: float, *, t: Numb
     return stability(ball, ReducedState(Omega, Gamma), turning=-spin, t=t)
 
 
-STARTS = 128
-SAME = 1e-6
+STARTS_OF_SEARCH = 128
+SAME_MOTION = 1e-6
 
 
 def permanent_rotations(
@@ -264,7 +264,7 @@ def permanent_rotations(
     ends = np.asarray(_search(ball, to_array(rate), to_array(t), to_array(starts)))
     distinct: list[np.ndarray] = []
     for Gamma in ends[np.all(np.isfinite(ends), axis=1)]:
-        if all(np.max(np.abs(Gamma - other)) > SAME for other in distinct):
+        if all(np.max(np.abs(Gamma - other)) > SAME_MOTION for other in distinct):
             distinct.append(Gamma)
     motions = [stability(ball, ReducedState(rate * Gamma, Gamma), t=t) for Gamma in distinct]
     return tuple(sorted((motion for motion in motions if motion.steady), key=lambda motion: motion.growth))
@@ -289,7 +289,7 @@ def _search(ball: Ball, rate, t, starts) -> Float[Array, "n 3"]:
 
 def _sphere() -> np.ndarray:
     """Points that cover the sphere evenly, on a golden spiral."""
-    height = 1 - (2 * np.arange(STARTS) + 1) / STARTS
-    azimuth = np.pi * (3 - np.sqrt(5)) * np.arange(STARTS)
+    height = 1 - (2 * np.arange(STARTS_OF_SEARCH) + 1) / STARTS_OF_SEARCH
+    azimuth = np.pi * (3 - np.sqrt(5)) * np.arange(STARTS_OF_SEARCH)
     radius = np.sqrt(1 - height**2)
     return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), height], axis=1)

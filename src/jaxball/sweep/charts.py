@@ -17,7 +17,7 @@ from ..scenario.files import with_defaults
 from ..scenario.paths import check_number, value_at
 from ..scenario.solvers import SOLVERS
 from ..stability import floquet_chart
-from ..stability.periodic import DEFAULT_TOLERANCE
+from ..stability.periodic import PERIODIC_TOLERANCE
 from .axes import Ranged
 from .rows import read_rows
 from .study import Study
@@ -87,8 +87,8 @@ def scenario_floquet_chart(
         make,
         cells.indices,
         t=template.times[0],
-        rtol=min(template.rtol, DEFAULT_TOLERANCE),
-        atol=min(template.atol, DEFAULT_TOLERANCE),
+        rtol=min(template.rtol, PERIODIC_TOLERANCE),
+        atol=min(template.atol, PERIODIC_TOLERANCE),
         iterations=iterations,
         max_steps=template.max_steps,
         progress=progress,

@@ -19,7 +19,7 @@ from .outputs import history_results
 from .rows import Batch, Request
 
 # Rows that are computed together; results do not depend on it. A GPU has tens of thousands of threads.
-BLOCK, BLOCK_ON_GPU = 2048, 2**17
+ROWS_OF_CALL, ROWS_OF_CALL_ON_GPU = 2048, 2**17
 
 
 def solve_in_lanes(batch: Batch, request: Request) -> dict[str, np.ndarray]:
@@ -71,7 +71,7 @@ def _solved(
         project=first.project,
         max_steps=first.max_steps,
         reductions=reductions,
-        block=min(request.most, BLOCK if jax.default_backend() == "cpu" else BLOCK_ON_GPU),
+        block=min(request.most, ROWS_OF_CALL if jax.default_backend() == "cpu" else ROWS_OF_CALL_ON_GPU),
         threads=request.threads,
     )
     trajectory = ensemble.trajectory

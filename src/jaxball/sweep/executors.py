@@ -22,7 +22,7 @@ from ..interface import interruption
 from ..interface.status import SUCCESSES, Status
 from ..scenario import Scenario
 from .errors import WorkerError
-from .outputs import LEAST, LEFT, Output, left_plane, outputs_of, state_variables, went_on, with_extremes
+from .outputs import LEAST_FORCE, LEFT, Output, left_plane, outputs_of, state_variables, went_on, with_extremes
 from .rows import Engine, Request, read_rows
 from .store import Store
 from .study import Study
@@ -91,8 +91,8 @@ def compute(
         arrays["time"][possible] = batch.times
     request = Request(study.contact, study.detachment, study.finds, study.chunk, threads, study.readings, study.within)
     solved = with_extremes(engine(batch, request), template if study.readings else None)
-    if LEFT in outputs and LEAST in solved:
-        solved = solved | {LEFT: left_plane(solved["status"], solved[LEAST])}
+    if LEFT in outputs and LEAST_FORCE in solved:
+        solved = solved | {LEFT: left_plane(solved["status"], solved[LEAST_FORCE])}
     for name in outputs.keys() & solved.keys():
         array = solved[name]
         at_each_time = name in state_variables(template) and study.save == "end"
@@ -100,7 +100,7 @@ def compute(
     return arrays
 
 
-SECONDS_BETWEEN_POLLS = 0.02
+SECONDS_BETWEEN_LOOKS = 0.02
 
 
 class InThisProcess(concurrent.futures.Executor):
@@ -247,7 +247,7 @@ def solve_all(executor: Any, tasks: Iterable[Task], ahead: int, stop: threading.
             for future in ended:
                 yield future.result()
             if not ended:
-                time.sleep(SECONDS_BETWEEN_POLLS)
+                time.sleep(SECONDS_BETWEEN_LOOKS)
     except concurrent.futures.BrokenExecutor:
         raise WorkerError(
             "A worker ended before its chunk was done: it was killed, perhaps because memory ran out. The store is "

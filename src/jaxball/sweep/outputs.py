@@ -39,7 +39,7 @@ from .study import Find, Study
 
 AXES = "axes"  # the group of a store that holds the points of each axis
 NAMES = "names"  # the attribute that has the labels along a dimension, if they are not numbers
-LEAST, LEFT = "least_normal_force", "left_plane"
+LEAST_FORCE, LEFT = "least_normal_force", "left_plane"
 _LOGARITHMIC = ("log-uniform", "lognormal")
 
 
@@ -199,7 +199,7 @@ def _shown_system(template: Scenario) -> Any:
 
 def finds_least_normal_force(study: Study, template: Scenario) -> bool:
     """Whether the least normal force is found of runs that are valid only as long as it is positive."""
-    return not template.may_slip and (study.contact or any(find == Find(LEAST) for find in study.finds))
+    return not template.may_slip and (study.contact or any(find == Find(LEAST_FORCE) for find in study.finds))
 
 
 def left_plane(status: Int[np.ndarray, " rows"], least: Float[np.ndarray, " rows"]) -> Int[np.ndarray, " rows"]:

@@ -100,7 +100,7 @@ class Request(NamedTuple):
 Engine = Callable[[Batch, Request], dict[str, np.ndarray]]
 
 
-BLOCK = 1024
+ROWS_OF_BATCH = 1024
 
 
 def read_rows(
@@ -156,7 +156,7 @@ class _Stacked(NamedTuple):
 
 def _read_stacked(study: Study, values: Float[np.ndarray, "rows numbers"]) -> _Stacked:
     structure, program = _compiled(tomli_w.dumps(study.document), study.paths)
-    changing, possible, certain = in_batches(program, values, min(BLOCK, study.chunk))
+    changing, possible, certain = in_batches(program, values, min(ROWS_OF_BATCH, study.chunk))
     for k in np.flatnonzero(possible & ~certain):
         possible[k] = _read(study, values[k]) is not None
     leaves, tree = jax.tree.flatten(structure.parts)

@@ -88,9 +88,9 @@ def _read_find(value: Any, path: str, template: Scenario) -> Find:
 
 
 FORMAT = 1
-WITHIN = 0.05
+RETURN_WITHIN = 0.05
 LARGEST_CHUNK = 8192
-MOST_NUMBERS = 2**24  # in the states of a chunk
+MOST_NUMBERS_OF_CHUNK = 2**24  # in the states of a chunk
 NUMBERS_OF_A_STATE = 16  # about as many as for a ball with a few driven masses
 SMALLEST_CHUNK = 16
 ENOUGH_CHUNKS = 16  # for a small study
@@ -103,7 +103,7 @@ KEYS = {
     "contact": Key(Flag(), False),
     "detachment": Key(Flag(), False),
     "readings": Key(Flag(), False),
-    "within": Key(Numbers(rule=POSITIVE), WITHIN),
+    "within": Key(Numbers(rule=POSITIVE), RETURN_WITHIN),
     "find": Key(unread("a list of names and tables", FINDS), []),
     "chunk": Key(Integer(1, 2**20), None),
 }
@@ -136,7 +136,7 @@ class Study:
     finds: tuple[Find, ...] = ()
     chunk: int = 1
     readings: bool = False
-    within: float = WITHIN
+    within: float = RETURN_WITHIN
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -345,5 +345,5 @@ def _check_of_loop(scenario: dict[str, Any], path: str) -> None:
 
 def _chunk_for(rows: int, saves: int) -> int:
     """Enough chunks to share among workers and to lose little, but not as many as make lanes and files costly."""
-    most = min(LARGEST_CHUNK, MOST_NUMBERS // (NUMBERS_OF_A_STATE * saves))
+    most = min(LARGEST_CHUNK, MOST_NUMBERS_OF_CHUNK // (NUMBERS_OF_A_STATE * saves))
     return max(1, min(max(SMALLEST_CHUNK, 1 << (rows // ENOUGH_CHUNKS).bit_length()), most, rows))

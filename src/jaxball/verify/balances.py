@@ -22,7 +22,7 @@ from .case import SAFETY, Case
 from .laws import BALANCES
 from .report import Row
 
-ZERO = 1e-9  # relative to the scale
+ZERO_RELATIVE = 1e-9  # relative to the scale
 MASSES_MOVE = "masses move"
 PLANAR = "a disk rolls in a plane, where it is zero"
 NO_TURNTABLE = "the ground has no turntable"
@@ -35,7 +35,7 @@ def why_not_chaplygin(system: AbstractBody, at: Moments) -> str:
     if reason := _what_acts(system):
         return reason
     distance = float(np.max(np.linalg.norm(at.p, axis=-1) / np.asarray(at.M)))
-    if distance > ZERO * float(system.radius):
+    if distance > ZERO_RELATIVE * float(system.radius):
         return f"the centre of mass is up to {distance:.3g} from the geometric centre"
     return ""
 
@@ -62,7 +62,7 @@ def why_not_routh(system: AbstractBody, at: Moments, axis: Float[np.ndarray, "st
     J, p = np.asarray(at.J), np.asarray(at.p)
     moved = max(np.ptp(J, axis=(0, 1)).max(), np.ptp(p, axis=(0, 1)).max() * float(system.radius))
     # Two equal masses that circle the axis opposite each other change neither J nor p.
-    if moved > ZERO * np.max(np.abs(J)) or np.max(np.abs(at.l)) > 0:
+    if moved > ZERO_RELATIVE * np.max(np.abs(J)) or np.max(np.abs(at.l)) > 0:
         return MASSES_MOVE
     J, p = J[0, 0], p[0, 0]
     about_centre_of_mass = J - (p @ p * np.eye(3) - np.outer(p, p)) / float(at.M[0, 0])
@@ -84,10 +84,10 @@ def why_no_revolution(J: Float[np.ndarray, "3 3"], axis: Float[np.ndarray, "3"])
     """Why a body with the moments of inertia ``J`` is not a body of revolution about ``axis``; empty where it is."""
     scale = float(np.max(np.abs(J)))
     along = J @ axis
-    if np.max(np.abs(along - (axis @ along) * axis)) > ZERO * scale:
+    if np.max(np.abs(along - (axis @ along) * axis)) > ZERO_RELATIVE * scale:
         return f"the axis {_text(axis)} is not a principal one"
     across = np.sort(np.linalg.eigvalsh(J + 10 * scale * np.outer(axis, axis)))[:2]
-    if across[1] - across[0] > ZERO * scale:
+    if across[1] - across[0] > ZERO_RELATIVE * scale:
         return f"the moments across the axis {_text(axis)} differ, {across[0]:.4g} and {across[1]:.4g}"
     return ""
 

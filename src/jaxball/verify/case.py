@@ -25,7 +25,7 @@ from ..simulation.trajectory import Trajectory
 from .samples import Samples, sample
 
 REFERENCE = 1e-13
-MOST_STEPS = 2**18
+MOST_STEPS_VERIFIED = 2**18
 DEVIATION = 1e-7
 DIRECTIONS = 4
 SAFETY = 10  # because step-size control keeps an estimate of the error, in the mean square, to the tolerance
@@ -106,7 +106,7 @@ class Case:
             trajectory = solve(dense=True, max_steps=FEW_STEPS[-1])
             if int(trajectory.status) != Status.MAX_STEPS:
                 return trajectory
-        return solve(max_steps=MOST_STEPS)
+        return solve(max_steps=MOST_STEPS_VERIFIED)
 
     @cached_property
     def weights(self) -> Float[np.ndarray, " size"]:

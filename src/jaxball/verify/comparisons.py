@@ -26,7 +26,7 @@ SATURATED = 1e-1
 INTERPOLATION_FACTOR = 100  # the reference's interpolation error over its tolerance
 LOOSEST = 1e-2
 
-SLOW = ("solvers", "dae", "embedding")  # each compiles a program of its own
+SLOW_COMPARISONS = ("solvers", "dae", "embedding")  # each compiles a program of its own
 
 
 def saved(case: Case) -> Row:

@@ -16,7 +16,7 @@ from ..simulation.simulate import at_rest
 from ..simulation.trajectory import Trajectory
 from .balances import laws_along
 from .case import Case, trust
-from .comparisons import CHECKS, SLOW
+from .comparisons import CHECKS, SLOW_COMPARISONS
 from .laws import LAWS
 from .report import Report, Row
 
@@ -54,7 +54,9 @@ def verify(
     case = Case(_scenario(system, times, state, settings), given)
     _ = case.state  # raises for one with a law of contact
     known = {**laws_along(case.scenario), **CHECKS}
-    chosen = [name for name in known if not (quick and name in SLOW)] if laws is None else _checked(laws, known)
+    chosen = (
+        [name for name in known if not (quick and name in SLOW_COMPARISONS)] if laws is None else _checked(laws, known)
+    )
     if not case.run.ok:
         return Report(case.scenario.title, (), failure=case.run.message)
     rows = _rows(case, chosen, known)
@@ -67,7 +69,7 @@ def verify(
 
 def _rows(case: Case, chosen: Sequence[str], known: Mapping[str, Callable[[Case], Row]]) -> tuple[Row, ...]:
     """The rows of the chosen laws. One core compiles what they share, the other the programs of single rows."""
-    slow = [name for name in chosen if name in SLOW and name in known]
+    slow = [name for name in chosen if name in SLOW_COMPARISONS and name in known]
     if slow:
         _ = case.expected  # needed by several, so that two threads do not simulate it
     beside = concurrent.futures.ThreadPoolExecutor(1)

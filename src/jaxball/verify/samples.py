@@ -27,12 +27,12 @@ from ..physics.surfaces import Footing
 from ..simulation.trajectory import Interpolant, Trajectory
 from ..solvers.dense.steps import Steps
 
-CENTRED = 1e-12  # of the radius of gyration: a distance from the geometric centre that counts as zero
+CENTRED_DISTANCE = 1e-12  # of the radius of gyration: a distance from the geometric centre that counts as zero
 # Enough for the polynomials of dense output, multiplied by factors that vary on the same scale.
-NODES = 10
+GAUSS_NODES = 10
 # Programs are compiled for multiples of this number of steps, so that there are few of them.
 STEPS_AT_A_TIME = 64
-GAUSS = np.polynomial.legendre.leggauss(NODES)
+GAUSS = np.polynomial.legendre.leggauss(GAUSS_NODES)
 FRACTIONS = np.concatenate([[0.0], (1 + GAUSS[0]) / 2, [1.0]])
 WEIGHTS = GAUSS[1] / 2
 DISPLACEMENT = 1e-6
@@ -188,7 +188,7 @@ def axis_of(at: Moments) -> Float[Array, "3"]:
     """
     J = jnp.diagonal(at.J)
     height = jnp.sqrt(jnp.sum(at.p**2))
-    centred = height <= CENTRED * jnp.sqrt(at.M * jnp.max(J))
+    centred = height <= CENTRED_DISTANCE * jnp.sqrt(at.M * jnp.max(J))
     odd = jnp.argmax(jnp.abs(J - jnp.median(J)))
     coordinate = jnp.where(jnp.arange(3) == odd, jnp.ones_like(J), 0.0)
     return jnp.where(centred, coordinate, at.p / jnp.where(centred, 1.0, height))

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from ...interface.wording import pip_install
 from ..problem import Problem
 
-MAX_STEPS = 200_000
+MAX_STEPS_OF_BENCH = 200_000
 
 
 @dataclass(frozen=True)

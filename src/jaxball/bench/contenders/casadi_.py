@@ -13,7 +13,7 @@ import numpy as np
 
 from ..problem import Piece, Problem
 from ..translate import casadi_dae
-from . import MAX_STEPS, NO_WORK, Outcome, Program, Run, Work
+from . import MAX_STEPS_OF_BENCH, NO_WORK, Outcome, Program, Run, Work
 
 # Untyped, because it need not be installed where types are checked.
 casadi: Any = importlib.import_module("casadi")
@@ -54,7 +54,7 @@ class _Leg:
         options = options | {
             "reltol": tolerance,
             "abstol": tolerance * problem.atol_over_rtol,
-            "max_num_steps": MAX_STEPS,
+            "max_num_steps": MAX_STEPS_OF_BENCH,
         }
         if solver == "idas":
             options |= _idas_options(problem, piece)

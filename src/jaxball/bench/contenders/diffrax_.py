@@ -17,7 +17,7 @@ from ...paper.reproduce.experiments import Counter, Field, counting
 from ...solvers.multistep import controller_class
 from ..problem import Form, Problem
 from ..translate import jax_field, jax_parameters
-from . import MAX_STEPS, Outcome, Program, Run, Work
+from . import MAX_STEPS_OF_BENCH, Outcome, Program, Run, Work
 
 METHODS: dict[str, diffrax.AbstractAdaptiveSolver] = {
     "Tsit5": diffrax.Tsit5(),
@@ -138,7 +138,7 @@ def _solve(solver, problem: Problem, term, initial: Float[Array, " state"], tole
         None,
         initial,
         stepsize_controller=controller,
-        max_steps=MAX_STEPS,
+        max_steps=MAX_STEPS_OF_BENCH,
         throw=False,
     )
     assert solution.ys is not None

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..problem import Problem
 from ..translate import heyoka_system
-from . import MAX_STEPS, Outcome, Program, Run, Work
+from . import MAX_STEPS_OF_BENCH, Outcome, Program, Run, Work
 
 # Untyped, because it need not be installed where types are checked.
 heyoka: Any = importlib.import_module("heyoka")
@@ -41,7 +41,7 @@ class _Run(Run):
         ends = []
         for piece in self._problem.pieces:
             integrator.pars[:] = piece.parameters
-            ends.append(integrator.propagate_until(piece.end, max_steps=MAX_STEPS))
+            ends.append(integrator.propagate_until(piece.end, max_steps=MAX_STEPS_OF_BENCH))
         return ends
 
     def outcome(self) -> Outcome:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..problem import Problem
-from . import MAX_STEPS, Outcome, Program, Run, Work
+from . import MAX_STEPS_OF_BENCH, Outcome, Program, Run, Work
 from .scipy_ import compiled_rates
 
 # Untyped, because it need not be installed where types are checked.
@@ -51,7 +51,7 @@ class _Run(Run):
         self._legs = Legs.of(problem)
         self._advance, self._right_hand_side = advance, right_hand_side  # whose address must stay that of a function
         x, tolerances = np.array(problem.initial, dtype=float), (tolerance, tolerance * problem.atol_over_rtol)
-        self._arguments = (right_hand_side.address, x, *self._legs, *tolerances, MAX_STEPS)
+        self._arguments = (right_hand_side.address, x, *self._legs, *tolerances, MAX_STEPS_OF_BENCH)
 
     def solve(self) -> tuple[np.ndarray, bool]:
         return self._advance(*self._arguments)

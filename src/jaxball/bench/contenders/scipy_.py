@@ -13,7 +13,7 @@ import scipy.integrate
 
 from ..problem import Piece, Problem
 from ..translate import jacobian_source, python_source
-from . import MAX_STEPS, NO_WORK, Outcome, Program, Run, Work
+from . import MAX_STEPS_OF_BENCH, NO_WORK, Outcome, Program, Run, Work
 
 # Untyped, because it need not be installed where types are checked.
 numba: Any = importlib.import_module("numba")
@@ -97,10 +97,12 @@ class _Run(Run):
     def _advance(self, piece: Piece, x: np.ndarray) -> tuple[np.ndarray, str, Work]:
         solver = self._solver(piece, x)
         steps, message = 0, ""
-        while solver.status == "running" and steps < MAX_STEPS:
+        while solver.status == "running" and steps < MAX_STEPS_OF_BENCH:
             message = solver.step()
             steps += 1
-        failure = {"finished": "", "running": f"it took {MAX_STEPS} steps"}.get(solver.status, str(message).rstrip("."))
+        failure = {"finished": "", "running": f"it took {MAX_STEPS_OF_BENCH} steps"}.get(
+            solver.status, str(message).rstrip(".")
+        )
         implicit = self.jacobian is not None
         counted = Work(
             steps=steps,

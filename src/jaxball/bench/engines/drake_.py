@@ -20,7 +20,7 @@ from .inside import in_space, prescribed
 # Untyped, because it need not be installed where types are checked.
 drake: Any = importlib.import_module("pydrake.all")
 
-SAMPLES = 20  # of a torque, in each interval between save times
+TORQUE_SAMPLES = 20  # of a torque, in each interval between save times
 
 
 def run(case: Case, setting: Setting, timestep: float) -> Motion:
@@ -83,7 +83,7 @@ def _add_servos(plant: Any, exported: Exported) -> None:
 
 def _connect(builder: Any, plant: Any, scenario: Scenario, exported: Exported, *, servos: bool, ahead: float) -> None:
     """Connects the controls: torques, or what servos are to reach at the end of each step, which is ``ahead``."""
-    times = np.linspace(scenario.times[0], scenario.times[-1], SAMPLES * (len(scenario.times) - 1) + 1)
+    times = np.linspace(scenario.times[0], scenario.times[-1], TORQUE_SAMPLES * (len(scenario.times) - 1) + 1)
     controls = exported.controls_at(times + ahead if servos else times).T
     values = np.concatenate([controls, np.zeros_like(controls)]) if servos else controls
     source = builder.AddSystem(

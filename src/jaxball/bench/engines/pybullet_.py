@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...mjcf import to_mjcf
-from ...mjcf.elements import LEAST
+from ...mjcf.elements import MINVAL
 from ...numerics.arrays import to_array
 from ...physics.contact.released import ReleasedState, released
 from ...scenario import Scenario
@@ -19,7 +19,7 @@ from .inside import Hung, hung, in_space, prescribed
 # Untyped, because it need not be installed where types are checked.
 bullet: Any = importlib.import_module("pybullet")
 
-TABLE = (20.0, 1.0)  # the radius and half the height of a turntable, in radii of the ball
+TABLE_SIZE = (20.0, 1.0)  # the radius and half the height of a turntable, in radii of the ball
 STRONG = 1e9  # the torque of motors that keep what is prescribed
 
 
@@ -89,8 +89,8 @@ def _add_ground(scenario: Scenario) -> None:
         plane = bullet.createMultiBody(0.0, bullet.createCollisionShape(bullet.GEOM_PLANE))
         bullet.changeDynamics(plane, -1, lateralFriction=1.0)
         return
-    disk = bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=TABLE[0] * r, height=2 * TABLE[1] * r)
-    centre = (*np.asarray(ground.turntable.centre).tolist(), -TABLE[1] * r)
+    disk = bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=TABLE_SIZE[0] * r, height=2 * TABLE_SIZE[1] * r)
+    centre = (*np.asarray(ground.turntable.centre).tolist(), -TABLE_SIZE[1] * r)
     turning = Hung("turntable", 1.0, np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 1.0]))
     table = bullet.createMultiBody(0.0, -1, basePosition=centre, **_links([turning], disk))
     bullet.changeDynamics(table, 0, lateralFriction=1.0, jointDamping=0.0)
@@ -136,7 +136,7 @@ def _add_robot(scenario: Scenario, links: list[Hung], driving: Driving, friction
     own = dict(zip(system.coordinates, zip(body.theta.tolist(), body.thetadot.tolist(), strict=True), strict=True))
     for index, link in enumerate(links):
         theta, rate = driving.start(link.name, own.get(link.name, (0.0, 0.0)))
-        bullet.changeDynamics(robot, index, localInertiaDiagonal=[LEAST] * 3, **undamped)
+        bullet.changeDynamics(robot, index, localInertiaDiagonal=[MINVAL] * 3, **undamped)
         bullet.setJointMotorControl2(robot, index, bullet.VELOCITY_CONTROL, force=0.0)
         bullet.resetJointState(robot, index, theta, rate)
     return robot

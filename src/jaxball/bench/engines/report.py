@@ -111,7 +111,7 @@ def diagram(case: Case, rows: Sequence["Row"]) -> Figure:
     ax.set_axisbelow(True)
     style.label_axes(ax, "processor time for a unit of simulated time [s]", "largest error of the path [radii]")
     ax.set_title(f"{case.title[0].upper()}{case.title[1:]}", fontproperties=style.LABEL, loc="left")
-    ax.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), frameon=False, prop=style.SMALL)
+    ax.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), frameon=False, prop=style.SMALL_FONT)
     figure = ax.figure
     assert isinstance(figure, Figure)
     return figure

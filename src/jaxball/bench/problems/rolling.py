@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from ... import paper
 from ...numerics.arrays import to_array
 from ...paper import reference
-from ...paper.systems import END, START
+from ...paper.systems import PAPER_END, PAPER_START
 from ...physics.body import System
 from ...physics.packing import Packing
 from ...physics.state import BallState, DiskState
@@ -76,9 +76,9 @@ def own_form(system: System, start: AnyState, whole: Callable[[AnyState], Float[
         return packing.field(t, x)
 
     def final(x: Float[np.ndarray, " form"]) -> Float[np.ndarray, " state"]:
-        return whole(cast(AnyState, packing.unpack(to_array(END), to_array(x))))
+        return whole(cast(AnyState, packing.unpack(to_array(PAPER_END), to_array(x))))
 
-    return Form(field, tuple(map(float, packing.pack(to_array(START), start))), final)
+    return Form(field, tuple(map(float, packing.pack(to_array(PAPER_START), start))), final)
 
 
 def own_dae_form(system: System, start: BallState, whole: Callable[[BallState], Float[np.ndarray, " state"]]) -> Form:

@@ -50,7 +50,7 @@ VAN_DER_POL_SCALED = Problem(
 )
 
 
-END = 1e11
+ROBERTSON_END = 1e11
 
 
 def robertson_rates(t: Scalar, x: Sequence[Scalar], p: Sequence[Scalar], functions: Functions) -> list[Scalar]:
@@ -73,7 +73,7 @@ ROBERTSON = Problem(
         "Hairer & Wanner II, section IV.10, ROBER, to t = 1e11; the end state from Radau collocation in 32 digits, "
         "to which ROBER of Mazzia & Magherini, Test Set for IVP Solvers, release 2.4 (2008), agrees to 2e-14"
     ),
-    pieces=(Piece(0.0, END),),
+    pieces=(Piece(0.0, ROBERTSON_END),),
     initial=(1.0, 0.0, 0.0),
     rates=robertson_rates,
     exact=(2.0833401497012941e-8, 8.3333607703347832e-14, 0.99999997916651517),
@@ -86,7 +86,7 @@ ROBERTSON_DAE = dataclasses.replace(
     ROBERTSON,
     name="robertson-dae",
     title="Robertson, DAE",
-    pieces=(Piece(0.0, END, algebraic=2),),
+    pieces=(Piece(0.0, ROBERTSON_END, algebraic=2),),
     constraint=mass_excess,
 )
 

@@ -4,7 +4,7 @@ import argparse
 import dataclasses
 from pathlib import Path
 
-from ...interface.interruption import INTERRUPTED, STOPPED, interrupt_message
+from ...interface.interruption import EXIT_INTERRUPTED, STOPPED, interrupt_message
 from ...interface.output import check_folder
 from ..jax_setup import set_up_jax
 from ..options import BadInputError, positive
@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
     settings = dataclasses.replace(plan.settings, **{key: value for key, value in changes.items() if value is not None})
     with interrupt_message(lambda: _stopped(options.out)):
         results = bench.bench(plan.problems, plan.contenders, settings, options.out)
-    return INTERRUPTED if results.interrupted else 0
+    return EXIT_INTERRUPTED if results.interrupted else 0
 
 
 def _check_gradients(options: argparse.Namespace) -> None:

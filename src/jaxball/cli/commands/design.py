@@ -29,15 +29,15 @@ def run(options: argparse.Namespace) -> int:
     check_folder(options.out, "--out")
     text, document = text_and_document(options.problem, "problem", *PROBLEMS)
     set_up_jax()
-    from ...design.files import TABLE, problem_of, read_control
+    from ...design.files import CONTROL_TABLE, problem_of, read_control
     from ...design.result import Source
 
     file = Path(options.problem)
     with all_told(options.problem):
-        problem_file = (read_control if TABLE in document else problem_of)(document, file.parent)
+        problem_file = (read_control if CONTROL_TABLE in document else problem_of)(document, file.parent)
     source = Source(shlex.join(["jaxball", "design", str(file), "--out", str(options.out)]), file, text)
     source.check(options.out)
-    return (_control if TABLE in document else _search)(options, problem_file, source)
+    return (_control if CONTROL_TABLE in document else _search)(options, problem_file, source)
 
 
 def _progress(options: argparse.Namespace, line: Line) -> Callable[[str], None]:

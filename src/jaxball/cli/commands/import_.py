@@ -11,7 +11,7 @@ from ..input import STDIN, refuse_document
 from ..jax_setup import set_up_jax
 from ..options import STDOUT, add_quiet, positive, say, written_line
 
-END, STEP = 10.0, 0.1
+DEFAULT_END, DEFAULT_STEP = 10.0, 0.1
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -21,8 +21,12 @@ def add(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("file", metavar="FILE", help="an MJCF file, or - for standard input")
     parser.add_argument("--out", type=Path, default=STDOUT, metavar="FILE", help=".toml; default: standard output")
-    parser.add_argument("--end", type=positive, default=END, metavar="TIME", help=f"of the run; default: {END:g}")
-    parser.add_argument("--step", type=positive, default=STEP, metavar="TIME", help=f"between saves; default: {STEP:g}")
+    parser.add_argument(
+        "--end", type=positive, default=DEFAULT_END, metavar="TIME", help=f"of the run; default: {DEFAULT_END:g}"
+    )
+    parser.add_argument(
+        "--step", type=positive, default=DEFAULT_STEP, metavar="TIME", help=f"between saves; default: {DEFAULT_STEP:g}"
+    )
     parser.add_argument(
         "--contact", action="store_true", help="let it slip and fly, with MuJoCo's coefficient of friction"
     )

@@ -123,7 +123,7 @@ def _motion(options: argparse.Namespace, document: dict[str, Any], period: float
     from ...scenario.body import rolling_state
     from ...scenario.checks import message_in_keys
     from ...stability import periodic_motion
-    from ...stability.periodic import DEFAULT_TOLERANCE
+    from ...stability.periodic import PERIODIC_TOLERANCE
     from ..files import motion_content, report, save_motions
 
     scenario = scenario_of(document, options.scenario)
@@ -149,8 +149,8 @@ def _motion(options: argparse.Namespace, document: dict[str, Any], period: float
                 period,
                 turns=options.turns,
                 t=start,
-                rtol=min(scenario.rtol, DEFAULT_TOLERANCE),
-                atol=min(scenario.atol, DEFAULT_TOLERANCE),
+                rtol=min(scenario.rtol, PERIODIC_TOLERANCE),
+                atol=min(scenario.atol, PERIODIC_TOLERANCE),
                 iterations=options.iterations,
                 max_steps=scenario.max_steps,
             )

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 # Bytes for each time, measured for balls and disks: of a run, and of its observables for files and figures.
 OF_STATES, OF_OBSERVABLES = 800.0, 1_800.0
 SETTINGS = ("solver", "rtol", "atol")  # of the solve, which options can replace
-MANY = 1_000_000  # times, for which a user should be warned of the wait
+MANY_TIMES = 1_000_000  # times, for which a user should be warned of the wait
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -291,7 +291,7 @@ def check_memory(options: argparse.Namespace, times: int) -> None:
             f"Key `time` asks for {counted(times, 'time')}, which need about {_gigabytes(needed)} of memory, but "
             f"{_gigabytes(free)} are free; save fewer times."
         )
-    if times > MANY and not options.quiet:
+    if times > MANY_TIMES and not options.quiet:
         warning = f"jaxball: {counted(times, 'time')} take minutes and about {_gigabytes(needed)} of memory."
         print(warning, file=sys.stderr, flush=True)
 

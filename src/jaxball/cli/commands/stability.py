@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ...scenario import Scenario
     from ...stability import SteadyMotion
 
-MOST_SHOWN = 20  # motions in a summary; files have all
+MOST_MOTIONS_SHOWN = 20  # motions in a summary; files have all
 NAMES, COMPLEX = ("turning", "residual", "steady", "stable", "kind"), ("eigenvalues",)
 ELSE = "give --initial for a state that is steady, or use jaxball periodic for a motion that repeats itself"
 
@@ -107,9 +107,11 @@ def _summary(motions: "Sequence[SteadyMotion]") -> list[str]:
     from ..files import complex_numbers, state_line
 
     lines = [] if motions else ["No steady motion was found."]
-    for motion in motions[:MOST_SHOWN]:
+    for motion in motions[:MOST_MOTIONS_SHOWN]:
         lines += [state_line(motion), f"  {in_commands(motion.message)}"]
         lines += [f"  eigenvalues {complex_numbers(motion.eigenvalues)}"]
-    if len(motions) > MOST_SHOWN:
-        lines.append(f"and {len(motions) - MOST_SHOWN} more, because the directions are not isolated; --out saves all")
+    if len(motions) > MOST_MOTIONS_SHOWN:
+        lines.append(
+            f"and {len(motions) - MOST_MOTIONS_SHOWN} more, because the directions are not isolated; --out saves all"
+        )
     return lines

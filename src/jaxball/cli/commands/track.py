@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from ...scenario import Scenario
     from ...scenario.feedback import RegulatorSettings
 
-WITHIN = 0.05
+WITHIN_BASIN = 0.05
 ON_RATES = 0.1  # of the default disturbance, rad/time
 WITHOUT, HELD, SEEING = "without feedback", "with feedback", "from sensors"
 BASINS = {HELD: "basin", SEEING: "basin_from_sensors"}  # the names of figures, and in the summary
@@ -79,7 +79,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         "estimator also which do from sensors",
     )
     parser.add_argument(
-        "--within", type=positive, metavar="D", help=f"how close a start must come back (default: {WITHIN})"
+        "--within", type=positive, metavar="D", help=f"how close a start must come back (default: {WITHIN_BASIN})"
     )
     parser.add_argument("--out", type=Path, metavar="FILE", help="save the run of the first start: .nc or .npz")
     parser.add_argument("--plot", type=Path, metavar="FOLDER", help="draw paths, inputs, gains and so on")
@@ -212,7 +212,7 @@ def _basins(
                 kind,
                 starts,
                 Q=settings.Q,
-                within=options.within or WITHIN,
+                within=options.within or WITHIN_BASIN,
                 system=robot_of(scenario),
                 limits=settings.limits,
                 delay=settings.delay,

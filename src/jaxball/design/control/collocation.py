@@ -162,7 +162,7 @@ def _term(
 
 
 # The number of nodes evaluated by one call of a compiled program, the same for each mesh.
-NODES = 64
+NODES_OF_CALL = 64
 # The barrier at the start, and that of a finished solution; it only affects inequalities.
 BARRIER, SHARP = 1e-2, 1e-8
 
@@ -392,7 +392,7 @@ def _compiled(function: Callable[..., Any], *given: Any) -> programs.Program:
 
 
 def _over_nodes(function: Callable[..., Any], *rows: np.ndarray) -> Any:
-    return in_batches(lambda batch: function(*batch), rows, NODES)
+    return in_batches(lambda batch: function(*batch), rows, NODES_OF_CALL)
 
 
 def _varied(vary: Vary, problem: Any, parameter) -> AbstractControlProblem:

@@ -24,7 +24,7 @@ from .problem import Path
 from .rolling import Rolling
 
 # The number of times per interval of the mesh.
-TIMES = 10
+TIMES_OF_GUESS = 10
 # The number of corrections of the angles at each time, and their damping where the rails cannot follow.
 CORRECTIONS, DAMPING = 3, 1e-4
 
@@ -48,7 +48,7 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
     **Raises:** :class:`~jaxball.design.DesignError` where no objective is a
     :class:`~jaxball.design.FollowTrajectory`, and where gravity cannot accelerate the ball as desired.
     """
-    times = np.linspace(mesh[0], mesh[-1], TIMES * (len(mesh) - 1) + 1)
+    times = np.linspace(mesh[0], mesh[-1], TIMES_OF_GUESS * (len(mesh) - 1) + 1)
     state = _rolling_states(problem, _target_path(problem, times))
     hanging = np.tile(_initial_moment(problem), (len(times), 1))
     # Only once: each repetition differentiates twice, and at rest the desired acceleration has a kink.

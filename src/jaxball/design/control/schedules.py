@@ -20,7 +20,7 @@ from ...simulation.equilibrium import imbalance
 from ..problem.run import Run
 from .inputs import with_free_joints
 from .rolling import Rolling, rolling
-from .solution import PLACES, Solution
+from .solution import POINTS_OF_INTERVAL, Solution
 
 
 def schedules_of(solution: Solution) -> list[PiecewiseAcceleration]:
@@ -129,7 +129,7 @@ def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 
     """
     problem, scenario = rolling(solution.problem), scenario_of(solution)
     if problem.constraints:
-        scenario = dataclasses.replace(scenario, times=np.unique(solution.path.within(PLACES)))
+        scenario = dataclasses.replace(scenario, times=np.unique(solution.path.within(POINTS_OF_INTERVAL)))
     system = scenario.system
     assert isinstance(system, Ball | Disk)
     run = scenario.simulate(solver=solver, rtol=tolerance, atol=tolerance, throw=True)

@@ -19,14 +19,14 @@ from .collocation import SHARP, Collocation, Unknowns, in_time
 from .problem import AbstractControlProblem, Path
 from .rolling import rolling
 
-MOST_PIECES = 4
-MOST_ROUNDS = 8
+MOST_PIECES_OF_INTERVAL = 4
+MOST_REFINEMENTS = 8
 # Keeps the equations for the multipliers regular where constraints are redundant.
-SMALL = 1e-12
+REGULARISATION = 1e-12
 
 
 # The number of points, including both ends, at which inequalities are evaluated in each interval.
-PLACES = 11
+POINTS_OF_INTERVAL = 11
 
 
 class Solution(NamedTuple):
@@ -71,7 +71,7 @@ def violations(collocation: Collocation, path: Path, parameter: float) -> Float[
 
     ``path`` has states and controls of ``collocation``, and ``parameter`` is λ.
     """
-    times = path.within(PLACES)
+    times = path.within(POINTS_OF_INTERVAL)
     values = margins(collocation, path, np.ravel(times), parameter)
     return np.max(-values.reshape(*times.shape, collocation.inequalities), axis=(1, 2), initial=0.0)
 
@@ -142,7 +142,7 @@ def unknowns_on(collocation: Collocation, path: Path, parameter: float) -> Float
     gradient = collocation.residual(y, parameter)[:count]
     A = collocation.jacobian(y, parameter)[0].tocsr()[equalities, :count]
     matrix = scipy.sparse.block_array(
-        [[scipy.sparse.eye_array(count), A.T], [A, -SMALL * scipy.sparse.eye_array(A.shape[0])]]
+        [[scipy.sparse.eye_array(count), A.T], [A, -REGULARISATION * scipy.sparse.eye_array(A.shape[0])]]
     )
     order = collocation.order[collocation.order < equalities.stop]
     y[equalities] = solver(matrix, order)(np.append(-gradient, np.zeros(A.shape[0])))[count:]
@@ -164,7 +164,7 @@ def solved(collocation: Collocation, path: Path, parameter: float = 0.0, toleran
     while True:
         collocation, y = newton_from(collocation, path, parameter)
         errors = mesh_errors(collocation, y, parameter)
-        if np.max(errors) <= tolerance or rounds == MOST_ROUNDS:
+        if np.max(errors) <= tolerance or rounds == MOST_REFINEMENTS:
             return Solution(collocation, y, parameter, errors)
         path, rounds = path_of(collocation, y), rounds + 1
         finer = finer_mesh(collocation.mesh, errors, tolerance, collocation.stages + 1)
@@ -217,7 +217,7 @@ def finer_mesh(
     - ``order``: of the method.
     """
     pieces = [
-        min(MOST_PIECES, max(2, math.ceil((error / tolerance) ** (1 / order)))) if error > tolerance else 1
+        min(MOST_PIECES_OF_INTERVAL, max(2, math.ceil((error / tolerance) ** (1 / order)))) if error > tolerance else 1
         for error in errors
     ]
     cut = [np.linspace(a, b, k, endpoint=False) for a, b, k in zip(mesh[:-1], mesh[1:], pieces, strict=True)]

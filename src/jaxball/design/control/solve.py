@@ -9,7 +9,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from ..continuation import TOLERANCE, Branch, follow, newton
+from ..continuation import CORRECTION_TOLERANCE, Branch, follow, newton
 from ..problem.space import DesignError
 from .collocation import BARRIER, SHARP, Collocation
 from .guess import driving
@@ -19,14 +19,14 @@ from .schedules import Resimulated, resimulated
 from .solution import Solution, finer_mesh, least_curvature, means, mesh_errors, newton_from, solved, violations
 
 # Steps in the homotopy parameter, from 0 to 1.
-FIRST_STEP, LONGEST_STEP = 0.05, 0.2
+FIRST_HOMOTOPY_STEP, LONGEST_HOMOTOPY_STEP = 0.05, 0.2
 # A branch that turns may go back past its start and still reach its end, but seldom from far away.
-WITHIN = (-0.5, 1.5)
+BRANCH_WITHIN = (-0.5, 1.5)
 # The initial barrier on a finer mesh, and its factors: at first, and where it can fall no further.
 AGAIN, STEP, SHORTEST_STEP = 1e-4, 0.1, 0.95
-MOST_ROUNDS = 12
+MOST_BARRIERS = 12
 # A barrier above the last one, except for rounding, is solved for to this accuracy.
-NEARLY, ROUGH = 1 + 1e-9, 1e-3
+NEARLY_LAST, ROUGH = 1 + 1e-9, 1e-3
 
 Guess = Callable[[Rolling, Float[np.ndarray, " N_plus_one"], int], Path]
 
@@ -107,9 +107,9 @@ def continued(
         solution.y,
         0.0,
         1.0,
-        step=FIRST_STEP,
-        longest=LONGEST_STEP,
-        within=WITHIN,
+        step=FIRST_HOMOTOPY_STEP,
+        longest=LONGEST_HOMOTOPY_STEP,
+        within=BRANCH_WITHIN,
         weights=weights,
         visit=lambda y, share: visit(Solution(collocation, y, share, np.zeros(0))),
     )
@@ -152,7 +152,7 @@ def sharpened(
     collocation, y, parameter, sharp = solution.collocation, solution.y, solution.parameter, solution
     if not collocation.inequalities:
         return solution
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MOST_BARRIERS):
         try:
             collocation, y = _lower_barrier(collocation, y, parameter, barrier)
         except DesignError:
@@ -180,10 +180,10 @@ def _lower_barrier(
     step = STEP
     while collocation.barrier > barrier:
         following = step * collocation.barrier
-        last = following < NEARLY * barrier
+        last = following < NEARLY_LAST * barrier
         lower = collocation.changed(barrier=barrier if last else following)
         try:
-            y = newton(lower, y, parameter, TOLERANCE if last else ROUGH)
+            y = newton(lower, y, parameter, CORRECTION_TOLERANCE if last else ROUGH)
         except DesignError:
             step = math.sqrt(step)
             if step > SHORTEST_STEP:
@@ -198,7 +198,7 @@ def _lower_barrier(
 
 
 # The allowed error of a simulation, in units of the mesh's tolerance.
-NEAR = 10.0
+ALLOWED_SIMULATION_ERROR = 10.0
 
 
 class ControlFile(NamedTuple):
@@ -253,7 +253,7 @@ class Controlled(NamedTuple):
     def good(self) -> bool:
         """Whether it is a strict minimum, its simulation follows its path to rest, and the constraints hold."""
         seen = self.seen
-        near = max(seen.apart, seen.speed, seen.away, seen.missed) <= NEAR * self.tolerance
+        near = max(seen.apart, seen.speed, seen.away, seen.missed) <= ALLOWED_SIMULATION_ERROR * self.tolerance
         return self.curvature > 0 and near and not self.broken
 
     @property

@@ -15,11 +15,11 @@ from ...numerics.arrays import Numbers, numbers, require_shape, to_array
 from ...numerics.functions import PiecewisePolynomial, clamped_cubic_spline
 from .space import DesignError
 
-SAMPLES = 200
+SAMPLES_OF_OUTLINE = 200
 
 
 # A deviation from e1 smaller than this fraction of the extent is rounding.
-ROUNDING = 1e-9
+ROUNDING_OF_PLACE = 1e-9
 
 
 Converter = Callable[[Numbers], Float[Array, "..."]]
@@ -55,7 +55,7 @@ def off_e1(points: Float[ArrayLike, "n 2"]) -> str:
     """Reports positions off e1, for :meth:`Requirement.unreachable_by_disk`."""
     points = np.abs(np.asarray(points))
     most = np.max(points[:, 1], initial=0.0)
-    return f"a position {most:.6g} off e1" if most > ROUNDING * np.max(points, initial=0.0) else ""
+    return f"a position {most:.6g} off e1" if most > ROUNDING_OF_PLACE * np.max(points, initial=0.0) else ""
 
 
 class AbstractCurve(eqx.Module):
@@ -71,7 +71,7 @@ class AbstractCurve(eqx.Module):
 
     def spanned_by(self) -> Float[Array, "k 2"]:
         """Vectors of which each of its points is a linear combination; by default points of it."""
-        return self.points(SAMPLES)
+        return self.points(SAMPLES_OF_OUTLINE)
 
 
 @programs.filter_jit

@@ -19,9 +19,9 @@ from .verify import GradientCheck, Verified, as_built, check_gradient, perturbed
 PROGRESS, SCENARIO = "progress.npz", "design.toml"
 TIGHTENINGS = 3
 # A constraint that is violated between the samples is tightened by this much more than its violation.
-MORE = 1.2
+TIGHTENED_BY = 1.2
 # Up to this number of evaluations, a program that was compiled quickly is done before another one is optimised.
-FEW = 1000
+FEW_EVALUATIONS = 1000
 # A target missed by this many radii was not reached.
 MISSED = 0.1
 
@@ -95,7 +95,7 @@ def design(
     progress of another problem.
     """
     settings = Settings() if settings is None else settings
-    with compiled_quickly(settings.evaluations_at_most <= FEW):
+    with compiled_quickly(settings.evaluations_at_most <= FEW_EVALUATIONS):
         return _designed(problem, settings, folder, identity, say)
 
 
@@ -133,7 +133,7 @@ def _designed(
         if hopeless or verified.violation <= settings.tolerance:
             break
         tightenings += 1
-        excess = {name: MORE * max(0.0, fine) for name, (_, fine) in verified.violations.items()}
+        excess = {name: TIGHTENED_BY * max(0.0, fine) for name, (_, fine) in verified.violations.items()}
         say(f"between the samples constraints are violated by {verified.violation:.2e}: tightened")
         progress = optimiser.tighten(progress, program.layout.spread(excess))
     before = verify(problem, problem.space.start).designed

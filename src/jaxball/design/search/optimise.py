@@ -17,7 +17,7 @@ from ...numerics.batches import in_batches
 from ..problem.space import DesignError
 from .program import AbstractProgram, Lagrangians, Multipliers, Settings, by_gauss_newton, by_reverse_mode
 
-FIRST, SECOND, TINY = 0.9, 0.999, 1e-8
+FIRST, SECOND, ADAM_EPSILON = 0.9, 0.999, 1e-8
 
 
 class Adam(NamedTuple):
@@ -43,11 +43,11 @@ class Adam(NamedTuple):
     def step(self, rate: float) -> Float[np.ndarray, "starts n"]:
         """The step to take."""
         first = self.first / (1 - FIRST**self.taken)
-        return -rate * first / (np.sqrt(self.second / (1 - SECOND**self.taken)) + TINY)
+        return -rate * first / (np.sqrt(self.second / (1 - SECOND**self.taken)) + ADAM_EPSILON)
 
 
 DECREASE, CURVATURE = 1e-4, 0.9
-LONGEST = 1.0
+LONGEST_NEWTON_STEP = 1.0
 
 # To values, shape (starts,), gradients, (starts, n), and, for Newton's method, Hessians, (starts, n, n).
 Function = Callable[[Float[np.ndarray, "starts n"]], tuple[Any, ...]]
@@ -118,7 +118,7 @@ def _towards(at: Point, inverse: np.ndarray) -> np.ndarray:
 
 def _first(at: Point, direction: np.ndarray) -> np.ndarray:
     """Lengths of first steps that move y by no more than 0.1, a tenth of its scale."""
-    return np.minimum(LONGEST, 0.1 / np.maximum(np.linalg.norm(direction, axis=1), 1e-300))
+    return np.minimum(LONGEST_NEWTON_STEP, 0.1 / np.maximum(np.linalg.norm(direction, axis=1), 1e-300))
 
 
 def _updated(
@@ -138,7 +138,7 @@ def _updated(
     return inverse, fresh & ~good
 
 
-DAMPING, LESS, MORE = 1e-3, 0.2, 4.0
+FIRST_DAMPING, LESS_DAMPING, MORE_DAMPING = 1e-3, 0.2, 4.0
 ENOUGH, GOOD = 1e-4, 0.5
 # A step with a predicted decrease below this fraction of the function is the last: the rest is within the errors of
 # solves.
@@ -153,7 +153,7 @@ def newton(function: Function, y: Float[np.ndarray, "starts n"], evaluations: in
     ``function`` returns values, gradients, and Hessians or approximations; otherwise as for :func:`bfgs`.
     """
     at, H = _evaluated(function, y)
-    damping, done = np.full(len(y), DAMPING), np.zeros(len(y), dtype=bool)
+    damping, done = np.full(len(y), FIRST_DAMPING), np.zeros(len(y), dtype=bool)
     for _ in range(evaluations):
         done |= (np.max(np.abs(at.gradient), axis=1) <= stationary) | ~np.isfinite(at.value)
         if np.all(done):
@@ -163,7 +163,7 @@ def newton(function: Function, y: Float[np.ndarray, "starts n"], evaluations: in
         there, H_there = _evaluated(function, at.y + np.where(done[:, None], 0.0, step))
         gain = (at.value - there.value) / np.where(promised > 0, promised, 1.0)
         taken = ~done & (gain >= ENOUGH) & np.all(np.isfinite(there.gradient), axis=1)
-        damping = np.where(taken, np.where(gain >= GOOD, LESS, 1.0), MORE) * damping
+        damping = np.where(taken, np.where(gain >= GOOD, LESS_DAMPING, 1.0), MORE_DAMPING) * damping
         at, H = there.where(taken, at), np.where(taken[:, None, None], H_there, H)
         done |= last
     return at

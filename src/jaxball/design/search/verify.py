@@ -21,7 +21,7 @@ from .optimise import Optimiser
 from .program import AbstractProgram, Multipliers, augmented_lagrangian
 
 FINER = 10
-TIGHTER, TIGHTEST = 1e-2, 1e-13
+RECHECK_RATIO, TIGHTEST = 1e-2, 1e-13
 TARGETS = (FollowCurve, FollowTrajectory, ReachPlace)
 EXPLICIT = ("dopri5", "dopri8", "tsit5")
 AS_BUILT = Perturbations(16, 0.01, 0.01)
@@ -80,7 +80,7 @@ def _other_solve(problem: Problem) -> tuple[Solve, str]:
     """A solver of another family at a tighter tolerance, and its name."""
     scenario = problem.space.scenario
     solver = "gauss16" if scenario.solver in EXPLICIT else "dopri8"
-    rtol, atol = (max(TIGHTER * x, TIGHTEST) for x in (scenario.rtol, scenario.atol))
+    rtol, atol = (max(RECHECK_RATIO * x, TIGHTEST) for x in (scenario.rtol, scenario.atol))
     return Solve(SOLVERS[solver](), rtol, atol, 16 * scenario.max_steps), solver
 
 

@@ -10,13 +10,15 @@ from typing import Any
 import numpy as np
 
 from .. import machine
+from ..builder import INDEX
 from ..elements import Element, Index, Name, Pair, UnsupportedError, llvm_type, part_of
+from ..instructions import BOOL
 from ..lowering import Function
 from ..program import Operation
 from ..storage import parts
 from ..values import Array, Memory
 
-BOOL, INDEX, INTEGER = np.dtype(bool), np.dtype(np.int64), np.dtype(np.int32)
+INTEGER = np.dtype(np.int32)
 _LETTERS = {"s": np.dtype("f4"), "d": np.dtype("f8"), "c": np.dtype("c8"), "z": np.dtype("c16")}
 _BLOCK = 32  # columns that a routine handles together, if it has the memory
 

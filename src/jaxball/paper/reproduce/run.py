@@ -41,7 +41,7 @@ TABLE: Table[Measurement] = Table(
 )
 
 
-TIMES = 2001
+TIMES_COMPARED = 2001
 TITLES = {"disk": "The paper's disk, section 4", "ball": "The paper's ball, section 5"}
 
 FIGURES = {
@@ -118,7 +118,7 @@ def draw(experiment: Experiment, folder: Path) -> list[Path]:
     from ... import plot  # here, so that a table without figures does not load matplotlib
     from ...plot.report import write_figure
 
-    times = np.linspace(paper.START, paper.END, TIMES)
+    times = np.linspace(paper.PAPER_START, paper.PAPER_END, TIMES_COMPARED)
     tolerance = experiment.tolerance
     trajectory = simulate(experiment.system, times, rtol=tolerance, atol=tolerance, throw=True)
     functions = FIGURES[experiment.name] | {f"{experiment.name}_{name}": name for name in ADDITIONAL}

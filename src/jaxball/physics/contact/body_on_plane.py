@@ -35,7 +35,7 @@ from .modes import Cause, ContactState, ContactSwitches, Mode, cause_of
 from .released import PlacedState, ReleasedState, Response, rates, released, response, slip_velocity
 from .transition import transition
 
-ROUNDING = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none
+ROUNDING_OF_VELOCITY = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none
 FORCES = 32  # of the reaction, in units of rounding of a force that compares with it: what is smaller is none
 RISEN = 1e-6  # of √(r/g): the time in which a body that lifts has left the plane
 SLOW_DISK = 0.55  # as slip.SLOW, for a disk, whose slip does not turn; more than the error of the time of a mode's end
@@ -119,7 +119,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         speeds = jnp.concatenate([body.Omega, body.thetadot])
         gains = jnp.concatenate([moved.body.Omega, moved.body.thetadot])
         g, r = self.body.gravity, self.body.radius
-        least = ROUNDING * float(jnp.finfo(g.dtype).eps) * jnp.minimum(g, g / r)
+        least = ROUNDING_OF_VELOCITY * float(jnp.finfo(g.dtype).eps) * jnp.minimum(g, g / r)
         rests = rolls & jnp.all(speeds == 0) & jnp.all(jnp.abs(gains) <= least)
         # Rounding must not set in motion a body that friction holds; its derivatives are unchanged.
         moved = jax.tree.map(lambda x: x - jnp.where(rests, jax.lax.stop_gradient(x), 0.0), moved)
@@ -223,7 +223,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
 
     def is_still(self, slip: Float[Array, "3"], state: ContactState | ReleasedState) -> Bool[Array, ""]:
         """Whether the slip velocity is zero up to rounding."""
-        least = ROUNDING * float(jnp.finfo(slip.dtype).eps) * self.speed_of(state)
+        least = ROUNDING_OF_VELOCITY * float(jnp.finfo(slip.dtype).eps) * self.speed_of(state)
         return root(jnp.sum(slip[:2] ** 2)) <= least
 
     def rounding_of_force(self, state: ContactState, found: Response) -> Float[Array, ""]:

@@ -14,8 +14,8 @@ from ...interface.printing import Printed
 from ...numerics.arrays import Numbers, is_traced, namespace_of, numbers
 from ..conditions import Condition
 
-SLOWEST = 1e-6
-ROOM = 64
+SLOWEST_REBOUND = 1e-6
+DEFAULT_ROOM = 64
 COEFFICIENTS: tuple[str, ...] = ("sliding", "static", "restitution", "slowest")
 
 
@@ -83,8 +83,8 @@ class Contact(Printed):
         sliding: Numbers | AbstractFriction,
         static: Numbers | None = None,
         restitution: Numbers = 0.0,
-        slowest: Numbers = SLOWEST,
-        room: int = ROOM,
+        slowest: Numbers = SLOWEST_REBOUND,
+        room: int = DEFAULT_ROOM,
         friction: AbstractFriction | None = None,
     ):
         if isinstance(sliding, AbstractFriction):

@@ -39,12 +39,12 @@ from .friction import sliding
 from .released import ReleasedState, Response, rates, response, slip_velocity
 
 DEGREE = 6  # of the polynomial through the directions of a slip that begins
-SHORTER = 0.4  # a window that is too long, when it is tried again
+SHORTER_WINDOW = 0.4  # a window that is too long, when it is tried again
 RESOLVED = 2e-11  # the last coefficient of the polynomial in a window that is short enough
 SWEEPS = 10  # of collocation, each of which gains two digits, with one window
 MOST_SWEEPS = 4 * SWEEPS  # with four windows
-NEARLY = 3  # times the least speed of a slip: one that is slower than that may end in the next step
-SAME = 1e-9  # of a speed: what rounding may change
+NEARLY_STILL = 3  # times the least speed of a slip: one that is slower than that may end in the next step
+SAME_SPEED = 1e-9  # of a speed: what rounding may change
 PAST = 0.5  # of the least speed: a step is to end no slower than that
 TRUNCATED = 2e5  # tolerances: the most of a step's error beside the speed of a slip that ends, for its derivatives
 SLOW = 0.4  # power of rounding: of the speed of a body, the slip that is followed to its end in no step of a solve
@@ -56,7 +56,7 @@ LONGEST_PAUSE = 0.25  # power of rounding: the longest time, in √(r/g), over w
 COARSER = 0.3  # the same over the cube root of the tolerance, because the error of the response halfway grows like this
 HALFWAY = 0.5  # through the time, and the speed, of a slip that ends
 WINDOW = -3  # no event: the end of the time for which the direction of a slip was known beforehand
-STEPS = 16  # in the time τ, to the end of a slip
+STEPS_TO_END = 16  # in the time τ, to the end of a slip
 TURN = 1.5  # by which σ turns and ln s falls in one of them, at most
 
 
@@ -208,7 +208,7 @@ def end(pull: Callable[[Any, Float[Array, "2"]], Pull], about: Any, slip: Float[
         return cooper_verner.step(motion, x, h), None
 
     start = jnp.concatenate([unit(slip), jnp.zeros((4,), slip.dtype)])
-    x = jax.lax.scan(advanced, start, None, length=STEPS)[0]
+    x = jax.lax.scan(advanced, start, None, length=STEPS_TO_END)[0]
     growth, slower, power, normal = motion(x)[2:]
     comes = (growth < 0) & (x[2] < 0)
     left_of_it = 1 / jnp.where(comes, -growth, 1.0)
@@ -244,7 +244,7 @@ def nears_its_end(before: Float[Array, ""], after: Float[Array, ""], least: Floa
     faster than the slip slows down. Steps are then too short to halve its speed, and would never meet a zero of the
     guard.
     """
-    return (before <= (2 + SAME) * least) & (after < before)
+    return (before <= (2 + SAME_SPEED) * least) & (after < before)
 
 
 def longest_step(
@@ -264,7 +264,7 @@ def longest_step(
     slows = (after > 0) & (before > after)
     until_end = after * length / jnp.where(slows, before - after, 1.0)
     safe = 1 - PAST * least / jnp.where(slows, after, 1.0)
-    longest = until_end * jnp.where(after > NEARLY * least, jnp.minimum(share, safe), safe)
+    longest = until_end * jnp.where(after > NEARLY_STILL * least, jnp.minimum(share, safe), safe)
     return jnp.where(slows & (longest > 0), longest, jnp.inf)
 
 
@@ -286,7 +286,7 @@ def beginning(
         tangents, sweeps = window.turned(aside), window.sweeps + 1
         done, found = sweeps % SWEEPS == 0, (jnp.abs(jnp.sum(highest * tangents)) <= RESOLVED) & jnp.all(along[1:] > 0)
         again = done & ~found & (sweeps < MOST_SWEEPS)
-        shorter = begun._replace(span=SHORTER * window.span, sweeps=sweeps)
+        shorter = begun._replace(span=SHORTER_WINDOW * window.span, sweeps=sweeps)
         window = window._replace(tangents=tangents, sweeps=sweeps, found=done & found)
         return selected(again, shorter, window)
 

@@ -14,13 +14,13 @@ from matplotlib.colors import LogNorm
 from matplotlib.lines import Line2D
 
 from ...interface.status import Status
-from ..style import ABOVE, SMALL, caption, colour_bar, number_decades, plane_axes
+from ..style import ABOVE, SMALL_FONT, caption, colour_bar, number_decades, plane_axes
 
 if TYPE_CHECKING:
     import xarray
 
 _LETTERS = 62
-MANY = 1000
+MANY_VALUES = 1000
 KEY = 5.0
 ROW_OF_MARKS = 0.045  # its height, of that of the axes
 NOT_FINITE = -2  # a row that succeeded, but whose result is not finite
@@ -48,11 +48,11 @@ def write_heading(ax: Axes, sentences: Sequence[str], keys: Sequence[Any] = (), 
     """Writes above the axes what is fixed and left out, and below that the legend of ``keys``, ``most`` in a row."""
     title = "\n".join(textwrap.wrap("; ".join(sentences), _LETTERS))
     if not keys:
-        ax.set_title(title, fontproperties=SMALL)
+        ax.set_title(title, fontproperties=SMALL_FONT)
         return
     wide: dict[str, Any] = {"handlelength": 1.6, "columnspacing": 1.2, "handletextpad": 0.5}
     columns = min(len(keys), most)
-    ax.legend(handles=keys, ncols=columns, title=title or None, title_fontproperties=SMALL, **ABOVE, **wide)
+    ax.legend(handles=keys, ncols=columns, title=title or None, title_fontproperties=SMALL_FONT, **ABOVE, **wide)
 
 
 def set_scale(axis: Axis, logarithmic: bool, values: np.ndarray) -> None:
@@ -137,7 +137,7 @@ def mark_failures(
 
     Without ``up``, each failure has a row of marks above the lower edge.
     """
-    keys, size = [], size if len(outcome) <= MANY else min(size, 2.0)
+    keys, size = [], size if len(outcome) <= MANY_VALUES else min(size, 2.0)
     for k, (code, name) in enumerate(names.items()):
         look, here = LOOKS[code], outcome == code
         on_the_edge: dict[str, Any] = {"transform": ax.get_xaxis_transform()} if up is None else {}

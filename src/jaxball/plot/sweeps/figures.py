@@ -18,7 +18,7 @@ from ..palette import COMPONENTS, INK
 from ..style import COLOURS, label_axes, norm_of
 from .axes import (
     LOOKS,
-    MANY,
+    MANY_VALUES,
     add_colour_bar,
     edges_of,
     hatching,
@@ -48,7 +48,7 @@ from .rows import (
 if TYPE_CHECKING:
     import xarray
 
-SLICE, MAP, FAN = (5.2, 3.6), (5.4, 4.2), (5.6, 4.0)  # inches
+SLICE_SIZE, MAP, FAN = (5.2, 3.6), (5.4, 4.2), (5.6, 4.0)  # inches
 MOST_DRAWN, MOST_DOTS = 20_000, 20_000  # rows of a slice, and dots of a map
 MOST_DOTTED = 60  # points of a curve with a dot at each
 MOST_CURVES, MOST_PATHS = 6, 200  # of a slice, and of a fan
@@ -93,7 +93,7 @@ def sweep_slice(
     names, (drawn, left_out) = names_of(outcome), sample(rows, MOST_DRAWN)
     rows, outcome = rows.chosen(drawn), outcome[drawn]
     numbers, values = rows.number(against), np.where(outcome == Status.SUCCESS, values_of(rows, result), np.nan)
-    ax, keys = study_axes(rows.data, ax, SLICE), []
+    ax, keys = study_axes(rows.data, ax, SLICE_SIZE), []
     # Dots if a curve has few points, or if no line joins them.
     few, scattered = len(np.unique(rows.number(against))) <= MOST_DOTTED, rows.is_scattered(against)
     look: dict[str, Any] = {"linestyle": "none" if scattered else "-", "marker": "o" if few or scattered else ""}
@@ -224,7 +224,7 @@ def _dots(ax: Axes, rows: Rows, result: str, right: str, up: str) -> tuple[Any, 
     x, y, values = rows.number(right), rows.number(up), values_of(rows, result)
     outcome = outcomes(rows.status, values)
     good = outcome == Status.SUCCESS
-    look = {"s": 14.0 if len(rows) <= MANY else 4.0, "cmap": COLOURS, "norm": norm_of(values[good])}
+    look = {"s": 14.0 if len(rows) <= MANY_VALUES else 4.0, "cmap": COLOURS, "norm": norm_of(values[good])}
     shown = ax.scatter(x[good], y[good], c=values[good], **look, linewidths=0.0, rasterized=True)
     return shown, mark_failures(ax, x, y, outcome, names), notes
 

@@ -13,15 +13,26 @@ from matplotlib.ticker import MaxNLocator
 from ...interface.status import Status
 from ...interface.wording import counted
 from ..palette import COMPONENTS
-from ..style import SMALL, caption, label_axes, plane_axes
-from .axes import LOOKS, MANY, edges_of, make_room, mark_failures, names_of, outcomes, present, set_scale, title_of
+from ..style import SMALL_FONT, caption, label_axes, plane_axes
+from .axes import (
+    LOOKS,
+    MANY_VALUES,
+    edges_of,
+    make_room,
+    mark_failures,
+    names_of,
+    outcomes,
+    present,
+    set_scale,
+    title_of,
+)
 from .rows import Labels, PictureError, Rows, label_of, number_label, rows_of, sample, standard_results, values_of
 
 if TYPE_CHECKING:
     import xarray
 
-PANEL = 1.75
-MOST_DOTS = 5_000
+MATRIX_PANEL = 1.75
+MOST_DOTS_OF_PANEL = 5_000
 MOST_VARIABLES = 8
 MOST_LETTERS = 18
 _BINS = 20
@@ -73,8 +84,8 @@ def sweep_matrix(
     for name in results:
         variables.append(_Variable(label_of(data, name, labels), values_of(rows, name)))
     n, keys, panels = len(variables), {}, {}
-    drawn, left_out = sample(rows, MOST_DOTS)
-    figure = Figure(figsize=(PANEL * n + 0.6, PANEL * n + 0.6), layout="constrained")
+    drawn, left_out = sample(rows, MOST_DOTS_OF_PANEL)
+    figure = Figure(figsize=(MATRIX_PANEL * n + 0.6, MATRIX_PANEL * n + 0.6), layout="constrained")
     caption(figure, title=title_of(rows.data))
     for i, up in enumerate(variables):
         for j, right in enumerate(variables[: i + 1]):
@@ -94,8 +105,8 @@ def sweep_matrix(
         title=left_out[0] if left_out else counted(len(rows), "row"),
         loc="upper right",
         frameon=False,
-        prop=SMALL,
-        title_fontproperties=SMALL,
+        prop=SMALL_FONT,
+        title_fontproperties=SMALL_FONT,
     )
     return figure
 
@@ -105,7 +116,7 @@ def _panel(ax: Axes, rows: Rows, drawn: np.ndarray, right: _Variable, up: _Varia
     outcome = rows.status if up.is_number else outcomes(rows.status, up.values)
     names, outcome = names_of(outcome), outcome[drawn]
     good = drawn[outcome == Status.SUCCESS]
-    size = 2.5 if len(drawn) <= MANY else 1.2
+    size = 2.5 if len(drawn) <= MANY_VALUES else 1.2
     ax.plot(right.values[good], up.values[good], "o", ms=size, mew=0.0, color=COMPONENTS[0], ls="none", rasterized=True)
     set_scale(ax.xaxis, right.logarithmic, right.values)
     set_scale(ax.yaxis, up.logarithmic, up.values)

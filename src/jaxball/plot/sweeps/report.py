@@ -16,7 +16,7 @@ from .rows import Rows, list_attribute, parse_result, plain, result_names, rows_
 if TYPE_CHECKING:
     import xarray
 
-MOST_NUMBERS = 4
+MOST_NUMBERS_DRAWN = 4
 
 
 def sweep_figures(
@@ -62,7 +62,7 @@ def sweep_figures(
         if name not in rows.paths:
             parse_result(data, name)
     rows.data.drop_vars([name for name in data.variables if "save" in data[name].dims]).load()  # once for all figures
-    numbers = list(against) or (rows.varying() or list(rows.paths))[:MOST_NUMBERS]
+    numbers = list(against) or (rows.varying() or list(rows.paths))[:MOST_NUMBERS_DRAWN]
     pairs = list(itertools.combinations(numbers, 2))
     chosen = list(results) or standard_results(data)
     drawings = [

@@ -72,7 +72,7 @@ STOPS = 9
 ESCAPES = {ord(letter): f"\\u{ord(letter):04x}" for letter in "<>&\u2028\u2029"}
 Runs = Trajectory[Any, Any] | Mapping[str, Trajectory[Any, Any]]
 ROLLING, RIGID, PARTICLE = "body that rolls", "rigid body", "particle"
-SHOWN = (
+SHOWN_SYSTEMS = (
     "a ball, a disk, a rigid body with a RigidBodyState or an EllipsoidState or a particle with a ParticleState or a "
     "VakonomicState"
 )
@@ -148,8 +148,8 @@ def _scene(
         if other is None:
             system = named[name].system
             raise ValueError(
-                f"Argument `trajectory` must be of {SHOWN}, but it is of a {type(system).__name__}; its method plot() "
-                "draws its motion."
+                f"Argument `trajectory` must be of {SHOWN_SYSTEMS}, but it is of a {type(system).__name__}; its method "
+                "plot() draws its motion."
             )
         if other != kind:
             raise ValueError(

@@ -32,10 +32,10 @@ from .scene import (
     series,
 )
 
-THIN = 0.04  # of the largest semi-axis: no other is drawn smaller
-APART = 3.2  # between the fixed points of two bodies, in radii of the largest
+THINNEST = 0.04  # of the largest semi-axis: no other is drawn smaller
+BODIES_APART = 3.2  # between the fixed points of two bodies, in radii of the largest
 REACH = 1.25  # of the tip whose path is drawn, in radii
-SMALL = 1 / 24  # of the largest extent of all paths of particles: the radius that arrows and dots are drawn by
+ARROW_RADIUS = 1 / 24  # of the largest extent of all paths of particles: the radius that arrows and dots are drawn by
 
 AXES = tuple({"name": f"E{k}".translate(SUBSCRIPTS), "colour": colour} for k, colour in enumerate(COMPONENTS, start=1))
 THROUGH_CENTRE = {"name": "the axis through the centre of mass", "colour": "#D55E00"}
@@ -90,7 +90,7 @@ def rigid_scene(trajectories: Sequence[Trajectory[Any, Any]]) -> Scene:
     **Raises:** ``ValueError`` for a batch, and where no state is known.
     """
     bodies = [Turning.of(trajectory) for trajectory in trajectories]
-    apart = APART * max(one.shape.radius for one in bodies)
+    apart = BODIES_APART * max(one.shape.radius for one in bodies)
     names, changes = zip(*(law_changes(one.trajectory, one.rows) for one in bodies), strict=True)
     return Scene(
         free_stand(-60.0 if len(bodies) == 1 else -80.0),
@@ -115,7 +115,7 @@ def ellipsoid_of(system: Any, inertia: Float[np.ndarray, "3"] | None) -> Ellipso
     second = np.sum(inertia) / 2 - inertia
     if not isinstance(system, HeavyTop):
         size = np.sqrt(np.maximum(second, 0.0) / np.max(second))
-        return Ellipsoid(np.maximum(size, THIN), np.zeros(3), np.eye(3))
+        return Ellipsoid(np.maximum(size, THINNEST), np.zeros(3), np.eye(3))
     mass, chi = float(system.mass), np.asarray(system.chi, dtype=float)
     about_centre = np.diag(second) - mass * np.outer(chi, chi)
     squares, turn = np.diag(about_centre), np.eye(3)
@@ -123,7 +123,7 @@ def ellipsoid_of(system: Any, inertia: Float[np.ndarray, "3"] | None) -> Ellipso
         squares, turn = np.linalg.eigh(about_centre)
         turn = turn * np.sign(np.linalg.det(turn))
     size = np.sqrt(np.maximum(squares, 0.0) / mass)
-    return Ellipsoid(np.maximum(size, THIN * (np.max(size) or np.linalg.norm(chi) or 1.0)), chi, turn)
+    return Ellipsoid(np.maximum(size, THINNEST * (np.max(size) or np.linalg.norm(chi) or 1.0)), chi, turn)
 
 
 def _rigid_parts(one: Turning) -> dict[str, Any]:
@@ -213,7 +213,7 @@ def particle_scene(trajectories: Sequence[Trajectory[Any, Any]]) -> Scene:
     """
     pairs = [(trajectory, known_rows(trajectory)) for trajectory in trajectories]
     places = np.concatenate([_columns(trajectory, rows, "x", "y", "z") for trajectory, rows in pairs])
-    radius = SMALL * (float(np.max(np.ptp(places, axis=0))) or 1.0)
+    radius = ARROW_RADIUS * (float(np.max(np.ptp(places, axis=0))) or 1.0)
     names, changes = zip(*(law_changes(*pair) for pair in pairs), strict=True)
     alike = all(isinstance(one.state, type(trajectories[0].state)) for one in trajectories)
     return Scene(

@@ -20,7 +20,7 @@ from .document import Runs, in_element, view_document
 from .scene import Discs
 
 HERE = Path(__file__).parent
-LARGEST, LARGEST_OF_SEVERAL = 1_000_000, 2_000_000  # bytes of a page, unless all saved times are requested
+LARGEST_PAGE, LARGEST_PAGE_OF_SEVERAL = 1_000_000, 2_000_000  # bytes of a page, unless all saved times are requested
 HEIGHT = 760  # of the page within a notebook, pixels
 
 
@@ -51,7 +51,9 @@ class View:
     ) -> "View":
         """The view of a run or of several; the arguments are those of :func:`write_view`, and so are the errors."""
         require_flags(all_times=all_times)
-        largest = LARGEST_OF_SEVERAL if isinstance(trajectories, Mapping) and len(trajectories) > 1 else LARGEST
+        largest = (
+            LARGEST_PAGE_OF_SEVERAL if isinstance(trajectories, Mapping) and len(trajectories) > 1 else LARGEST_PAGE
+        )
         room = np.inf if all_times else float(largest - len(page({}).encode()))
         return cls(view_document(trajectories, title, friction, wanted=wanted, discs=discs, scale=scale, room=room))
 

@@ -10,14 +10,14 @@ from jaxtyping import Float, Int
 from ...simulation.trajectory import Trajectory
 from ..palette import COMPONENTS, DASHED, SOLID, Dashes, Line, mass_look
 
-CLOSE = 1e-6  # the allowed error of a point's position, in radii
+CLOSE_TO_PATH = 1e-6  # the allowed error of a point's position, in radii
 AROUND = 80  # characters in JSON that name an array, its type and its shape
 Discs = Sequence[tuple[Float[np.ndarray, "2"], float]]  # of the plane, each with centre and radius
 SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 PAIR = 2
 BLUE, RED = COMPONENTS[:2]
 INK = "ink"  # the colour of text, on light pages and on dark ones
-WIDTH = 1.6  # of lines, pixels
+LINE_WIDTH = 1.6  # of lines, pixels
 
 
 class Numbers(NamedTuple):
@@ -55,7 +55,7 @@ def packed(values: Any, scale: float | None = None) -> dict[str, Any]:
     with np.errstate(over="ignore"):
         short = exact.astype("<f4")
     off = np.max(np.abs(short - exact), initial=0.0) if scale is not None else 0.0
-    kept = short if scale is None or off <= CLOSE * scale else exact
+    kept = short if scale is None or off <= CLOSE_TO_PATH * scale else exact
     data = base64.b64encode(kept.tobytes()).decode("ascii")
     return {"type": kept.dtype.name, "shape": list(kept.shape), "data": data}
 
@@ -160,7 +160,7 @@ def series(
     return {
         "name": name.translate(SUBSCRIPTS),
         "colour": colour,
-        "dash": [WIDTH * length for length in dashes],
+        "dash": [LINE_WIDTH * length for length in dashes],
         "array": array,
         "columns": columns,
         "norm": norm,

@@ -34,7 +34,7 @@ ORDERS: dict[Any, int] = {
 }
 CUBIC = 3
 # A local error of order 8 is that by which steps of Dopri8 are controlled, and no larger than what all steps add up to.
-HIGHEST = 7
+HIGHEST_DENSE = 7
 # More than any interpolation of diffrax has, and what is left of those that it does not have.
 MOST_POWERS, NO_POWER = 10, 1e-7
 
@@ -153,7 +153,7 @@ def continuous(solver: Any) -> ContinuousMethod | None:
     """The continuous extension of a method; None if its own interpolation is as good, or if it is not explicit."""
     if not has_one_tableau(solver):
         return None
-    order = min(solver.order(diffrax.ODETerm(lambda t, y, args: y)), HIGHEST)
+    order = min(solver.order(diffrax.ODETerm(lambda t, y, args: y)), HIGHEST_DENSE)
     own = ORDERS.get(solver.interpolation_cls, CUBIC)
     if order <= own:
         return None

@@ -33,11 +33,11 @@ from ...numerics.arrays import selected
 from ...numerics.reverse_rules import put
 
 # As many samples of a piece as fill a vector, its ends among them.
-SAMPLES = 8
+SAMPLES_OF_PIECE = 8
 # No piece is longer than this part of a run, as long as a step has at most MOST_PIECES: a long step, such as one of a
 # body that rolls freely, would hide what a function does within it.
 LONGEST_PIECE = 1 / 32
-MOST_PIECES = 32
+MOST_FIRST_PIECES = 32
 SMALLEST_LEVEL = 12  # halvings of a step down to which a function is resolved
 # The weights of the last terms of a series: of random samples they are as large as the first.
 TAIL = (16.0, 16.0, 64.0, 64.0)
@@ -169,8 +169,8 @@ class _Matrices(NamedTuple):
 
 @cache
 def _matrices() -> _Matrices:
-    x = -np.cos(np.pi * np.arange(SAMPLES) / (SAMPLES - 1))
-    value = np.linalg.inv(chebyshev.chebvander(x, SAMPLES - 1))
+    x = -np.cos(np.pi * np.arange(SAMPLES_OF_PIECE) / (SAMPLES_OF_PIECE - 1))
+    value = np.linalg.inv(chebyshev.chebvander(x, SAMPLES_OF_PIECE - 1))
     nodes = (1 + x) / 2
     nodes[0], nodes[-1] = 0.0, 1.0
     return _Matrices(nodes, value, chebyshev.chebder(value, axis=0))
@@ -224,7 +224,7 @@ class _Pieces(NamedTuple):
     def longest(self, span: Span) -> Int[Array, ""]:
         """Returns the length of the pieces with which a step is begun."""
         length, run = span.last - span.start, span.run[1] - span.run[0]
-        halvings = [length > LONGEST_PIECE * 2.0**k * run for k in range(MOST_PIECES.bit_length() - 1)]
+        halvings = [length > LONGEST_PIECE * 2.0**k * run for k in range(MOST_FIRST_PIECES.bit_length() - 1)]
         return jnp.asarray(self.unit) >> sum(jnp.where(halve, 1, 0) for halve in halvings)
 
     def times(self, span: Span, place: Int[Array, ""], width: Int[Array, ""]) -> Float[Array, " samples"]:

@@ -13,10 +13,10 @@ from ...numerics.differentiation import differentiated_where, without_derivative
 from .steps import FINENESS, NARROWER, Steps, Values, sampling
 
 # How many windows are examined in one turn.
-WIDTH = 8
+WINDOWS_AT_ONCE = 8
 # The sizes of windows around the best points, relative to their steps, in successive rounds; the third ones are points.
-SHARES = (NARROWER, NARROWER**2, 0.0, NARROWER**2)
-PLACES, LINES = 2, 3
+WINDOW_SIZES = (NARROWER, NARROWER**2, 0.0, NARROWER**2)
+CURVATURE_ROUND, LINES = 2, 3
 
 
 class Largest(NamedTuple):
@@ -64,9 +64,9 @@ def maxima(steps: Steps, values: Values, k: int) -> Largest:
     All evaluations are in one loop, because each copy of a long formula takes as long again to compile.
     """
     steps, values = without_derivatives((steps, eqx.filter_closure_convert(values, *steps.like)))
-    width, size = max(WIDTH, 2 * k), steps.like[1].size
+    width, size = max(WINDOWS_AT_ONCE, 2 * k), steps.like[1].size
     rounds = -(-steps.count // width)
-    nodes, shares = (jnp.asarray(x, steps.start.dtype) for x in (sampling().nodes, SHARES))
+    nodes, shares = (jnp.asarray(x, steps.start.dtype) for x in (sampling().nodes, WINDOW_SIZES))
 
     def look_again(r: Int[Array, ""], best: Largest) -> Largest:
         looking, lines = r < rounds, r == rounds + LINES
@@ -88,7 +88,7 @@ def maxima(steps: Steps, values: Values, k: int) -> Largest:
         least = jnp.where(looking, jnp.minimum(best.least, found.least), best.least)
         better = ~looking | ~(found.size <= best.size)
         found = jax.tree.map(lambda a, b: jnp.where(better.reshape(-1, *(1,) * (a.ndim - 1)), a, b), found, best)
-        found = found._replace(curvature=jnp.where(r == rounds + PLACES, best.curvature, found.curvature))
+        found = found._replace(curvature=jnp.where(r == rounds + CURVATURE_ROUND, best.curvature, found.curvature))
         found = found._replace(least=least)
         exact = best._replace(time=_stationary(steps, best, here, samples[:k]))
         return selected(lines, exact, found)
@@ -104,7 +104,7 @@ def maxima(steps: Steps, values: Values, k: int) -> Largest:
         vectors=jnp.zeros((k, size), zero.dtype),
         rates=jnp.zeros((k, size), zero.dtype),
     )
-    return jax.lax.fori_loop(0, rounds + len(SHARES), look_again, nothing)
+    return jax.lax.fori_loop(0, rounds + len(WINDOW_SIZES), look_again, nothing)
 
 
 def _whole(steps: Steps, r: Int[Array, ""], width: int) -> _Windows:

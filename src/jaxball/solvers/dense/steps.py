@@ -15,7 +15,7 @@ from .pauses import AfterPauses
 
 Values = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " k"]]
 Field = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " size"]]
-NODES = 5
+LOBATTO_NODES = 5
 FINENESS = 32
 # The half width of the next window, relative to this one: a few times the error of a quartic.
 NARROWER = 1 / 12
@@ -133,10 +133,10 @@ class Sampling(NamedTuple):
 @cache
 def sampling() -> Sampling:
     """The nodes of Gauss–Lobatto, the zeros of (1 − x²) P′, and 32 equal parts of a step."""
-    inner = np.real(np.polynomial.legendre.Legendre.basis(NODES - 1).deriv().roots())
+    inner = np.real(np.polynomial.legendre.Legendre.basis(LOBATTO_NODES - 1).deriv().roots())
     nodes = np.concatenate([[0.0], 0.5 + 0.5 * inner, [1.0]])
     fractions = np.union1d(nodes, np.linspace(0.0, 1.0, FINENESS + 1))
-    matrix = np.array([[_lagrange(nodes, k, x) for k in range(NODES)] for x in fractions])
+    matrix = np.array([[_lagrange(nodes, k, x) for k in range(LOBATTO_NODES)] for x in fractions])
     return Sampling(nodes, fractions, matrix, np.linalg.inv(np.vander(nodes, increasing=True)))
 
 
