@@ -121,42 +121,15 @@ class SolveLoop(diffrax.AbstractAdjoint):
             state, _, hybrid, *_ = carry
             return (state.tprev < t1) & (state.result == RESULTS.successful) & switching.goes_on(hybrid)
 
+        recorder = _Recorder(self, solve, output, observers, dense)
+
         def advance(carry: tuple[Any, ...], counts: Bool[Array, ""]) -> tuple[Any, ...]:
-            state, saved, hybrid, seen, watched = carry
-            ended, before = state.tprev, state.y
-            state, until, hybrid = solve.after_reset(state, switching.with_event_if(counts, hybrid))
+            before, saved, hybrid, seen, watched = carry
+            state, until, hybrid = solve.after_reset(before, switching.with_event_if(counts, hybrid))
             new, info, keep, hybrid = solve.advanced(state, hybrid)
-            keep &= counts
-            step = {"t0": state.tprev, "t1": state.tnext}
-            exactly = dense or (observers is not None and observers.needs_exact)
-            coarse = solver.interpolation_cls(**step, **info)
-            interpolation, glance = coarse, None
-            if watch is not None:
-                sketch = jax.tree_util.Partial(output.sketch, info, coarse)
-                glance = watch.glance(watched, Within(state.tprev, state.tnext, sketch, (t0, t1)), args)
-            if exactly or self.times.size > 2 or glance is not None:
-                asked = keep & (exactly | (self._due(saved.filled) < state.tnext))
-                asked |= False if glance is None else keep & ~glance.quiet
-                info = output.info(info, terms, **step, args=args, asked=asked)
-                interpolation = output.interpolation(**step, **info)
-                within = interpolation
-                if switching.jumps:
-                    pause = Pause(before, until, state.tprev)
-                    within = AfterPauses(output.interpolation)(t0=ended, t1=state.tnext, pause=pause, info=info)
-                    info = {"pause": pause, "info": info}
-                saved = self._save(saved, within, jnp.where(keep, state.tnext, -jnp.inf))
-            if dense:
-                new = _kept_for_dense_output(new, info, keep)
-            if observers is not None:
-                taken = Step(state.tprev, state.tnext, state.y, coarse.evaluate, interpolation.evaluate)
-                seen = observers.observe(seen, taken, keep)
-            if watch is not None and glance is not None:
-                exact = jax.tree_util.Partial(fill_vectors, interpolation.evaluate)
-                within = Within(state.tprev, state.tnext, exact, (t0, t1))
-                watched = watch.record(watched, glance, within, args, keep, reverse=reverse)
-                result = RESULTS.where(watched.log.ended, RESULTS.event_occurred, new.result)
-                new = dataclasses.replace(new, result=result)
-            return new, saved, hybrid, seen, watched
+            pause = Pause(before.y, until, state.tprev)
+            new, *recorded = recorder.record(before.tprev, pause, state, new, info, keep & counts, saved, seen, watched)
+            return new, recorded[0], hybrid, *recorded[1:]
 
         inner = SavedStates(jnp.asarray(0), jnp.full((self.times.size - 2, *y0.shape), jnp.inf, y0.dtype))
         seen = None if observers is None else observers.begin(y0)
@@ -199,7 +172,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
             return min(max_steps, MOST_NATIVELY if traced_natively() else MOST_CHECKPOINTS)
         return self.checkpoints
 
-    def _save(
+    def save(
         self, saved: SavedStates, interpolation: diffrax.AbstractLocalInterpolation, until: Float[Array, ""]
     ) -> SavedStates:
         """What is saved once the vectors up to ``until`` are known as well, from the interpolation of a step."""
@@ -209,18 +182,76 @@ class SolveLoop(diffrax.AbstractAdjoint):
         inner = self.times[1:-1]
 
         def row_of(k: Int[Array, ""]) -> Float[Array, " size"]:
-            # Not at `_due`, which is infinite where nothing is: in a batch, that would be differentiated.
+            # Not at `due`, which is infinite where nothing is: in a batch, that would be differentiated.
             return interpolation.evaluate(inner[k])
 
         vectors, filled = put_while(
-            lambda k: self._due(k) <= until, row_of, saved.vectors, saved.filled, reverse=self.kind == "checkpointed"
+            lambda k: self.due(k) <= until, row_of, saved.vectors, saved.filled, reverse=self.kind == "checkpointed"
         )
         return SavedStates(filled, vectors)
 
-    def _due(self, filled: Int[Array, ""]) -> Float[Array, ""]:
+    def due(self, filled: Int[Array, ""]) -> Float[Array, ""]:
         """The next interior time, after the first ``filled``; infinite where there is none."""
         inner = self.times[1:-1]
         return jnp.where(filled < inner.size, inner[filled], jnp.inf) if inner.size else jnp.asarray(jnp.inf)
+
+
+class _Recorder(NamedTuple):
+    """Keeps what a run shows of its steps: saved states, dense output, extremes and events."""
+
+    loop: SolveLoop
+    solve: "_Solve"
+    output: DenseOutput
+    observers: Observers | None
+    dense: bool
+
+    def record(
+        self,
+        t0: Float[Array, ""],
+        pause: Pause,
+        state: Any,
+        new: Any,
+        info: Any,
+        keep: Bool[Array, ""],
+        saved: SavedStates,
+        seen: Any,
+        watched: Any,
+    ) -> tuple[Any, SavedStates, Any, Any]:
+        """The ``new`` state and the records, with the step from ``state`` if it is to ``keep``.
+
+        ``t0`` is the end of the step before, from which the pause lasts; ``info`` is what the step's interpolation is
+        made of.
+        """
+        loop, observers, watch, output = self.loop, self.observers, self.loop.watch, self.output
+        args, run, step = self.solve.args, (self.solve.t0, self.solve.t1), {"t0": state.tprev, "t1": state.tnext}
+        exactly = self.dense or (observers is not None and observers.needs_exact)
+        coarse = self.solve.solver.interpolation_cls(**step, **info)
+        interpolation, glance = coarse, None
+        if watch is not None:
+            sketch = jax.tree_util.Partial(output.sketch, info, coarse)
+            glance = watch.glance(watched, Within(state.tprev, state.tnext, sketch, run), args)
+        if exactly or loop.times.size > 2 or glance is not None:
+            # A continuous extension costs evaluations of the field, so it is made only where a state is asked for.
+            asked = keep & (exactly | (loop.due(saved.filled) < state.tnext))
+            asked |= False if glance is None else keep & ~glance.quiet
+            info = output.info(info, self.solve.terms, **step, args=args, asked=asked)
+            interpolation = shown = output.interpolation(**step, **info)
+            if loop.switching.jumps:
+                shown = AfterPauses(output.interpolation)(t0=t0, t1=state.tnext, pause=pause, info=info)
+                info = {"pause": pause, "info": info}
+            saved = loop.save(saved, shown, jnp.where(keep, state.tnext, -jnp.inf))
+        if self.dense:
+            new = _kept_for_dense_output(new, info, keep)
+        if observers is not None:
+            taken = Step(state.tprev, state.tnext, state.y, coarse.evaluate, interpolation.evaluate)
+            seen = observers.observe(seen, taken, keep)
+        if watch is not None and glance is not None:
+            exact = jax.tree_util.Partial(fill_vectors, interpolation.evaluate)
+            within = Within(state.tprev, state.tnext, exact, run)
+            watched = watch.record(watched, glance, within, args, keep, reverse=loop.kind == "checkpointed")
+            result = RESULTS.where(watched.log.ended, RESULTS.event_occurred, new.result)
+            new = dataclasses.replace(new, result=result)
+        return new, saved, seen, watched
 
 
 class _Solve(NamedTuple):

@@ -248,72 +248,28 @@ def solve(
     packing, initial = _packed(system, times[0], state)
     if method.inside and packing.system.clearance(times[0], state) is not None:
         events = events | {LEAVING: Leaving()}
-    # One array for all parameters: XLA copies each operand of a nested loop once an iteration.
-    with_captures = take_captures((packing, events))
-    parameters, unravel = ravel_pytree(with_captures)
-    leaves, structure = jax.tree.flatten(with_captures)
-
-    def unpack_parameters(parameters: Array | list[Array]) -> tuple[Packing[Any, Any], dict[str, AbstractEvent]]:
-        is_list = isinstance(parameters, list)
-        return put_captures(*(structure.unflatten(parameters) if is_list else unravel(parameters)))
-
-    # Compiled on their own, they are traced once; diffrax traces a step several times.
-    @jax.jit
-    def field(t, x, parameters):
-        return unpack_parameters(parameters)[0].field(t, x)
-
-    @jax.jit
-    def dae_field(t, x, parameters, component):
-        return unpack_parameters(parameters)[0].dae_field(t, x, component)
-
-    def observers(parameters: Array) -> Observers:
-        assert method.observation is not None
-        packing = unpack_parameters(parameters)[0]
-        return Observers(method.observation, functools.partial(_quantities, method.observation, packing))
-
-    @jax.jit
-    def event_functions(times, vectors, parameters):
-        packing, events = unpack_parameters(parameters)
-        return jax.vmap(functools.partial(values_of, packing, events))(times, vectors)
-
-    def event_state(t, x, parameters):
-        packing, _ = unpack_parameters(parameters)
-        x = packing.projected(t, x) if projects else x
-        return ravelled(system.shown_state(packing.unpack(t, x)))[0]
-
-    projects = method.project or packing.system.always_projected
-
-    def projected(t, x, parameters):
-        return unpack_parameters(parameters)[0].projected(t, x)
-
-    term = diffrax.ODETerm(field)
-    order = float(method.solver.error_order(term) or 1)  # pyright: ignore
+    functions = _Functions(method, system, packing, events)
+    order = float(method.solver.error_order(diffrax.ODETerm(functions.field)) or 1)  # pyright: ignore
     accuracy = Accuracy(rtol, atol, order, approach_of(method.solver))
-    switching = Switching(accuracy, unpack_parameters, system.max_switches) if system.is_hybrid else NoSwitching()
-    if method.dae:
-        term = SwitchingMassMatrixTerm(
-            dae_field,
-            mass=lambda component: packing.mass_diagonal(initial, component),
-            choose=lambda t, x, _: packing.algebraic_component(x),
-        )
-    solver = ProjectedSteps(method.solver, projected) if projects else method.solver
+    switching = Switching(accuracy, functions.unpack, system.max_switches) if system.is_hybrid else NoSwitching()
+    solver = ProjectedSteps(method.solver, functions.projected) if functions.projects else method.solver
     solution = diffrax.diffeqsolve(
-        term,
+        functions.terms(initial),
         solver,
         times[0],
         jnp.where(startable, times[-1], times[0]),
         None,
         jnp.where(startable, initial, 0.0),
-        args=parameters,
+        args=functions.parameters,
         saveat=diffrax.SaveAt(t1=True, dense=method.dense),
         stepsize_controller=_controller(method, system, times, rtol, atol),
         adjoint=SolveLoop.of(
             adjoint,
             times,
             switching,
-            observers if method.observation else None,
-            Watch(events, event_functions, field, event_state) if events else None,
-            parameters=leaves,
+            functions.observers if method.observation else None,
+            Watch(events, functions.event_values, functions.field, functions.event_state) if events else None,
+            parameters=functions.leaves,
             join=lambda leaves: ravel_pytree(leaves)[0],
         ),
         max_steps=method.max_steps,
@@ -323,7 +279,8 @@ def solve(
     if isinstance(adjoint, diffrax.ForwardMode):
         solution = forward_only(solution)
     states, ended = cast(Array, solution.ys), cast(Array, solution.ts)
-    saved = _unpacked(packing, startable & jnp.all(jnp.isfinite(states), axis=1), times, states, projects)
+    finite = startable & jnp.all(jnp.isfinite(states), axis=1)
+    saved = _unpacked(packing, finite, times, states, functions.projects)
     reached, status, occurrences = ended[0], status_of(solution.result), {}
     if events:
         unravel_shown = ravelled(system.shown_state(packing.unpack(times[0], initial)))[1]
@@ -338,17 +295,71 @@ def solve(
     # Reverse mode goes through the steps that were tried beyond that, too.
     spoilt = (status == int(Status.NOT_FINITE)) & isinstance(adjoint, diffrax.RecursiveCheckpointAdjoint)
     saved, record, occurrences = with_unknown_derivatives((saved, record, occurrences), given, spoilt)
-    return (
-        saved,
-        reached,
-        status,
-        cast(Array, solution.stats["num_steps"]),
-        cast(Array, solution.stats["num_rejected_steps"]),
-        Interpolant.of(solution, solver, packing, projects=projects, pauses=switching.jumps) if method.dense else None,
-        occurrences,
-        record,
-        solution.stats.get("found"),
-    )
+    interpolant = None
+    if method.dense:
+        interpolant = Interpolant.of(solution, solver, packing, projects=functions.projects, pauses=switching.jumps)
+    counts = (cast(Array, solution.stats[name]) for name in ("num_steps", "num_rejected_steps"))
+    return saved, reached, status, *counts, interpolant, occurrences, record, solution.stats.get("found")
+
+
+class _Functions:
+    """The functions that a solve evaluates, with all parameters as one array.
+
+    One array, because XLA copies each operand of a nested loop once an iteration.
+    """
+
+    def __init__(
+        self, method: Method, system: AbstractSystem, packing: Packing[Any, Any], events: dict[str, AbstractEvent]
+    ) -> None:
+        self._method, self._system, self._packing = method, system, packing
+        self.projects = method.project or packing.system.always_projected
+        with_captures = take_captures((packing, events))
+        self.parameters, self._unravel = ravel_pytree(with_captures)
+        self.leaves, self._structure = jax.tree.flatten(with_captures)
+        # Compiled on their own, they are traced once; diffrax traces a step several times.
+        self.field, self.dae_field = jax.jit(self._field), jax.jit(self._dae_field)
+        self.event_values = jax.jit(self._event_values)
+
+    def unpack(self, parameters: Array | list[Array]) -> tuple[Packing[Any, Any], dict[str, AbstractEvent]]:
+        """The packing and the events, from one array or from a list of all."""
+        is_list = isinstance(parameters, list)
+        return put_captures(*(self._structure.unflatten(parameters) if is_list else self._unravel(parameters)))
+
+    def terms(self, initial: Array) -> diffrax.AbstractTerm:
+        """The equations: ẋ = f(t, x), or M ẋ = f(t, x) where they are solved as a DAE."""
+        if not self._method.dae:
+            return diffrax.ODETerm(self.field)
+        return SwitchingMassMatrixTerm(
+            self.dae_field,
+            mass=lambda component: self._packing.mass_diagonal(initial, component),
+            choose=lambda t, x, _: self._packing.algebraic_component(x),
+        )
+
+    def _field(self, t, x, parameters):
+        return self.unpack(parameters)[0].field(t, x)
+
+    def _dae_field(self, t, x, parameters, component):
+        return self.unpack(parameters)[0].dae_field(t, x, component)
+
+    def _event_values(self, times, vectors, parameters):
+        packing, events = self.unpack(parameters)
+        return jax.vmap(functools.partial(values_of, packing, events))(times, vectors)
+
+    def observers(self, parameters: Array) -> Observers:
+        """The observers of quantities along the run."""
+        observation = self._method.observation
+        assert observation is not None
+        return Observers(observation, functools.partial(_quantities, observation, self.unpack(parameters)[0]))
+
+    def event_state(self, t, x, parameters):
+        """The state that an event's function is given, as a vector."""
+        packing, _ = self.unpack(parameters)
+        x = packing.projected(t, x) if self.projects else x
+        return ravelled(self._system.shown_state(packing.unpack(t, x)))[0]
+
+    def projected(self, t, x, parameters):
+        """The nearest vector on the constraints."""
+        return self.unpack(parameters)[0].projected(t, x)
 
 
 def _quantities(observation: Observation, packing: Packing[Any, Any], t: Array, x: Array) -> Array:
