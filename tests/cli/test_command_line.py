@@ -1,5 +1,6 @@
 """The command line, as a process of its own."""
 
+import json
 import os
 import subprocess
 import sys
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 import xarray
 
+from jaxball import __version__
 from jaxball.cli import main
 from jaxball.scenario import Scenario, ScenarioError, builtin_scenarios, builtin_text
 from tests.scenario.documents import DISK
@@ -123,6 +125,18 @@ def test_version(capsys):
         main(["--version"])
     assert caught.value.code == 0
     assert capsys.readouterr().out.startswith("jaxball 0.")
+
+
+def test_what_a_report_needs(capsys, monkeypatch):
+    monkeypatch.setenv("JAXBALL_COMPILER", "xla")
+    with pytest.raises(SystemExit) as caught:
+        main(["--version", "--json"])
+    assert caught.value.code == 0
+    about = json.loads(capsys.readouterr().out)
+    assert about["jaxball"] == __version__
+    assert about["packages"]["jax"] == jax.__version__
+    assert about["compiler"] == about["settings"]["JAXBALL_COMPILER"] == "xla"
+    assert about["devices"] == [device.device_kind for device in jax.devices()]
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,14 @@
 """Runs the command that was typed, and prints errors as sentences."""
 
 import argparse
+import functools
 import importlib
+import json
 import keyword
 import os
 import sys
 from collections.abc import Sequence
+from typing import Any
 
 from .. import __version__
 from ..interface.interruption import EXIT_INTERRUPTED, STOPPED
@@ -94,6 +97,23 @@ class _Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, f'there is no "{value}"{hint}')
 
 
+class _Version(argparse.Action):
+    """Prints the version, or all that a report of an error needs, and ends."""
+
+    def __init__(self, *names: Any, as_json: bool, **named: Any) -> None:
+        super().__init__(*names, nargs=0, **named)
+        self.as_json = as_json
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        if self.as_json:
+            from .installation import installation  # here, because it imports JAX
+
+            print(json.dumps(installation(), indent=2))
+        else:
+            print(f"jaxball {__version__}")
+        parser.exit()
+
+
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     """The parser, with the options of the command in ``arguments``, and only the names of the others."""
     parser = _Parser(
@@ -101,7 +121,9 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         description="Simulates a rolling ball or disk driven by point masses moving inside it.",
     )
     parser.add_argument(
-        "--version", action="version", version=f"jaxball {__version__}", help="show the version and exit"
+        "--version",
+        action=functools.partial(_Version, as_json="--json" in arguments),
+        help="show the version and exit; `--version --json` shows what a report of an error needs",
     )
     parser.set_defaults(cache=False)
     commands = parser.add_subparsers(title="commands", prog=parser.prog, required=True, metavar="COMMAND")

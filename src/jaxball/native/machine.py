@@ -43,6 +43,11 @@ def identity() -> list[str]:
     return [llvmlite.__version__, version, llvm.get_default_triple(), *_processor()]
 
 
+def processor_name() -> str:
+    """LLVM's name of this processor."""
+    return _processor()[0]
+
+
 def triple() -> str:
     """LLVM's name of the target."""
     return _llvm().get_default_triple()
