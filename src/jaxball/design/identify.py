@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..interface.arguments import require
+from ..interface.html import repr_html
 from ..numerics import programs
 from ..numerics.arrays import to_numpy
 from ..numerics.fitting import Residuals, determined, fitted, where_finite
@@ -60,6 +61,8 @@ class Identification:
             large = np.abs(combination) > 0.1 * np.max(np.abs(combination))
             sets.append(tuple(name for name, part in zip(self.names, large, strict=True) if part))
         return sets
+
+    _repr_html_ = repr_html
 
     def __repr__(self) -> str:
         rows = [

@@ -20,6 +20,7 @@ from jaxtyping import Array, Float
 from ..control.sampled import in_words
 from ..control.weights import by_name
 from ..interface.arguments import refusal, require
+from ..interface.html import repr_html
 from ..interface.printing import Printed
 from ..numerics import programs
 from ..numerics.arrays import Numbers, default_dtype, to_array, to_numpy
@@ -81,6 +82,8 @@ class Fit:
     def deviations(self) -> dict[str, float]:
         """The standard deviation of the error of each unknown, by name."""
         return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+    _repr_html_ = repr_html
 
     def __repr__(self) -> str:
         size, values = self.deviations, self.parameters | self.biases

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..compat import is_traced
 from .arguments import require_arguments
+from .html import repr_html
 
 MOST_WRITTEN_OUT = 9
 
@@ -28,6 +29,8 @@ class Printed(eqx.Module):
 
     def __repr__(self) -> str:
         return shown(self)
+
+    _repr_html_ = repr_html
 
 
 def shown(value: Any) -> str:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..interface.arguments import refusal
+from ..interface.html import repr_html
 from ..interface.printing import shown
 from ..interface.wording import one_of
 from ..physics.contact.law import Contact
@@ -71,6 +72,8 @@ class Scenario:
     feedback: "AbstractFeedbackSettings | None" = None
     estimator: "EstimatorSettings | None" = None
     events: "Mapping[str, AbstractEvent]" = dataclasses.field(default_factory=dict)
+
+    _repr_html_ = repr_html
 
     def __repr__(self) -> str:
         span = f"{len(self.times)} times from {self.times[0]:g} to {self.times[-1]:g}"

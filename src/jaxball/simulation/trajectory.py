@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 from typing_extensions import TypeVar
 
+from ..interface.html import as_html, sketch_of
 from ..interface.printing import Printed
 from ..interface.status import SUCCESSES, SolveError, Status
 from ..interface.wording import counted
@@ -398,6 +399,13 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
             z = np.atleast_1d(np.asarray(self.state.z)[-1])
             lines.append("  z at the end: " + ", ".join(f"{value:.12g}" for value in z))
         return "\n".join([*lines, *(f"  {line}" for line in self.history.lines)])
+
+    def _repr_html_(self) -> str:
+        if is_traced(self.status) or np.ndim(self.status) or not isinstance(self.state, BallState | DiskState):
+            return as_html(repr(self))
+        z = np.asarray(self.state.z)
+        path = z if z.ndim == 2 else np.stack([np.asarray(self.times), z], axis=1)
+        return as_html(repr(self), sketch_of(path, "the path on the ground" if z.ndim == 2 else "the place over time"))
 
     def _of_many(self) -> str:
         """A batch in a few lines: how many runs, how they ended, and how many steps they took."""

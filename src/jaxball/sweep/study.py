@@ -15,7 +15,8 @@ from jaxtyping import Float, Int
 
 from ..ensemble import REDUCTIONS, AbstractReduction, Drift, Integral, Maximum, Minimum
 from ..ensemble.reductions import reductions_of
-from ..interface.wording import did_you_mean
+from ..interface.html import repr_html
+from ..interface.wording import counted, did_you_mean
 from ..physics.rolling import AbstractRollingSystem
 from ..scenario import Scenario, ScenarioError, read_document
 from ..scenario.errors import each_of, raise_first, tried
@@ -137,6 +138,13 @@ class Study:
     chunk: int = 1
     readings: bool = False
     within: float = RETURN_WITHIN
+
+    _repr_html_ = repr_html
+
+    def __repr__(self) -> str:
+        axes = [f"  {', '.join(axis.paths)}: {counted(axis.size, 'point')}" for axis in self.axes]
+        finds = [f"  finds {', '.join(find.name for find in self.finds)}"] if self.finds else []
+        return "\n".join([f"Study {self.title!r}: {counted(self.rows, 'row')}", *axes, *finds])
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ..interface.html import repr_html
 from ..interface.printing import json_types
 from .case import ERROR_ALLOWED, Trust
 
@@ -104,6 +105,8 @@ class Report:
                 f"{self.trust.horizon:.3g} on (tighten the tolerances)"
             )
         return tuple(doubts)
+
+    _repr_html_ = repr_html
 
     def __repr__(self) -> str:
         lines = [self.title] if self.title else []

@@ -9,6 +9,7 @@ import numpy as np
 import tomli_w
 from jaxtyping import Float
 
+from ...interface.html import repr_html
 from ...interface.output import write_text
 from ...numerics.programs import compiled_quickly
 from ..problem.problem import Evaluation, Problem
@@ -45,6 +46,8 @@ class Design:
     before: Evaluation
     verified: Verified
     perturbed: Evaluation
+
+    _repr_html_ = repr_html
 
     def __repr__(self) -> str:
         numbers = zip(self.problem.space.names, self.numbers, strict=True)
