@@ -25,6 +25,7 @@ from .palette import Dashes, mass_look
 
 if TYPE_CHECKING:
     from ..physics.system import AbstractSystem
+    from ..simulation.trajectory import Trajectory
 
 DASH = 7.0  # of lines that lie on one another, in widths of the line
 SHARED = "bevel"  # the joins of their dashes, by which the legend recognises them
@@ -42,7 +43,7 @@ LETTERS = 20  # of a caption in an inch
 COLOURS = "viridis"  # of a number
 
 
-def caption(figure: Any, system: "AbstractSystem | None" = None, title: str = "") -> None:
+def caption(figure: Any, system: "AbstractSystem | None" = None, title: str = "", units: str = "") -> None:
     """Writes above a figure which system it shows, and in what units.
 
     **Arguments:**
@@ -50,15 +51,25 @@ def caption(figure: Any, system: "AbstractSystem | None" = None, title: str = ""
     - ``figure``: a figure; its caption is replaced if it has one.
     - ``system``: the system; its numbers are dimensionless where m_0 = r = g = 1.
     - ``title``: the name of the system, such as a scenario's title, shown instead of a description.
+    - ``units``: those that its scenario states, in words.
     """
-    lines = textwrap.wrap(subject(system, title), int(LETTERS * figure.get_figwidth()), break_on_hyphens=False)
+    lines = textwrap.wrap(subject(system, title, units), int(LETTERS * figure.get_figwidth()), break_on_hyphens=False)
     figure.suptitle("\n".join(lines), linespacing=1.15, **CAPTION)
 
 
-def subject(system: "AbstractSystem | None", title: str = "") -> str:
+def subject(system: "AbstractSystem | None", title: str = "", units: str = "") -> str:
     """Which system a figure shows, and in what units."""
     shown = title.replace("$", r"\$") or ("" if system is None else described(system))
-    return f"{shown}; {_units(system, title)}" if shown else _units(system, title)
+    units = units or _units(system, title)
+    return f"{shown}; {units}" if shown else units
+
+
+def stated_units(trajectory: "Trajectory[Any, Any]") -> str:
+    """The units that the scenario of a run states, in words; empty if it states none."""
+    units = None if trajectory.scenario is None else trajectory.scenario.units
+    if units is None:
+        return ""
+    return str(units) if units.is_dimensionless else f"in {units}"
 
 
 def described(system: "AbstractSystem") -> str:

@@ -16,9 +16,11 @@ from ..physics.contact.released import ReleasedState
 from ..physics.state import ReducedState, RotationState
 from ..scenario import Scenario, ScenarioError, read_scenario, write_scenario
 from ..scenario.paths import entries
+from ..scenario.units import Units
 from ..sensors import AbstractSensor
 from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import Trajectory, always_rolls
+from ..simulation.variables import Variable
 from .feedback import feedback_labels
 from .files import FORMAT, SUFFIXES, UNKNOWN_SOLVER
 from .variables import (
@@ -39,6 +41,8 @@ if TYPE_CHECKING:
 
 
 PACKAGES = ("jaxball", "jax", "diffrax")
+CONVENTIONS = "CF-1.11"  # of attributes, where units are stated
+TIME = Variable((), "time", "time")
 
 
 def attributes(
@@ -76,7 +80,27 @@ def attributes(
         extremes = contact_extremes(trajectory)
         names = [field.name for field in dataclasses.fields(extremes) if field.name != "constant"]
         run |= {name: float(getattr(extremes, name)) for name in names}
+    if _units(trajectory, scenario) is not None:
+        run["Conventions"] = CONVENTIONS
     return run | {f"{name}_version": importlib.metadata.version(name) for name in PACKAGES}
+
+
+def _units(trajectory: Trajectory[Any, Any], scenario: Scenario | None) -> Units | None:
+    """The units that the scenario of a run states."""
+    known = trajectory.scenario if scenario is None else scenario
+    return None if known is None else known.units
+
+
+def notes_in(units: Units | None, variable: Variable) -> dict[str, Any]:
+    """The attributes of a variable, with its unit in place of its dimension where units are stated."""
+    notes = variable.notes
+    if units is None or not variable.units:
+        return notes
+    unit = units.of(variable.units)
+    if unit:
+        return notes | {"units": unit}
+    del notes["units"]
+    return notes | {"comment": variable.units}  # two dimensions, of which an attribute can state one
 
 
 def _text(scenario: Scenario | None) -> str:
@@ -140,14 +164,14 @@ def to_dataset(
     import xarray
 
     scenario, sensors = _with_sensors(trajectory, scenario, sensors)
-    variables, sizes = {}, {}
+    variables, sizes, units = {}, {}, _units(trajectory, scenario)
     over_time, of_switches = ("time", _over_time(trajectory, sensors)), ("switch", _of_switches(trajectory))
     for leading, saved in (over_time, of_switches, *event_values(trajectory.events).items()):
         for name, (variable, array) in saved.items():
-            variables[name] = ((leading, *variable.dimensions), array, variable.notes)
+            variables[name] = ((leading, *variable.dimensions), array, notes_in(units, variable))
             sizes |= zip((leading, *variable.dimensions), array.shape, strict=True)
     sizes.pop("time")
-    times = ("time", np.asarray(trajectory.times), {"units": "time", "long_name": "time"})
+    times = ("time", np.asarray(trajectory.times), notes_in(units, TIME))
     coordinates = {"time": times, **labels(trajectory.system, sizes), **feedback_labels(trajectory.history)}
     return xarray.Dataset(variables, coordinates, attributes(trajectory, scenario, sensors))
 

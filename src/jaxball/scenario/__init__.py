@@ -28,6 +28,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         builtin_title as builtin_title,
         scenario_text as scenario_text,
     )
+    from .units import Units as Units
 else:
     from ..interface.names import lazy_interface
 

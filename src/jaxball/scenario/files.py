@@ -67,6 +67,7 @@ from .scenario import Scenario
 from .solve import SOLVE, TIMES, SaveTimes, check_dae, read_times, write_times
 from .sources import document_of, naming, scenario_text
 from .table import Key, keeping_defaults, keys_of, read_table, write_table
+from .units import UNITS_KEY, Units, write_units
 from .values import Choice, Conditions, Integer, ScenarioError, Text, namespace, traced_conditions, unread
 
 if TYPE_CHECKING:
@@ -86,6 +87,7 @@ class _KindOfSystem(Choice):
 _SHARED = {
     "format": Key(Integer(FORMAT, FORMAT)),
     "title": Key(Text(), ""),
+    "units": UNITS_KEY,
     "kind": Key(_KindOfSystem((*BODIES, *CLASSICAL))),
     "time": Key(unread(tables=TIMES)),
     "solve": Key(unread(tables={"": SOLVE}), None),
@@ -177,11 +179,14 @@ class Contents(NamedTuple):
     events: dict[str, AbstractEvent]
     feedback: AbstractFeedbackSettings | None = None
     estimator: EstimatorSettings | None = None
+    units: Units | None = None
 
     def scenario(self) -> Scenario:
         """The scenario, whose numbers must be known."""
         times = self.times.array(self.times.count)
-        others = {name: getattr(self, name) for name in ("contact", "sensors", "events", "feedback", "estimator")}
+        others = {
+            name: getattr(self, name) for name in ("contact", "sensors", "events", "feedback", "estimator", "units")
+        }
         return Scenario(self.title, self.system, self.state, times, **self.solve, **others)
 
 
@@ -269,7 +274,8 @@ def _contents(
         lambda: solve and sensors is not None and check_feedback(feedback, estimator, sensors, fixed, document),
         lambda: events and check_events_of(events, "events", system, contact, start, state),
     )
-    return Contents(table["title"], system, first_state, contact, times, solve, sensors, events, feedback, estimator)
+    settings = sensors, events, feedback, estimator, table["units"]
+    return Contents(table["title"], system, first_state, contact, times, solve, *settings)
 
 
 def _read_classical(document: dict[str, Any]) -> Contents:
@@ -284,7 +290,7 @@ def _read_classical(document: dict[str, Any]) -> Contents:
     system, state = read_classical(table["kind"], table["body"], table["initial"], times.start, resistance)
     check_dae(system, None, solve["solver"], solve["dae"])
     check_events_of(events, "events", system, None, times.start, state)
-    return Contents(table["title"], system, state, None, times, solve, {}, events)
+    return Contents(table["title"], system, state, None, times, solve, {}, events, units=table["units"])
 
 
 def write_scenario(scenario: Scenario) -> str:
@@ -307,6 +313,7 @@ def write_scenario(scenario: Scenario) -> str:
     tables = {
         "format": FORMAT,
         "title": scenario.title,
+        "units": write_units(scenario.units),
         **_tables(system, state),
         "contact": CONTACT.write(contact, "contact") if scenario.may_slip else {},
         "time": write_times(scenario.times),

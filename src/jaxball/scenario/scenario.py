@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ..simulation.events import AbstractEvent
     from ..simulation.trajectory import Trajectory
     from .feedback import AbstractFeedbackSettings, EstimatorSettings
+    from .units import Units
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -46,6 +47,7 @@ class Scenario:
       the motion that the scenario has without it, sampled at the save times; None for a run without feedback.
     - ``estimator``: the :class:`EstimatorSettings` of feedback from what the sensors read; None for that of the state.
     - ``events``: what each run looks for, by name, such as an :class:`~jaxball.Event`; not with ``feedback``.
+    - ``units``: the :class:`Units` of its numbers, with which runs are saved and drawn; None if they are not stated.
 
     **Example:**
 
@@ -72,6 +74,7 @@ class Scenario:
     feedback: "AbstractFeedbackSettings | None" = None
     estimator: "EstimatorSettings | None" = None
     events: "Mapping[str, AbstractEvent]" = dataclasses.field(default_factory=dict)
+    units: "Units | None" = None
 
     _repr_html_ = repr_html
 

@@ -59,7 +59,7 @@ from ...interface.output import MOST_BODIES
 from ...physics.body import AbstractBody
 from ...simulation.trajectory import Trajectory
 from ..palette import ARROWS, COMPONENTS, MODES, TRAIL, mass_colour
-from ..style import COLOURS, ColourScale, described, dimensionless, norm_of
+from ..style import COLOURS, ColourScale, described, dimensionless, norm_of, stated_units
 from .free import particle_scene, rigid_scene
 from .rolling import rolling_scene
 from .scene import PAIR, Discs, Pool, Scene, chosen_rows
@@ -104,11 +104,12 @@ def view_document(
         )
     scene = _scene(named, friction, wanted, discs)
     looks, same_units = _looks(count, scale), all(dimensionless(one.system) for one in runs)
+    stated = stated_units(runs[0]) if len({stated_units(run) for run in runs}) == 1 else ""
     document = {
         "format": FORMAT,
         "version": VERSION,
         "title": title or (described(runs[0].system) if count == 1 else f"{count} runs"),
-        "units": "dimensionless, m₀ = r = g = 1" if same_units else "in the units of its parameters",
+        "units": stated or ("dimensionless, m₀ = r = g = 1" if same_units else "in the units of its parameters"),
         "friction": friction,
         "palette": {"components": list(COMPONENTS)} | PALETTE,
         "scale": None if scale is None else _stops(scale),

@@ -1,0 +1,95 @@
+"""The units of a scenario in files of runs, figures and views."""
+
+import re
+
+import pytest
+import xarray
+
+from jaxball import load_run, read_scenario, write_scenario
+from jaxball.plot import overview
+from jaxball.scenario import ScenarioError, Units, builtin_text
+from jaxball.simulation import variables
+
+SI = '[units]\nlength = "m"\nmass = "kg"\ntime = "s"\n'
+# As UDUNITS reads them: names and whole powers, with a space for a product.
+UNIT = r"1|rad|(rad )?[A-Za-z]+(\^-?\d+)?( [A-Za-z]+(\^-?\d+)?)*"
+
+
+def stating(units):
+    """The disk of the paper with a table of units."""
+    return read_scenario(builtin_text("disk") + units)
+
+
+def test_every_variable_of_a_run_has_a_unit(tmp_path):
+    path = stating(SI).simulate().save(tmp_path / "run.nc")
+    with xarray.open_dataset(path, engine="h5netcdf") as saved:
+        assert saved.attrs["Conventions"] == "CF-1.11"
+        units = {name: variable.attrs.get("units") for name, variable in saved.variables.items()}
+        assert units["normal_force"] == "N"
+        assert units["phidot"] == "rad s^-1"
+        assert units["energy"] == "J"
+        assert units["time"] == "s"
+        assert units["z"] == "m"
+        labelled = {name for name in saved.variables if name not in saved.dims or name == "time"}
+        assert all(saved[name].attrs.get("comment") for name in labelled if not units[name])
+        for unit in filter(None, units.values()):
+            assert re.fullmatch(UNIT, unit), unit
+
+
+def test_a_run_that_is_read_knows_its_units(tmp_path):
+    run = load_run(stating(SI).simulate().save(tmp_path / "run.nc"))
+    assert run.scenario.units == Units("m", "kg", "s")
+    assert read_scenario(write_scenario(run.scenario)).units == run.scenario.units
+
+
+def test_without_the_table_nothing_changes(tmp_path):
+    scenario = stating("")
+    assert scenario.units is None
+    assert "units" not in write_scenario(scenario)
+    with xarray.open_dataset(scenario.simulate().save(tmp_path / "run.nc"), engine="h5netcdf") as saved:
+        assert saved.normal_force.attrs["units"] == "force"
+        assert "Conventions" not in saved.attrs
+
+
+def test_dimensionless_numbers():
+    scenario = read_scenario('units = "dimensionless"\n' + builtin_text("disk"))
+    assert str(scenario.units) == "dimensionless"
+    assert scenario.units.of("force") == scenario.units.of("length/time") == "1"
+    assert read_scenario(write_scenario(scenario)).units.is_dimensionless
+
+
+def test_units_that_are_not_si():
+    units = Units("cm", "g", "s")
+    assert units.of("energy") == "g cm^2 s^-2"
+    assert units.of("angular momentum * length") == "g cm^3 s^-1"
+    assert units.of("rad/time^2") == "rad s^-2"
+    assert units.of("torque or force") == units.of("") == ""
+    assert units.of("V") == "V"  # of a sensor of one's own
+
+
+def test_every_dimension_that_variables_have_is_known():
+    tables = (getattr(variables, name) for name in dir(variables) if name.isupper())
+    known = [v for table in tables if isinstance(table, dict) for v in table.values() if hasattr(v, "units")]
+    assert len(known) > 50
+    for variable in known:
+        unit = Units("m", "kg", "s").of(variable.units)
+        assert unit != variable.units or unit in ("", "1", "rad")
+
+
+def test_figures_and_views_name_the_units():
+    run = stating(SI).simulate()
+    assert "in m, kg, s" in overview(run).get_suptitle()
+    assert "in m, kg, s" in run.view().html
+
+
+@pytest.mark.parametrize(
+    ("table", "sentence"),
+    [
+        ('[units]\nlength = "m"\nmass = "kg"\n', "`units.time`"),
+        ('[units]\nlength = "m^2"\nmass = "kg"\ntime = "s"\n', "`units.length`"),
+        ('[units]\nlength = 1.0\nmass = "kg"\ntime = "s"\n', "the name of a unit"),
+    ],
+)
+def test_a_wrong_table_is_a_sentence(table, sentence):
+    with pytest.raises(ScenarioError, match=sentence):
+        stating(table)
