@@ -27,7 +27,7 @@ from tests.support.pages import arrays_of, unpacked
 
 r, R = 0.1, 1.0
 FACET = 0.04 * r  # twice what a line of a mesh may be off the surface: along a diagonal of a cell
-TIMES = np.linspace(0.0, 1.5, 31)
+TIMES = np.linspace(0.0, 1.0, 31)
 
 
 def marble(ground):
@@ -45,7 +45,7 @@ def waves(t, x, y, height):
 RUNS = {
     "bowl": (Bowl(R), BallState(z=(1.0, 0.0), Omega=(8.0, 0.0, 0.0))),
     "hill": (SphereOutside(R), BallState(z=(0.3, 0.1))),
-    "well": (Cylinder(R, axis=(0.0, 0.0, 1.0), start=(1.0, 0.0, 0.0)), BallState(Omega=(0.0, 0.0, 60.0))),
+    "well": (Cylinder(R, axis=(0.0, 0.0, 1.0), start=(1.0, 0.0, 0.0)), BallState(Omega=(0.0, 0.0, 80.0))),
     "plate": (TiltingPlane(about_e1=FunctionSchedule(swing)), BallState(z=(0.2, 0.1))),
     "waves": (HeightField(waves, 0.1), BallState(Omega=(0.0, 10.0, 0.0))),
 }
