@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from PIL import Image, ImageOps
 from scipy.spatial.transform import Rotation
 
-from jaxball import Disk, Scenario, System, Trajectory, plot
+from jaxball import AbstractSurface, Disk, Scenario, System, Trajectory, plot
 from jaxball.classical import HeavyTop, RollingEllipsoid
 from jaxball.classical.state import OrientedState
 from jaxball.plot.palette import FAINT, INK, SHELL, TRAIL
@@ -82,8 +82,14 @@ def rolling(scenario: Scenario, run: Trajectory[Any, Any]) -> tuple[Figure, str]
     for one in [*figure.legends, *figure.texts, *(text for ax in figure.axes for text in ax.texts)]:
         one.remove()
     figure.set_size_inches(SMALLER * figure.get_size_inches())
-    ground = "on the ground line" if isinstance(scenario.system, Disk) else "on its plane"
+    ground = _ground_of(scenario.system)
     return figure, f"{described(scenario.system)}, {ground}, with the path of its contact point behind it"
+
+
+def _ground_of(system: Any) -> str:
+    if isinstance(system, Disk):
+        return "on the ground line"
+    return "on its surface" if isinstance(system.ground, AbstractSurface) else "on its plane"
 
 
 def rigid_body(scenario: Scenario, whole: Trajectory[Any, Any]) -> tuple[Figure, str]:

@@ -208,7 +208,9 @@ def test_a_design_is_shown_before_and_after_with_the_path_that_is_wanted(folder,
 
     (result / "design.toml").write_text(DISK + "\n[ground]\nangle = 0.1\n")
     assert main(["view", "result", "--out", "other.html"]) == 2
-    assert 'must be on the same plane to be shown together, but the plane of "after" differs' in capsys.readouterr().err
+    assert (
+        'must be on the same ground to be shown together, but the ground of "after" differs' in capsys.readouterr().err
+    )
 
     (result / "problem.toml").unlink()
     assert main(["view", "result", "--out", "other.html"]) == 2

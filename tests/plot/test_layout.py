@@ -8,8 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from jaxball import Ball, BallState, Circle, ConstantRate, OnRail, PointMass, ReleasedState, Tube, plot, simulate
-from jaxball.plot.coordinates import accelerations
-from jaxball.plot.report import CLASSICAL, STANDARD
+from jaxball.plot.report import STANDARD, standard_figures
 from jaxball.plot.style import DASH, caption, plane_axes, up_to_ticks
 from jaxball.scenario import builtin_scenarios, builtin_text, load_scenario
 from tests.plot.geometry import boxes, overlaps
@@ -148,11 +147,10 @@ def test_texts_of_every_scenario_are_apart(name):
     scenario = load_scenario(name)
     rolling = name in ROLLING
     trajectory = scenario.simulate(dense=rolling, throw=True)
-    for draw in (*STANDARD, plot.overview) if rolling else CLASSICAL:
-        if draw is not plot.acceleration or accelerations(trajectory):
-            figure = figure_of(draw(trajectory))
-            caption(figure, scenario.system, scenario.title)
-            assert overlaps(figure) == [], draw
+    for draw in (*standard_figures(trajectory), *([plot.overview] if rolling else ())):
+        figure = figure_of(draw(trajectory))
+        caption(figure, scenario.system, scenario.title)
+        assert overlaps(figure) == [], draw
 
 
 @pytest.mark.thorough

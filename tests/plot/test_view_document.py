@@ -294,7 +294,7 @@ def test_what_cannot_be_shown_is_refused_in_a_sentence(
         (
             {"a": ball_trajectory, "<b>": slope},
             None,
-            r'`trajectories` must have runs on the same plane, but the plane of "<b>"',
+            r'`trajectories` must have runs on the same ground, but the ground of "<b>"',
         ),
         (ball_trajectory, ColourScale("g", [1.0, 2.0]), r"`scale` must have a value for each of the 1 runs, but it"),
     ):

@@ -1,4 +1,4 @@
-"""The built-in scenarios run, stay on the plane, and do what their comments say."""
+"""The built-in scenarios run, stay on the ground, and do what their comments say."""
 
 import json
 import tomllib
@@ -37,6 +37,7 @@ NAMES = (
     "vibrating-plane",
     "yoke-robot",
 )
+ON_SURFACES = ("ball-in-a-bowl", "ball-off-a-sphere", "golfers-dilemma", "tilting-plate", "washboard")
 RELEASED = ("bouncing-ball", "bowling-ball", "hoop-with-backspin", "slipping-ball")
 CONSERVATIVE = ("free-rigid-body", "heavy-top", "nonholonomic-particle", "rattleback", "suslov", "vakonomic-particle")
 CLASSICAL = (*CONSERVATIVE, "oblate-ball")
@@ -62,17 +63,17 @@ def reference(name):
 
 
 def test_names():
-    assert builtin_scenarios() == tuple(sorted(NAMES + RELEASED + CLASSICAL))
+    assert builtin_scenarios() == tuple(sorted(NAMES + ON_SURFACES + RELEASED + CLASSICAL))
 
 
-@pytest.mark.parametrize("name", NAMES + RELEASED + CLASSICAL)
+@pytest.mark.parametrize("name", NAMES + ON_SURFACES + RELEASED + CLASSICAL)
 def test_titles_are_those_of_the_documents(name):
     assert builtin_title(name) == tomllib.loads(builtin_text(name))["title"]
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", NAMES)
-def test_runs_and_stays_on_the_plane(runs, name):
+@pytest.mark.parametrize("name", NAMES + ON_SURFACES)
+def test_runs_and_stays_on_the_ground(runs, name):
     trajectory, seen = runs(name)
     assert trajectory.ok, trajectory.message
     assert np.all(seen.normal_force > 0)

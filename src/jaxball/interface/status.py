@@ -57,7 +57,7 @@ _SENTENCES = {
     Status.LEFT_SHELL: "The run to t = {end:.10g} is not valid after t = {reached:.10g}, where a mass left the shell.",
     Status.DETACHED: (
         "The run ended at t = {reached:.10g} before t = {end:.10g}, because the normal force was zero there: the body "
-        "would leave the plane, and the equations of rolling do not hold after that."
+        "would leave the ground, and the equations of rolling do not hold after that."
     ),
     Status.SLIPPED: (
         "The run ended at t = {reached:.10g} before t = {end:.10g}, because rolling needed all the friction available: "

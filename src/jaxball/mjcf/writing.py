@@ -6,15 +6,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..interface.arguments import require
+from ..interface.arguments import described, require
 from ..numerics.arrays import to_array
 from ..physics.body import Ball, Disk, System
 from ..physics.contact.released import ReleasedState, released
-from ..physics.ground import Ground, require_plane
+from ..physics.ground import Ground
 from ..physics.mechanisms import AbstractJointForce, AbstractMechanism, EndStops, JointForces, JointFriction
 from ..physics.resistance import Resistance
 from ..physics.schedules import ConstantRate
 from ..physics.state import BallState, DiskState, RotationState
+from ..physics.surfaces import AbstractSurface
 from ..physics.system import AbstractState
 from ..scenario import Scenario
 from .drives import LIMITS, Control, control_values
@@ -115,7 +116,11 @@ def _check(system: System) -> None:
             "Key `force` must be left out to be written as MJCF, which has no forces that are given in time."
         )
     ground, resistance = system.ground, system.resistance
-    require_plane(ground, "MJCF", MJCFError)
+    if isinstance(ground, AbstractSurface):
+        raise MJCFError(
+            f"Key `ground` must be a plane to be written as MJCF, but it is {described(ground)}; MuJoCo has other "
+            "grounds as meshes and height fields (hfield) of flat triangles, over whose edges a ball bumps."
+        )
     if isinstance(ground, Ground) and ground.motion is not None:
         raise MJCFError("Key `ground.motion` must be left out to be written as MJCF, where the plane stays at rest.")
     table = ground.turntable if isinstance(ground, Ground) else None

@@ -51,8 +51,9 @@ def animate(
     """Animates the rolling body: shell, rails, masses, centre of mass and the trail of the contact point.
 
     Gravity points down, so that a tilted plane is the top of a wedge. A moving plane carries floor and trail along, and
-    a turntable turns; the trail is in axes that move with the plane but do not turn. For a run with a law of contact,
-    it is that of the lowest point, dashed where the body slides and dotted where it flies above its shadow.
+    a turntable turns; the trail is in axes that move with the plane but do not turn. A surface is a mesh,
+    with the trail on the pieces of it that the ball has touched. For a run with a law of contact, the trail is that of
+    the lowest point, dashed where the body slides and dotted where it flies above its shadow.
 
     Each frame shows the nearest saved time, so save at least ``fps / speed`` times per unit of time for a smooth
     animation.
@@ -140,7 +141,7 @@ def _checked(path: Path) -> Path:
 
 
 def snapshot(trajectory: Trajectory, t: Numbers | None = None) -> Figure:
-    """The body on its plane, or above it, at one time, with the trail of the contact point up to then.
+    """The body on its ground, or above it, at one time, with the trail of the contact point up to then.
 
     **Arguments:**
 

@@ -1,6 +1,7 @@
 """Where a run is on the page, on which gravity points down: its ground, its bodies and the floor under them.
 
-A tilted plane is the top of a wedge. A moving plane carries its floor, the body and the trail over the page.
+A tilted plane is the top of a wedge. A moving plane carries its floor, the body and the trail over the page. What is
+drawn of a surface is in :mod:`.surface`.
 """
 
 from typing import NamedTuple
@@ -11,10 +12,12 @@ from jaxtyping import Float
 
 from ..numerics import programs
 from ..numerics.arrays import to_array
-from ..physics.ground import Ground, require_plane
+from ..physics.ground import Ground
+from ..physics.surfaces import AbstractSurface
 from ..simulation.trajectory import Trajectory
 from .record import Record, finite_rows
 from .shapes import arms
+from .surface import Contacts, contacts_of
 
 ROOM_AROUND = 1.3  # from the path to the edge of the floor, in radii
 
@@ -26,6 +29,7 @@ class Setting(NamedTuple):
     moved: Float[np.ndarray, "T 3"]  # the displacement X of the plane, axes of the page
     turned: Float[np.ndarray, " T"] | None  # the angle of the turntable, if there is one
     centre: Float[np.ndarray, "3"]  # about which it turns, space axes
+    contacts: Contacts | None = None  # with a surface
 
     @property
     def tilted(self) -> bool:
@@ -34,6 +38,8 @@ class Setting(NamedTuple):
     @property
     def moves(self) -> bool:
         """Whether the ground is displaced or turned during the run."""
+        if self.contacts is not None:
+            return self.contacts.moves
         return self.turned is not None or bool(np.ptp(self.moved, axis=0).any())
 
     @property
@@ -51,34 +57,48 @@ class Placed(NamedTuple):
     centre: Float[np.ndarray, "T 3"]  # of the shell
     masses: Float[np.ndarray, "T n 3"]  # from the centre
     centre_of_mass: Float[np.ndarray, "T 3"]  # from the centre
-    path: Float[np.ndarray, "T 3"]  # of the contact point on the plane, without the plane's displacement
+    path: Float[np.ndarray, "T 3"]  # of the contact point on the ground, without the ground's motion
     arms: list[Float[np.ndarray, "T n points 3"]]  # of each mechanism, body vectors from the centre
 
 
 def place(trajectory: Trajectory, run: Record) -> Placed:
     """A run in the axes of the page."""
     rows, seen, system = finite_rows(trajectory), run.observables, trajectory.system
-    ground, with_arms = system.ground, system if system.mechanisms else None
-    require_plane(ground, "animations and views")
-    assert ground is None or isinstance(ground, Ground)
-    given = ground, with_arms, to_array(run.times), jax.tree.map(lambda leaf: leaf[rows], trajectory.state)
-    Lambda, arms, moved, turned = jax.tree.map(np.asarray, _evaluate(*given))
-    up = np.array([0.0, 0.0, 1.0]) if ground is None else np.asarray(ground.up())
-    tilt = np.array([[0.0, 0.0, -up[0]], [0.0, 0.0, -up[1]], [up[0], up[1], 0.0]])
-    page = np.eye(3) + tilt + tilt @ tilt / (1 + up[2])  # turns about a horizontal axis, and takes ``up`` to e3
-    moved = np.zeros((len(rows), 3)) if moved is None else moved @ page.T
-    table = None if ground is None else ground.turntable
-    centre = (0.0, 0.0) if table is None else np.asarray(table.centre)
+    plane = system.ground if isinstance(system.ground, Ground) else None
+    with_arms, state = system if system.mechanisms else None, jax.tree.map(lambda leaf: leaf[rows], trajectory.state)
+    Lambda, arms, moved, turned = jax.tree.map(np.asarray, _evaluate(plane, with_arms, to_array(run.times), state))
+    if isinstance(system.ground, AbstractSurface):
+        contacts = contacts_of(system.ground, run.times, np.asarray(state.z))
+        setting = Setting(np.eye(3), contacts.moved, None, np.zeros(3), contacts)
+    else:
+        setting = _on_plane(plane, moved, turned, len(rows))
+    page, contacts = setting.page, setting.contacts
     return Placed(
         times=run.times,
-        setting=Setting(page, moved, turned, np.array([*centre, 0.0])),
+        setting=setting,
         Lambda=page @ Lambda,
-        centre=seen.geometric_centre @ page.T + moved,
+        centre=seen.geometric_centre @ page.T + (setting.moved if contacts is None else 0.0),
         masses=seen.mass_positions_space @ page.T,
         centre_of_mass=seen.centre_of_mass_space @ page.T,
-        path=seen.contact_point @ page.T,
+        path=seen.contact_point @ page.T if contacts is None else contacts.points,
         arms=arms,
     )
+
+
+def _on_plane(
+    plane: Ground | None,
+    moved: Float[np.ndarray, "T 3"] | None,
+    turned: Float[np.ndarray, " T"] | None,
+    count: int,
+) -> Setting:
+    """The setting of a plane, from its displacement in space axes."""
+    up = np.array([0.0, 0.0, 1.0]) if plane is None else np.asarray(plane.up())
+    tilt = np.array([[0.0, 0.0, -up[0]], [0.0, 0.0, -up[1]], [up[0], up[1], 0.0]])
+    page = np.eye(3) + tilt + tilt @ tilt / (1 + up[2])  # turns about a horizontal axis, and takes ``up`` to e3
+    displacement = np.zeros((count, 3)) if moved is None else moved @ page.T
+    table = None if plane is None else plane.turntable
+    centre = (0.0, 0.0) if table is None else np.asarray(table.centre)
+    return Setting(page, displacement, turned, np.array([*centre, 0.0]))
 
 
 @programs.filter_jit

@@ -1,4 +1,4 @@
-"""The scene of an animation, a ball or a disk on its plane, one frame at a time."""
+"""The scene of an animation, a ball or a disk on its ground, one frame at a time."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -15,6 +15,7 @@ from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ..physics.body import Disk
+from ..physics.surfaces import AbstractSurface
 from ..simulation.trajectory import Trajectory
 from .floor import ROOM_AROUND, Floor, Placed, Setting, floor_under, ground_under, place
 from .modes import PATHS, modes_of, track_of
@@ -22,12 +23,17 @@ from .palette import FAINT, INK, SHELL, TRAIL, mass_colour
 from .record import Record
 from .shapes import BREAK, looks, outline, parallel, rail_points, split, towards, wireframe
 from .style import CAPTION, SMALL_FONT, mass_line, subject
+from .surface import Mesh, mesh_under
 
 ELEVATION_3D, AZIMUTH_3D = 26.0, -60.0  # degrees
 SCENE_WIDTH, MARGIN, HEADER = 8.0, 0.15, 0.5  # inches
 SHADOW = "0.88"
 SPOKES = 12  # of a turntable
 TOP, SIDE, TABLE = "0.965", "0.9", "0.93"
+LIGHT = np.array([-0.28, -0.47, 0.84])  # towards it, from above and the left
+EDGES = 0.06  # by which they are darker than its faces
+DARKEST, BRIGHTEST = 0.78, 0.985  # greys of a surface
+SHEER: dict[str, Any] = {"facecolor": "#9999991f", "edgecolor": "#99999959", "linewidth": 0.3}
 GRID: dict[str, Any] = {"color": "0.88", "linewidth": 0.6, "zorder": 1}
 BASELINE = -15.0  # of the clock, in points from the upper edge
 
@@ -70,6 +76,11 @@ def draw_trail(ax: Axes, trajectory: Trajectory, placed: Placed, **look: Any) ->
     return show
 
 
+def _trail_on(ax: Axes, mesh: Mesh, **look: Any) -> Callable[[int], None]:
+    trail = line(ax, color=TRAIL, **look)
+    return lambda k: move(trail, mesh.trail(k))
+
+
 class Scene(NamedTuple):
     """A figure, and a function that makes it show the k-th saved time."""
 
@@ -89,14 +100,22 @@ def _ball_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
     azimuth = AZIMUTH_3D + setting.downhill
     viewer = towards(ELEVATION_3D, azimuth)
     wire, silhouette = wireframe(r), outline(r, viewer)
-    floor = floor_under(run.observables.contact_point, r, setting)
     visited = (placed.centre[:, None] + silhouette[::8]).reshape(-1, 3)
-    figure, ax = _stage(np.concatenate([floor.block.everywhere(setting.moved), visited]), azimuth)
-    show_floor = draw_floor(ax, floor, setting, r, viewer)
+    mesh = None
+    surface = trajectory.system.ground
+    if setting.contacts is None or not isinstance(surface, AbstractSurface):
+        floor = floor_under(run.observables.contact_point, r, setting)
+        figure, ax = _stage(np.concatenate([floor.block.everywhere(setting.moved), visited]), azimuth)
+        show_floor = draw_floor(ax, floor, setting, r, viewer)
+    else:
+        mesh = mesh_under(surface, placed.times, setting.contacts, r)
+        figure, ax = _stage(np.concatenate([mesh.everywhere(), visited]), azimuth)
+        show_floor = draw_surface(ax, mesh, viewer)
 
     # A shadow below a ball that may leave the plane makes its height visible.
     shadow = face(ax, facecolor=SHADOW, zorder=1.5) if modes_of(trajectory).spells else None
-    show_trail = draw_trail(ax, trajectory, placed, linewidth=1.8, zorder=2)
+    look: dict[str, Any] = {"linewidth": 1.8, "zorder": 2}
+    show_trail = draw_trail(ax, trajectory, placed, **look) if mesh is None else _trail_on(ax, mesh, **look)
     shade = face(ax, facecolor="white", alpha=0.7, zorder=3)
     back = line(ax, color=FAINT, linewidth=0.6, zorder=4)
     front = line(ax, color="0.6", linewidth=0.6, zorder=7)
@@ -266,6 +285,33 @@ def draw_floor(
                 placed = _seated(points @ turn.T, floor, setting)
             move(artist, placed + setting.moved[k])
 
+    return show
+
+
+def draw_surface(ax: Axes3D, mesh: Mesh, viewer: Float[np.ndarray, "3"]) -> Callable[[int], None]:
+    """Draws a surface, and returns a function that moves it to the k-th saved time.
+
+    Where the viewer sees the side of the ball, it is opaque and below the ball; elsewhere it is sheer and above it.
+    """
+    moves = mesh.contacts.moves
+    below = face(ax, linewidth=0.3, zorder=0, animated=moves)
+    above = face(ax, zorder=8, animated=moves, **SHEER)
+
+    def show(k: int) -> None:
+        if k and not moves:
+            return
+        nodes = mesh.at(k)
+        corners = np.stack([nodes[:-1, :-1], nodes[1:, :-1], nodes[1:, 1:], nodes[:-1, 1:]], axis=2).reshape(-1, 4, 3)
+        normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
+        seen = normals @ viewer > 0
+        greys = DARKEST + (BRIGHTEST - DARKEST) * np.clip(normals[seen] @ LIGHT, 0.0, 1.0)
+        below.set_verts(list(corners[seen]))
+        below.set_facecolor(np.repeat(greys[:, None], 3, axis=1))
+        below.set_edgecolor(np.repeat(greys[:, None] - EDGES, 3, axis=1))
+        above.set_verts(list(corners[~seen]))
+
+    show(0)
     return show
 
 

@@ -101,7 +101,7 @@ def describe(folder: str | Path) -> str:
     if counts.left:
         lines.append(
             f"  {counted(counts.left, 'row')} with a least normal force that is not positive (`left_plane`): the body "
-            "would leave the plane, and the equations of rolling do not hold after that"
+            "would leave the ground, and the equations of rolling do not hold after that"
         )
     if counts.first is not None:
         lines.append(_failure(folder, attributes, counts.first))

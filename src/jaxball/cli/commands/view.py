@@ -154,7 +154,7 @@ def _simulated(
 
 
 def _write(options: argparse.Namespace, runs: "Mapping[str, Trajectory[Any, Any]]", title: str, **more: Any) -> None:
-    """Writes several runs, with ``more`` of :func:`~jaxball.plot.write_view`; bodies that roll must be on one plane."""
+    """Writes several runs, with ``more`` of :func:`~jaxball.plot.write_view`; bodies that roll share one ground."""
     from ... import plot
     from ...physics.body import System
     from ...plot.view.rolling import other_ground
@@ -164,7 +164,7 @@ def _write(options: argparse.Namespace, runs: "Mapping[str, Trajectory[Any, Any]
     if other is not None:
         names = list(runs)
         raise RunError(
-            f'The runs of "{options.saved}" must be on the same plane to be shown together, but the plane of '
+            f'The runs of "{options.saved}" must be on the same ground to be shown together, but the ground of '
             f'"{names[other]}" differs from that of "{names[0]}".'
         )
     plot.write_view(runs, options.out, title, friction=options.friction, all_times=options.all_times, **more)

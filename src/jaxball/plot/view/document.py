@@ -8,7 +8,11 @@ at each saved time that the solve reached, or of a long run at evenly spaced one
 ``saved``, as ``note`` says. A ball or a disk has
 
 - ``time`` (T,); ``centre`` (T, 3), of the shell, and ``quaternion`` (T, 4), the scalar last: from body axes to those of
-  the page; ``moved`` (T, 3) and ``turned`` (T,), of a plane that moves and of a turntable;
+  the page; ``moved`` (T, 3) and ``turned`` (T,), of a ground that moves and of a turntable;
+- on a surface, ``mesh`` (S, nodes, 3), row after row, in axes that move with it, of which S = T if it changes its form
+  and then has ``nodes`` (T, 2), the row and the column at the contact point; ``carried`` (T, 4), the quaternion from
+  these axes to those of the page, if it turns; and ``normal`` and ``tangent`` (T, 3) of it at the contact point, in
+  whose axes ``friction`` is;
 - ``masses`` (T, n, 3) and ``arms_j`` (T, n_j, points, 3), of the j-th mechanism, in body axes from the centre;
   ``rail_j`` (points, 3), which is at rest there. With the ``shell``, masses give the centre of mass;
 - ``normal_force`` (T,), ``friction`` (T, 2) in space axes, ``angular_velocity`` and ``angular_momentum`` (T, 3) in body
@@ -38,10 +42,11 @@ the ``tip`` whose path is drawn. A particle has ``time``, ``centre``, where it i
 ``laws`` (T, laws) of both has the changes of conserved quantities since the start; of a vector, its length.
 
 ``axes`` are three rows that take space axes to those of the page, whose third axis points against gravity; ``floor`` is
-the plane, in axes of the page, or None where there is none. Where radii differ, it is that of the first body.
-``obstacles`` are discs on it, each ``[x, y, radius]`` in space axes. ``wanted`` is the place of an array (points, 3) on
-it, or None. ``scale`` says which number the bodies' colours stand
-for, by its values at equal steps of the colours ``stops``, or is None.
+the plane, in axes of the page, or None where there is none. Where radii differ, it is that of the first body. Of a
+surface it has the numbers of rows and columns of the ``mesh`` and the ``corners`` of a box around it. ``obstacles`` are
+discs on it, each ``[x, y, radius]`` in space axes; on a surface, the points of their edges. ``wanted`` is the place of
+an array (points, 3) on it, or None. ``scale`` says which number the bodies' colours stand for, by its values at equal
+steps of the colours ``stops``, or is None.
 """
 
 import json
@@ -64,7 +69,7 @@ from .free import particle_scene, rigid_scene
 from .rolling import rolling_scene
 from .scene import PAIR, Discs, Pool, Scene, chosen_rows
 
-FORMAT, VERSION = "jaxball view", 4
+FORMAT, VERSION = "jaxball view", 5
 BEFORE, UNKNOWN = "#8a8a8a", "#8a8a8a"
 PALETTE = {"trail": TRAIL, "modes": {mode.name.lower(): colour for mode, colour in MODES.items()}} | ARROWS
 STOPS = 9

@@ -4,7 +4,7 @@ Its graphs are those of the deviation from the motion and, from sensors, of the 
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -16,6 +16,7 @@ from ...simulation.trajectory import Trajectory
 from ..floor import Setting
 from ..palette import DASHED, Line
 from ..record import finite_rows
+from ..surface import contacts_of
 from .scene import BLUE, Numbers, continuous, each, graph, of_masses, series
 
 CONFIDENCE = 0.95
@@ -34,7 +35,7 @@ LETTERS = {
 def feedback_numbers(
     trajectory: Trajectory[Any, Any], setting: Setting, radius: float, lift: float
 ) -> dict[str, Numbers]:
-    """The pose of the motion, the place of the estimate on the plane, and the two half axes of its ellipse.
+    """The pose of the motion, the place of the estimate on the ground, and the two half axes of its ellipse.
 
     Then the numbers of the graphs. In axes of the page; ``lift`` is how far the centre of a body lies above that of the
     first of all. Where nothing was estimated, at the end, the last estimate goes on.
@@ -42,27 +43,49 @@ def feedback_numbers(
     history = trajectory.history
     if not isinstance(history, FeedbackHistory):
         return {}
-    rows, up = finite_rows(trajectory), setting.page[:, 2]
-    raised = setting.moved + lift * up
+    rows = finite_rows(trajectory)
     nominal = setting.page @ np.asarray(history.nominal.Lambda)[rows]
+    held = _lying(trajectory, setting, np.asarray(history.nominal.z)[rows], lift)
     found = {
-        "nominal_centre": Numbers(_centres(history.nominal)[rows] @ setting.page.T + raised, radius),
+        "nominal_centre": Numbers(held.centres, radius),
         "nominal_quaternion": Numbers(continuous(Rotation.from_matrix(nominal).as_quat()), 1.0),
         "deviation": Numbers(np.asarray(history.deviations(trajectory.state))[rows]),
     }
+    if setting.contacts is not None:
+        found["nominal_normal"] = Numbers(held.normals, 1.0)
     estimate = history.estimate
     if estimate is None:
         return found
     known = np.flatnonzero(np.isfinite(np.asarray(estimate.covariance)[:, 0, 0]))
     last = np.minimum(rows, known[-1])
-    place = _centres(estimate.state)[last] @ setting.page.T + raised - radius * up
+    there = _lying(trajectory, setting, np.asarray(estimate.state.z)[last], lift)
     planes = [k for k, name in enumerate(estimate.directions) if name.partition("[")[0] == "z"]
-    axes = half_axes(np.asarray(estimate.covariance)[last][:, planes][:, :, planes]) @ setting.page.T
+    axes = half_axes(np.asarray(estimate.covariance)[last][:, planes][:, :, planes])
     return found | {
-        "estimate": Numbers(place, radius),
-        "ellipse": Numbers(axes.reshape(len(rows), -1), radius),
+        "estimate": Numbers(there.centres - radius * there.normals, radius),
+        "ellipse": Numbers((axes @ there.axes).reshape(len(rows), -1), radius),
         "innovation": Numbers(np.stack([np.asarray(estimate.nis), *bounds(np.asarray(estimate.read))], axis=1)[rows]),
     }
+
+
+class Lying(NamedTuple):
+    """Bodies at coordinates of the ground, at the times of a run; axes of the page."""
+
+    centres: Float[np.ndarray, "T 3"]
+    normals: Float[np.ndarray, "*T 3"]
+    axes: Float[np.ndarray, "*T 3 3"]  # the first two rows say where the coordinates lead, the third is normal
+
+
+def _lying(trajectory: Trajectory[Any, Any], setting: Setting, z: np.ndarray, lift: float) -> Lying:
+    if setting.contacts is None:
+        z = z[:, None] if z.ndim == 1 else z
+        normal = setting.page[:, 2]
+        centres = np.pad(z, ((0, 0), (0, 3 - z.shape[1]))) @ setting.page.T + setting.moved + lift * normal
+        return Lying(centres, normal, setting.page.T)
+    system, times = trajectory.system, np.asarray(trajectory.times)[finite_rows(trajectory)]
+    touched = contacts_of(system.ground, times, z)
+    axes = np.concatenate([touched.slopes, touched.normals[:, None]], axis=1)
+    return Lying(touched.feet + float(system.radius) * touched.normals, touched.normals, axes)
 
 
 def feedback_graphs(trajectories: Sequence[Trajectory[Any, Any]]) -> list[dict[str, Any]]:
@@ -98,10 +121,3 @@ def half_axes(covariances: Float[np.ndarray, "T d d"]) -> Float[np.ndarray, "T 2
     axes = np.zeros((len(covariances), 2, 3))
     axes[:, :d, :d] = size * np.sqrt(np.maximum(values, 0.0))[:, :, None] * np.swapaxes(vectors, 1, 2)
     return axes
-
-
-def _centres(states: Any) -> Float[np.ndarray, "T 3"]:
-    """The centres of bodies whose plane is their radius below the origin."""
-    z = np.asarray(states.z)
-    z = z[:, None] if z.ndim == 1 else z
-    return np.pad(z, ((0, 0), (0, 3 - z.shape[1])))

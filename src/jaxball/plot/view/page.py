@@ -102,7 +102,7 @@ def write_view(
 
     The file needs no network and no other files. Each frame shows the nearest saved time, so save often enough for a
     smooth motion, such as every 0.02 for a ball that turns about once in a unit of time. Several runs share one clock,
-    and rolling bodies share one plane; rigid bodies are side by side.
+    and rolling bodies share one ground; rigid bodies are side by side.
 
     **Arguments:**
 
@@ -112,8 +112,9 @@ def write_view(
     - ``title``: a line that says which system it is, such as that of a scenario.
     - ``friction``: a coefficient μ, drawn as a cone at the contact point and as a line beside |f| / N. By default, the
       cone of a run with a law of contact is that of μ_s.
-    - ``wanted``: points of a path to draw dashed on the plane, length, shape (k, 2), or None.
-    - ``discs``: centre and radius of each disc in the plane to avoid, length.
+    - ``wanted``: points of a path to draw dashed on the ground, by their coordinates, length on a plane, shape
+      (k, 2), or None.
+    - ``discs``: centre and radius of each disc to avoid, likewise.
     - ``scale``: a :class:`ColourScale`, by which several bodies are coloured.
     - ``all_times``: whether to show all saved times. Otherwise, a page of one run that would be larger than 1 MB, or of
       several that would be larger than 2 MB, shows evenly spaced ones.
@@ -122,8 +123,8 @@ def write_view(
 
     **Raises:** ``ValueError`` for a system that is neither a ball, a disk, a rigid body nor a particle, runs of more
     than one of these kinds, a reduced trajectory, a batch, one without a finite state, bodies that do not roll on the
-    same plane, no run or more than 24, a ``scale`` with another number of values, a ``friction`` that is not positive,
-    and ``friction``, ``wanted`` or ``discs`` for systems without a plane; :class:`~jaxball.results.OutputError` as
+    same ground, no run or more than 24, a ``scale`` with another number of values, a ``friction`` that is not positive,
+    and ``friction``, ``wanted`` or ``discs`` for systems without a ground; :class:`~jaxball.results.OutputError` as
     :meth:`View.save`.
     """
     check_view(Path(path))

@@ -1,4 +1,4 @@
-"""Balls or disks in a view: the parts of each and its numbers at the saved times, their plane, and their graphs."""
+"""Balls or disks in a view: the parts of each and its numbers at the saved times, their ground, and their graphs."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ...physics.body import Disk, System
 from ...physics.state import ReducedState
+from ...physics.surfaces import AbstractSurface
 from ...simulation.trajectory import Trajectory
 from ..coordinates import ANGLE, LENGTH, UNKNOWN, angles_of, joint_units, joints_of, mass_units
 from ..floor import Placed, Setting, floor_under, place
@@ -18,6 +19,7 @@ from ..over_time import Sizes, sizes_of, without_rounding
 from ..palette import TAKEN, mass_colour
 from ..record import Record, drawn_run, finite_rows, known_rows, record, require_one
 from ..shapes import rails_of
+from ..surface import Contacts, Mesh, contacts_of, mesh_grid, mesh_points, nodes
 from ..time_series import dissipated, height, of_contact, slip_speed
 from .feedback import feedback_graphs, feedback_numbers
 from .scene import (
@@ -41,6 +43,8 @@ from .scene import (
 
 ON_RAILS = 1e-3  # radii, the allowed error of a rail between its points
 ELEVATION, AZIMUTH = {False: 20.0, True: 8.0}, {False: -60.0, True: -90.0}  # degrees, of a ball and of a disk
+ELEVATION_ON_SURFACES = 28.0
+POINTS_OF_EDGE = 65  # points of the edge of a disc on a surface
 
 
 class Shown(NamedTuple):
@@ -94,19 +98,24 @@ def body_document(one: Shown) -> dict[str, Any]:
     return parts | {"spells": spells, "switches": modes.switches.tolist()}
 
 
-def body_numbers(one: Shown, plane: float) -> dict[str, Numbers]:
-    """The numbers of the body above a plane at ``plane`` below the origin, which may differ from its own radius."""
+def body_numbers(one: Shown, plane: float, grid: Float[np.ndarray, "rows columns 2"] | None) -> dict[str, Numbers]:
+    """The numbers of the body above a plane at ``plane`` below the origin, which may differ from its own radius.
+
+    On a surface ``grid`` has the coordinates of its mesh.
+    """
     system, run, placed, r = one.system, one.run, one.placed, one.radius
     setting, seen, rows = placed.setting, run.observables, finite_rows(one.trajectory)
     numbers = {
         "time": Numbers(run.times, 0.0),
-        "centre": Numbers(placed.centre + (r - plane) * setting.page[:, 2], r),
+        "centre": Numbers(placed.centre + (0.0 if grid is not None else r - plane) * setting.page[:, 2], r),
         "quaternion": Numbers(continuous(Rotation.from_matrix(placed.Lambda).as_quat()), 1.0),
         "masses": Numbers(seen.mass_positions_body, r),
     }
     numbers |= {f"arms_{j}": Numbers(points, r) for j, points in enumerate(placed.arms)}
     if np.any(setting.moved):
         numbers["moved"] = Numbers(setting.moved, r)
+    if grid is not None and setting.contacts is not None:
+        numbers |= _surface_numbers(system.ground, run.times, setting.contacts, grid, r)
     if setting.turned is not None:
         numbers["turned"] = Numbers(setting.turned, 1.0)
     numbers |= {
@@ -137,6 +146,28 @@ def body_numbers(one: Shown, plane: float) -> dict[str, Numbers]:
     return numbers
 
 
+def _surface_numbers(
+    surface: Any,
+    times: Float[np.ndarray, " T"],
+    contacts: Contacts,
+    grid: Float[np.ndarray, "rows columns 2"],
+    r: float,
+) -> dict[str, Numbers]:
+    """The mesh of a surface, where it is, and its axes at the contact point."""
+    deforms = contacts.deforms
+    points = mesh_points(surface, times if deforms else times[:1], grid)
+    numbers = {
+        "normal": Numbers(contacts.normals, 1.0),
+        "tangent": Numbers(contacts.tangents, 1.0),
+        "mesh": Numbers(points.reshape(len(points), -1, 3), r, over_time=deforms),
+    }
+    if deforms:
+        numbers["nodes"] = Numbers(nodes(grid, contacts.coordinates))
+    if np.any(contacts.turns != np.eye(3)):
+        numbers["carried"] = Numbers(continuous(Rotation.from_matrix(contacts.turns).as_quat()), 1.0)
+    return numbers
+
+
 def _masses(system: System) -> list[dict[str, Any]]:
     """Name, colour and mass of each, in the order of the observables."""
     found = [(f"m{i}", i, mass.mass) for i, mass in enumerate(system.point_masses, start=1)]
@@ -152,15 +183,32 @@ def rolling_scene(
 ) -> Scene:
     """The scene of balls or disks, with a desired path and discs to avoid.
 
-    **Raises:** ``ValueError`` for bodies that do not roll on the same plane, and as :func:`shown`.
+    **Raises:** ``ValueError`` for bodies that do not roll on the same ground, and as :func:`shown`.
     """
     bodies, names = [shown(trajectory) for trajectory in named.values()], list(named)
     other = other_ground([one.system for one in bodies])
     if other is not None:
         raise ValueError(
-            f'Argument `trajectories` must have runs on the same plane, but the plane of "{names[other]}" differs from '
-            f'that of "{names[0]}"; show them one by one.'
+            f'Argument `trajectories` must have runs on the same ground, but the ground of "{names[other]}" differs '
+            f'from that of "{names[0]}"; show them one by one.'
         )
+    first = bodies[0]
+    make = _on_plane if first.placed.setting.contacts is None else _on_surface
+    stand, goal, grid = make(bodies, wanted, discs)
+    return Scene(
+        stand,
+        [body_document(one) for one in bodies],
+        [body_numbers(one, first.radius, grid) for one in bodies],
+        _graphs(bodies),
+        None if goal is None else Numbers(goal, first.radius, over_time=False),
+    )
+
+
+Stand = tuple[dict[str, Any], Float[np.ndarray, "k 3"] | None, Float[np.ndarray, "rows columns 2"] | None]
+
+
+def _on_plane(bodies: Sequence[Shown], wanted: Float[np.ndarray, "k 2"] | None, discs: Discs) -> Stand:
+    """The stand of bodies on a plane, and the desired path, axes of the page."""
     first, setting, planar = bodies[0], bodies[0].placed.setting, isinstance(bodies[0].system, Disk)
     # On the plane a disk's line is at e2 = 0.
     goal = None if wanted is None else np.column_stack([wanted, np.full(len(wanted), -first.radius)])
@@ -173,13 +221,34 @@ def rolling_scene(
         **({"cone": coefficients["static"]} if coefficients.get("static", 0.0) > 0 else {}),
         "camera": {"elevation": ELEVATION[planar], "azimuth": AZIMUTH[planar] + (0 if planar else setting.downhill)},
     }
-    return Scene(
-        stand,
-        [body_document(one) for one in bodies],
-        [body_numbers(one, first.radius) for one in bodies],
-        _graphs(bodies),
-        None if goal is None else Numbers(goal @ setting.page.T, first.radius, over_time=False),
-    )
+    return stand, None if goal is None else goal @ setting.page.T, None
+
+
+def _on_surface(bodies: Sequence[Shown], wanted: Float[np.ndarray, "k 2"] | None, discs: Discs) -> Stand:
+    """The stand of balls on a surface, the desired path, and the grid of the mesh.
+
+    The path and the edges of discs are on the pieces of the ground with their coordinates, where they are at the start.
+    """
+    first, surface = bodies[0], bodies[0].system.ground
+    assert isinstance(surface, AbstractSurface)
+    times, every = first.run.times, [one.placed.setting.contacts for one in bodies if one.placed.setting.contacts]
+    around = np.linspace(0.0, 2 * np.pi, POINTS_OF_EDGE)
+    circle = np.stack([np.cos(around), np.sin(around)], axis=1)
+    edges = [np.asarray(centre) + radius * circle for centre, radius in discs]
+    curves = edges if wanted is None else [wanted, *edges]
+    marks = [contacts_of(surface, np.full(len(curve), times[0]), np.asarray(curve)) for curve in curves]
+    goal, rings = (None, marks) if wanted is None else (marks[0].points, marks[1:])
+    grid = mesh_grid(surface, [*every, *marks], times, first.radius)
+    everywhere = Mesh(mesh_points(surface, times[:1], grid), grid, every[0]).everywhere()
+    low, high = everywhere.min(axis=0), everywhere.max(axis=0)
+    corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, 3)
+    stand = {
+        "axes": np.eye(3).tolist(),
+        "floor": {"height": 0.0, "mesh": list(grid.shape[:2]), "corners": corners.tolist()},
+        "obstacles": [ring.points.ravel().tolist() for ring in rings],
+        "camera": {"elevation": ELEVATION_ON_SURFACES, "azimuth": AZIMUTH[False]},
+    }
+    return stand, goal, grid
 
 
 def other_ground(systems: Sequence[System]) -> int | None:

@@ -11,7 +11,7 @@ from ...simulation.trajectory import Trajectory
 from ..palette import COMPONENTS, DASHED, SOLID, Dashes, Line, mass_look
 
 CLOSE_TO_PATH = 1e-6  # the allowed error of a point's position, in radii
-AROUND = 80  # characters in JSON that name an array, its type and its shape
+CHARACTERS_AROUND = 80  # characters in JSON that name an array, its type and its shape
 Discs = Sequence[tuple[Float[np.ndarray, "2"], float]]  # of the plane, each with centre and radius
 SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 PAIR = 2
@@ -75,7 +75,7 @@ def chosen_rows(
             pool.add(numbers)
             for array in pool.arrays[before:]:
                 sizes[numbers.over_time] += len(array["data"])
-    room -= sizes[False] + AROUND * sum(len(body) for body in bodies)
+    room -= sizes[False] + CHARACTERS_AROUND * sum(len(body) for body in bodies)
     share = max(room, 0.0) / sizes[True] if sizes[True] else 1.0
     return [evenly(length, length if share >= 1 else int(share * length)) for length in lengths]
 

@@ -6,6 +6,7 @@ import { row } from "./data.js";
 import { flat } from "./materials.js";
 import { Arrow, matrixOf } from "./shapes.js";
 import { css, readable } from "./theme.js";
+import { ON_MESH } from "./trace.js";
 
 export class Arrows extends Group {
   constructor(body, { axes, palette, friction, cone = null }, scales) {
@@ -24,7 +25,6 @@ export class Arrows extends Group {
       new RingGeometry(0.035 * r, 0.07 * r, 40),
       flat(() => readable(body.run.colour ?? palette.trail), { side: DoubleSide }),
     );
-    this.contact.quaternion.setFromRotationMatrix(this.turn);
     this.add(...[this.normal, this.friction, this.spin, this.momentum, this.slip, this.contact].filter(Boolean));
     if (friction ?? cone) this.add(this.coneOf(friction ?? cone, r));
   }
@@ -35,7 +35,6 @@ export class Arrows extends Group {
     const geometry = new ConeGeometry(mu, 1, 48, 1, true).rotateX(-Math.PI / 2).translate(0, 0, 0.5);
     const thin = { transparent: true, opacity: 0.16, side: DoubleSide, depthWrite: false };
     const sheet = new Mesh(geometry, flat(() => css("ink"), thin));
-    sheet.quaternion.setFromRotationMatrix(this.turn);
     this.whole = new Arrow(r, () => css("ink"));
     this.cone = new Group();
     this.cone.add(sheet, this.whole);
@@ -57,16 +56,27 @@ export class Arrows extends Group {
     ].filter(([arrow]) => arrow);
   }
 
+  // The axes of the ground at the contact point: those of a plane, or of the tangent plane of a surface.
+  stand({ normal, tangent }, k) {
+    if (!normal) return;
+    this.up.fromArray(row(normal, k));
+    const first = new Vector3().fromArray(row(tangent, k));
+    this.turn.makeBasis(first, this.up.clone().cross(first), this.up);
+  }
+
   show(k) {
     const { body, scales, up } = this;
     const { arrays, radius: r } = body.run;
+    this.stand(arrays, k);
+    this.contact.quaternion.setFromRotationMatrix(this.turn);
+    this.sheet?.quaternion.setFromRotationMatrix(this.turn);
     const inSpace = (array) => new Vector3().fromArray(row(array, k)).applyQuaternion(body.quaternion);
     const foot = body.position.clone().addScaledVector(up, -r);
     const N = up.clone().multiplyScalar(scales.force * row(arrays.normal_force, k)[0]);
     const [f1, f2] = row(arrays.friction, k);
     const f = new Vector3(f1, f2, 0).applyMatrix4(this.turn).multiplyScalar(scales.force);
     const height = arrays.height ? row(arrays.height, k)[0] : 0; // of a body that flies
-    this.contact.position.copy(foot).addScaledVector(up, 0.006 * r - height);
+    this.contact.position.copy(foot).addScaledVector(up, (arrays.normal ? 1.05 * ON_MESH : 0.006) * r - height);
     this.normal.set(foot, N);
     this.friction.set(foot, f.clone().multiplyScalar(scales.larger));
     this.momentum.set(foot, inSpace(arrays.angular_momentum).multiplyScalar(scales.momentum));

@@ -2,8 +2,9 @@
 
 const TYPES = { float32: Float32Array, float64: Float64Array };
 const FORMAT = "jaxball view";
-const VERSION = 4;
-export const STILL = [0, 0, 0]; // the displacement of a plane that does not move
+const VERSION = 5;
+export const STILL = [0, 0, 0]; // the displacement of a ground that does not move
+export const UPRIGHT = [0, 0, 0, 1]; // the quaternion of one that does not turn
 
 export function readView(text) {
   const view = JSON.parse(text);

@@ -1,11 +1,14 @@
 // Of a run under feedback: the motion that it holds, as a ghost, and the estimate of its place with its ellipse.
 
-import { Group, Matrix4, Quaternion, Vector3 } from "three";
-import { row, STILL } from "./data.js";
+import { Group, Matrix4, Vector3 } from "three";
+import { row, STILL, UPRIGHT } from "./data.js";
 import { circle, curve, segments } from "./shapes.js";
 import { css, readable } from "./theme.js";
+import { ON_MESH } from "./trace.js";
 
 const LIFT = 0.012; // radii, of what lies on the plane
+
+const UPWARDS = new Vector3(0, 0, 1);
 
 // The outline of the shell, dashed, where the motion has it, and its whole path.
 export class Ghost extends Group {
@@ -28,6 +31,7 @@ export class Ghost extends Group {
 
   show(k) {
     this.path.position.fromArray(row(this.run.arrays.moved, k, STILL));
+    this.path.quaternion.fromArray(row(this.run.arrays.carried, k, UPRIGHT));
     this.outline.position.fromArray(row(this.run.arrays.nominal_centre, k));
     this.outline.quaternion.fromArray(row(this.run.arrays.nominal_quaternion, k));
   }
@@ -43,7 +47,6 @@ export class Estimate extends Group {
     const own = () => readable(colour);
     const [a, b] = [0.07 * r, new Vector3(1, 0, 0)];
     this.cross = segments([-a, 0, 0, a, 0, 0, 0, -a, 0, 0, a, 0], own, 2);
-    this.cross.quaternion.copy(new Quaternion().setFromUnitVectors(new Vector3(0, 0, 1), this.up));
     this.ellipse = segments(circle((t) => [Math.cos(t), Math.sin(t), 0]), own, 2);
     this.ellipse.matrixAutoUpdate = false;
     this.axes = [new Vector3(), b, new Matrix4()];
@@ -53,7 +56,9 @@ export class Estimate extends Group {
   show(k) {
     const { arrays, radius: r } = this.run;
     const [first, second, matrix] = this.axes;
-    this.position.fromArray(row(arrays.estimate, k)).addScaledVector(this.up, LIFT * r);
+    if (arrays.normal) this.up.fromArray(row(arrays.normal, k));
+    this.cross.quaternion.setFromUnitVectors(UPWARDS, this.up);
+    this.position.fromArray(row(arrays.estimate, k)).addScaledVector(this.up, (arrays.normal ? 1.1 * ON_MESH : LIFT) * r);
     const half = row(arrays.ellipse, k);
     this.ellipse.matrix.copy(matrix.makeBasis(first.fromArray(half), second.fromArray(half, 3), this.up));
     this.ellipse.matrixWorldNeedsUpdate = true;

@@ -1,4 +1,4 @@
-// The parts of a scene of each kind: what rolls on a plane, rigid bodies about fixed points, and particles.
+// The parts of a scene of each kind: what rolls, rigid bodies about fixed points, and particles.
 
 import { Arrows } from "./arrows.js";
 import { Body } from "./body.js";
@@ -7,7 +7,8 @@ import { Estimate, Ghost } from "./ghost.js";
 import { Ground } from "./ground.js";
 import { Box, Particle, Velocity } from "./particle.js";
 import { RigidBody, Vectors } from "./rigid.js";
-import { contactPoints, Trace, Trail, turned } from "./trace.js";
+import { Surface } from "./surface.js";
+import { contactPoints, Trace, TraceOnMatter, Trail, turned } from "./trace.js";
 
 const LONGEST = 1.3; // of an arrow over all runs, in radii of the first body
 const ENOUGH = 0.3; // of the longest arrow
@@ -38,7 +39,7 @@ const KINDS = {
   particle: { Shape: Particle, Vectors: Velocity },
 };
 
-// The shape, the arrows and the traces of each body, and what they stand in: a plane, a box or nothing.
+// The shape, the arrows and the traces of each body, and what they stand in: a ground, a box or nothing.
 export function partsOf(view) {
   const { bodies, axes, palette } = view;
   const kind = view.floor ? "rolls" : bodies[0].body;
@@ -46,6 +47,7 @@ export function partsOf(view) {
   const scales = scalesOf(bodies);
   const shapes = bodies.map((run) => new Shape(run, palette.components, view));
   const traces = bodies.map((run) => {
+    if (run.arrays.nodes) return new TraceOnMatter(run, view.floor.mesh[1], palette.trail);
     if (kind === "rolls") return new (run.spells ? Trail : Trace)(run, contactPoints(run, axes), palette.trail);
     if (kind === "particle") return new Trace(run, run.arrays.centre.values, palette.trail);
     return new Trace(run, turned(run, () => run.tip.place), run.tip.colour, 2.4);
@@ -55,7 +57,7 @@ export function partsOf(view) {
     kind === "rigid" ? new Trace(run, turned(run, ends(run.arrays)), palette.spin, 1.6, THIN) : null,
   );
   const ghosts = bodies.map((run) =>
-    run.arrays.nominal_centre ? new Ghost(run, contactPoints(run, axes, run.arrays.nominal_centre)) : null,
+    run.arrays.nominal_centre ? new Ghost(run, contactPoints(run, axes, run.arrays.nominal_centre, run.arrays.nominal_normal)) : null,
   );
   const up = axes.map((line) => line[2]);
   const estimates = bodies.map((run) => (run.arrays.estimate ? new Estimate(run, up, palette.momentum) : null));
@@ -67,7 +69,7 @@ export function partsOf(view) {
     arrows: shapes.map((shape) => new Vectors(shape, view, scales)),
     traces,
     herpolhodes: herpolhodes.filter(Boolean),
-    ground: view.floor ? new Ground(view, bodies[0].radius) : null,
+    ground: view.floor ? new (view.floor.mesh ? Surface : Ground)(view, bodies[0].radius) : null,
     box: kind === "particle" ? new Box(view) : null,
   };
 }

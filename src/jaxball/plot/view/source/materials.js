@@ -54,5 +54,5 @@ function shaded(vertexShader, fragmentShader, colour, { opacity = 1, ...options 
 }
 
 export const flat = (colour, options) => shaded(AT_A_POINT, FLAT, colour, options);
-export const solid = (colour) => shaded(PLACED, LIT, colour);
+export const solid = (colour, options) => shaded(PLACED, LIT, colour, options);
 export const glass = (colour, side) => shaded(PLACED, GLASS, colour, { side, transparent: true, depthWrite: false });

@@ -15,6 +15,7 @@ const AROUND = 1.5; // radii, of what is in view around the bodies
 const MOST_NAMES = 12; // masses: of more, names would hide each other
 const STEP = Math.PI / 24; // by which a key turns the camera
 const NEAR = 5; // radii: paths no wider are seen as a whole at first
+const NEAR_ON_SURFACES = 40; // likewise, where the form of the ground is to be seen
 
 export class Stage {
   constructor(canvas, view, layer) {
@@ -38,7 +39,7 @@ export class Stage {
     this.bounds = this.boundsOf();
     this.writeNames();
     const { clientWidth, clientHeight } = canvas.parentElement;
-    const seen = NEAR * this.radius * Math.min(1, clientWidth / clientHeight || 1);
+    const seen = (view.floor?.mesh ? NEAR_ON_SURFACES : NEAR) * this.radius * Math.min(1, clientWidth / clientHeight || 1);
     const whole = kind !== "rolls" || this.bodies.length > 1 || this.bounds.radius <= seen;
     this.frame = whole ? "ground" : "follow";
     try {
@@ -157,7 +158,7 @@ export class Stage {
     for (const { arrays, times } of this.view.bodies) {
       for (let k = 0; k < times.length; k++) yield new Vector3().fromArray(row(arrays.centre, k));
     }
-    for (const corner of this.box?.corners ?? []) yield new Vector3().fromArray(corner);
+    for (const corner of this.box?.corners ?? this.view.floor?.corners ?? []) yield new Vector3().fromArray(corner);
   }
 
   // The middle of the view is that of what `margin` pixels on the right leave free.

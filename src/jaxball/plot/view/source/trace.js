@@ -1,12 +1,15 @@
 // Paths up to the time that is shown: of contact points, of points of a body, or of a body as a whole.
 
 import { Group, Quaternion, Vector3 } from "three";
-import { modeAt, row, STILL } from "./data.js";
+import { modeAt, row, STILL, UPRIGHT } from "./data.js";
 import { curve, segments } from "./shapes.js";
 import { readable } from "./theme.js";
 
+const ON_PLANE = 0.004; // radii from the ground, so that it is seen
+export const ON_MESH = 0.06;
+
 export class Trace extends Group {
-  // Three numbers in `points` for each time of the body, without the displacement of a plane that moves.
+  // Three numbers in `points` for each time of the body, without the motion of the ground.
   constructor(body, points, colour, width = 3, options = {}) {
     super();
     this.body = body;
@@ -18,7 +21,35 @@ export class Trace extends Group {
 
   show(k) {
     this.position.fromArray(row(this.body.arrays.moved, k, STILL));
+    this.quaternion.fromArray(row(this.body.arrays.carried, k, UPRIGHT));
     this.line.geometry.instanceCount = k;
+  }
+}
+
+// The path on a ground that changes its form, on the pieces of it that the body has touched.
+export class TraceOnMatter extends Trace {
+  constructor(body, columns, colour) {
+    super(body, new Array(3 * body.times.length).fill(0), colour);
+    this.columns = columns;
+  }
+
+  show(k) {
+    super.show(k);
+    const points = [];
+    for (let i = 0; i <= k; i++) points.push(...this.touched(row(this.body.arrays.nodes, i), k));
+    if (k > 0) this.line.geometry.setPositions(curve(points));
+    this.line.geometry.instanceCount = k;
+  }
+
+  // The place of a piece, between four nodes of the mesh, at the k-th time.
+  touched([line, column], k) {
+    const mesh = row(this.body.arrays.mesh, k);
+    const last = mesh.length / (3 * this.columns) - 2;
+    const [i, j] = [Math.min(Math.floor(line), last), Math.min(Math.floor(column), this.columns - 2)];
+    const node = (p, q) => new Vector3().fromArray(mesh, 3 * ((i + p) * this.columns + j + q));
+    const [near, far] = [0, 1].map((p) => node(p, 0).lerp(node(p, 1), column - j));
+    const normal = node(1, 1).sub(node(0, 0)).cross(node(0, 1).sub(node(1, 0))).normalize();
+    return near.lerp(far, line - i).addScaledVector(normal, ON_MESH * this.body.radius).toArray();
   }
 }
 
@@ -54,12 +85,17 @@ export class Trail extends Group {
   }
 }
 
-export function contactPoints({ arrays, times, radius: r }, axes, centres = arrays.centre) {
+// Those of a body, or of other places of its centre with the normals there, in axes that move with the ground.
+export function contactPoints({ arrays, times, radius: r }, axes, centres = arrays.centre, normals = arrays.normal) {
   const up = axes.map((line) => line[2]);
+  const above = normals ? ON_MESH : ON_PLANE;
+  const [point, normal, turn] = [new Vector3(), new Vector3(), new Quaternion()];
   const points = [];
   for (let k = 0; k < times.length; k++) {
-    const [centre, moved] = [row(centres, k), row(arrays.moved, k, STILL)];
-    for (let j = 0; j < 3; j++) points.push(centre[j] - moved[j] - (r - 0.004 * r) * up[j]);
+    normal.fromArray(row(normals, k, up));
+    point.fromArray(row(centres, k)).sub(new Vector3().fromArray(row(arrays.moved, k, STILL)));
+    point.addScaledVector(normal, above * r - r);
+    points.push(...point.applyQuaternion(turn.fromArray(row(arrays.carried, k, UPRIGHT)).invert()).toArray());
   }
   return points;
 }

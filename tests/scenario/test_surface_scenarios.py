@@ -1,0 +1,101 @@
+"""The built-in scenarios on curved and moving grounds do what is known of them in closed form."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.special import ellipj, ellipk
+
+from jaxball import Detachment
+from jaxball.scenario import load_scenario
+
+G = 9.81
+
+
+def run(name):
+    """A run, solved to 1e-10, its times, and its observables; between steps, errors are about a hundred times that."""
+    trajectory = load_scenario(name).simulate(throw=True)
+    return trajectory, np.asarray(trajectory.times), trajectory.observables
+
+
+@pytest.mark.thorough
+def test_a_ball_swings_in_a_bowl_as_a_pendulum():
+    """sin(φ/2) = k cd(ω t), k = sin(φ₀/2), ω² = 5g / (7 (R − r)). The next term of the period is 11/3072 φ₀⁴."""
+    trajectory, times, seen = run("ball-in-a-bowl")
+    phi0, w = 0.5, np.sqrt(5 * G / (7 * 0.9))
+    k2 = np.sin(phi0 / 2) ** 2
+    _, cn, dn, _ = ellipj(w * times, k2)
+    phi = 2 * np.arcsin(np.sin(phi0 / 2) * cn / dn)
+    np.testing.assert_allclose(seen.geometric_centre[:, 0], 0.9 * np.sin(phi), atol=1e-8)
+    np.testing.assert_allclose(seen.geometric_centre[:, 2], 1 - 0.9 * np.cos(phi), atol=1e-8)
+    z = np.asarray(trajectory.state.z)
+    crossings = [
+        times[i] - z[i, 0] * (times[i + 1] - times[i]) / (z[i + 1, 0] - z[i, 0])
+        for i in np.flatnonzero(z[1:, 0] * z[:-1, 0] < 0)
+    ]
+    period = 2 * np.diff(crossings)[0]
+    small = 2 * np.pi * np.sqrt(7 * 0.9 / (5 * G))
+    assert period / small - 1 == pytest.approx(phi0**2 / 16, abs=3e-4)
+    assert period == pytest.approx(4 * ellipk(k2) / w, rel=1e-4)  # by straight lines between saves
+
+
+@pytest.mark.thorough
+def test_a_golf_ball_comes_out_of_the_hole():
+    """φ = w t, and the height is −5g/(2 w²) (1 − cos √(2/7) w t)."""
+    trajectory, times, seen = run("golfers-dilemma")
+    w = 25.0
+    height = -5 * G / (2 * w**2) * (1 - np.cos(np.sqrt(2 / 7) * w * times))
+    centre = np.asarray(seen.geometric_centre)
+    np.testing.assert_allclose(centre[:, 2], height, atol=1e-9)
+    np.testing.assert_allclose(trajectory.state.z[:, 1], 0.054 * w * times, atol=1e-9)
+    around = 0.0324 * np.exp(1j * w * times)
+    np.testing.assert_allclose(centre[:, 0] + 1j * centre[:, 1], around, atol=1e-9)
+    assert np.min(height) == pytest.approx(-0.0785, abs=1e-4)
+    assert np.sum(np.diff(np.sign(np.diff(height))) != 0) >= 3  # down, up, and down again
+    np.testing.assert_allclose(seen.normal_force, 0.046 * 0.0324 * w**2, rtol=1e-7)
+    assert 0.4 < np.max(seen.friction_ratio) < 1.0
+
+
+@pytest.mark.thorough
+def test_a_ball_leaves_a_sphere_where_nothing_presses_it():
+    """7/10 v² = g (R + r) (cos φ₀ − cos φ), and N = m (g cos φ − v² / (R + r)), which is 0 at 10/17 cos φ₀."""
+    _, _, seen = run("ball-off-a-sphere")
+    cosine = (np.asarray(seen.geometric_centre)[:, 2] + 1) / 1.1
+    normal = G * (17 * cosine - 10 * np.cos(0.1)) / 7
+    np.testing.assert_allclose(seen.normal_force, normal, atol=1e-7)
+    assert 0 < normal[-1] < 0.01 * normal[0]
+    longer = dataclasses.replace(load_scenario("ball-off-a-sphere"), times=np.array([0.0, 3.0]))
+    off = longer.simulate(events={"off": Detachment()}).events["off"]
+    last = 2 * np.arctan(np.linalg.norm(off.state.z[0]) / 2)
+    # Deviations of 1e-10 grow as φ does, about tenfold.
+    assert np.cos(last) == pytest.approx(10 / 17 * np.cos(0.1), abs=1e-8)
+
+
+@pytest.mark.thorough
+def test_a_ball_goes_round_on_a_tilting_plate():
+    """In first order of the tilt a = 0.05. Relative to it, what is left out is of the order of a², and adds up."""
+    _, times, seen = run("tilting-plate")
+    rho, n = 5 * G * 0.05 / (7 * 2.0**2), 2.0
+    centre = np.asarray(seen.geometric_centre)
+    expected = rho * np.stack([-np.sin(n * times), np.cos(n * times)], axis=1)
+    assert np.all(np.linalg.norm(centre[:, :2] - expected, axis=1) < 0.05**2 * (2 + n * times) * rho)
+    assert np.ptp(centre[:, 2]) < 0.05 * 0.05 * rho  # always where the plate is highest
+
+
+@pytest.mark.thorough
+def test_a_ball_on_a_washboard_is_pressed_into_its_troughs():
+    """Its energy, and N where the waves are level, from the curvature of the curve on which its centre is."""
+    trajectory, _, seen = run("washboard")
+    centre = np.asarray(seen.geometric_centre)
+    speed2 = 0.9**2 + 2 * 5 / 7 * G * (centre[0, 2] - centre[:, 2])
+    omega2 = np.sum(np.asarray(trajectory.state.Omega) ** 2, axis=1)
+    np.testing.assert_allclose(0.1**2 * omega2, speed2, rtol=1e-8)
+    phase = 2 * np.pi * np.asarray(trajectory.state.z)[:, 0] / 0.8
+    k, N = 0.03 * (2 * np.pi / 0.8) ** 2, np.asarray(seen.normal_force)
+    crest, trough = G - 0.9**2 * k / (1 + 0.1 * k), G + (0.9**2 + 10 / 7 * G * 0.06) * k / (1 - 0.1 * k)
+    assert N[0] == pytest.approx(crest, rel=1e-9)
+    i = np.argmin(np.abs(np.cos(phase) + 1))
+    assert N[i] == pytest.approx(trough, rel=2e-2)  # one save may be 0.02 from the lowest point
+    assert np.min(N) > 0
+    assert phase[-1] > 8 * np.pi
+    np.testing.assert_allclose(trajectory.state.z[:, 1], 0.0, atol=1e-12)
