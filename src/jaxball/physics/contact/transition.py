@@ -156,9 +156,9 @@ def _decided(plane: "BodyOnPlane", done: "_Progress", cause: Int[Array, ""]) -> 
     mu = plane.coefficient(jnp.where(still, 0.0, slip))
     flies |= ~rolls & ~(friction.sliding(found, mu, sigma).normal > -slack)
     mode = jnp.where(flies, int(Mode.FLIGHT), jnp.where(rolls, int(Mode.ROLLING), int(Mode.SLIDING)))
-    # The rest of a slip that ends is dissipated by friction.
+    # The rest of a slip that ends is dissipated by friction; one without an end continues.
     stopped = with_slip(body, given, found, slip, jnp.zeros_like(slip))
-    state = selected(still & ~flies, state.moved(stopped), state)
+    state = selected(still & ~flies & (rolls | plane.slips_end), state.moved(stopped), state)
     V = state.V.at[2].set(jnp.where(flies & (cause != int(Cause.LIFTS)), state.V[2], 0.0))
     begins = (mode == int(Mode.SLIDING)) & still
     begun = slips.Beginning.along(t, sigma)
@@ -169,7 +169,7 @@ def _decided(plane: "BodyOnPlane", done: "_Progress", cause: Int[Array, ""]) -> 
 def _begun(plane: "BodyOnPlane", done: "_Progress") -> ContactState:
     """With the direction of a slip that begins, for as long as it is computed in advance."""
     t, state = done.t, done.state
-    begins = done.begins & (plane.coefficient(state.V, 0.0) > 0)
+    begins = done.begins & plane.slips_end
     kinks = jax.lax.stop_gradient(plane.driving_kinks())
     kink = jnp.min(jnp.where(kinks > t, kinks, jnp.inf), initial=jnp.inf)
     longest = jax.lax.stop_gradient(jnp.minimum(LONGEST_WINDOW * plane.unit_of_time(), BEFORE_KINK * (kink - t)))
