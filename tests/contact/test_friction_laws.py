@@ -169,6 +169,7 @@ def test_smoothed_friction_lets_a_ball_creep_on_a_slope(start):
     np.testing.assert_allclose(slips_of(run)[-1], [SMOOTHING * share / (1 - share), 0.0], rtol=0, atol=1e-9)
 
 
+@pytest.mark.long
 def test_the_derivative_of_a_slip_that_does_not_yet_slip():
     """δv = exp(−κ t / ε) δv0 where friction fades; the part d / (d + m r²) of it is the velocity of the centre.
 
@@ -184,7 +185,7 @@ def test_the_derivative_of_a_slip_that_does_not_yet_slip():
     np.testing.assert_allclose(jax.jacfwd(velocity)(jnp.zeros(())), 1 - lost, rtol=0, atol=1e-8)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_derivatives_by_the_numbers_of_smoothed_friction():
     """By the implicit function: (1 + ε/v) dv = (ln v0/v) dε − t κ/μ dμ, in both modes."""
 

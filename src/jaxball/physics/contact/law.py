@@ -142,6 +142,8 @@ class Contact(Printed):
 
     def conditions(self) -> Iterator[Condition]:
         """What the coefficients must be; traceable."""
+        if self.friction is not None:  # first, because what it makes of impossible numbers says nothing
+            yield from self.friction.conditions()
         finite = namespace_of(self.sliding).isfinite
         must = "0 or positive"
         yield Condition((self.sliding >= 0) & finite(self.sliding), "contact.sliding", self.sliding, must)
@@ -151,8 +153,6 @@ class Contact(Printed):
         yield Condition(holds, "contact.restitution", self.restitution, "from 0 to 1, or impacts would create energy")
         holds = (self.slowest > 0) & finite(self.slowest)
         yield Condition(holds, "contact.slowest", self.slowest, "a positive number, or bounces would never end")
-        if self.friction is not None:
-            yield from self.friction.conditions()
 
     def coefficient(self, speed: Float[Array, ""]) -> Float[Array, ""]:
         """The kinetic friction coefficient for a slip speed, length/time."""
