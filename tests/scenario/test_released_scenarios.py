@@ -10,7 +10,7 @@ from jaxball import Detachment, Mode, load_scenario, simulate
 
 def run(name):
     trajectory = load_scenario(name).simulate(throw=True)
-    return trajectory, np.asarray(trajectory.times), trajectory.contact.switches
+    return trajectory, np.asarray(trajectory.times), trajectory.history.switches
 
 
 @pytest.mark.long
