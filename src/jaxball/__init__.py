@@ -66,7 +66,11 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         with_masses as with_masses,
     )
     from .physics.contact.body_on_plane import ContactHistory as ContactHistory
-    from .physics.contact.law import AbstractFriction as AbstractFriction, Contact as Contact
+    from .physics.contact.law import (
+        AbstractFriction as AbstractFriction,
+        Contact as Contact,
+        SmoothedCoulomb as SmoothedCoulomb,
+    )
     from .physics.contact.modes import Cause as Cause, Mode as Mode
     from .physics.contact.released import ReleasedState as ReleasedState
     from .physics.feedback import (

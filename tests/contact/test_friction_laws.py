@@ -10,7 +10,16 @@ import numpy as np
 import pytest
 from jaxtyping import Array, Float
 
-from jaxball import AbstractFriction, Ball, BallState, Contact, Ground, ReleasedState, simulate
+from jaxball import (
+    AbstractFriction,
+    Ball,
+    BallState,
+    Contact,
+    Ground,
+    ReleasedState,
+    SmoothedCoulomb,
+    simulate,
+)
 from jaxball.physics.conditions import Condition
 
 M, D, R, G = 1.3, 0.6, 0.9, 2.0
@@ -30,9 +39,25 @@ class Growing(AbstractFriction):
         yield Condition(self.slope >= 0, "contact.slope", self.slope, "0 or positive")
 
 
+class Fading(AbstractFriction):
+    """μ(v) = fast v / (v + half), as a user writes it."""
+
+    fast: Float[Array, ""] = eqx.field(converter=jnp.asarray)
+    half: Float[Array, ""] = eqx.field(converter=jnp.asarray)
+
+    def __call__(self, speed):
+        return self.fast * speed / (speed + self.half)
+
+
 def slipping(start, law, **settings):
     ball = Ball(mass=M, inertia=(D, D, D), radius=R, gravity=G)
     return simulate(ball, TIMES, start, contact=law, rtol=1e-12, atol=1e-12, **settings)
+
+
+def slips_of(run):
+    """v_s of a ball at the saved times, from the state alone."""
+    omega = np.einsum("tij,tj->ti", run.state.Lambda, run.state.Omega)
+    return np.asarray(run.contact.V)[:, :2] - R * np.stack([omega[:, 1], -omega[:, 0]], axis=1)
 
 
 @pytest.mark.parametrize(
@@ -47,8 +72,7 @@ def test_friction_that_grows_with_the_speed_stops_a_slip_as_an_exponential(start
     """v̇ = −κ (μ + c v) with κ = g (1 + m r²/d), so that v = (v0 + μ/c) exp(−κ c t) − μ/c until it is 0."""
     mu, c = 0.1, 0.05
     run = slipping(start, Contact(Growing(mu, c)), throw=True)
-    omega = np.einsum("tij,tj->ti", run.state.Lambda, run.state.Omega)
-    slip = np.asarray(run.contact.V)[:, :2] - R * np.stack([omega[:, 1], -omega[:, 0]], axis=1)
+    slip = slips_of(run)
     v0, rate = np.linalg.norm(slip[0]), c * G * (1 + M * R**2 / D)
     speed = np.maximum((v0 + mu / c) * np.exp(-rate * TIMES) - mu / c, 0.0)
     np.testing.assert_allclose(slip, speed[:, None] * slip[0] / v0, rtol=0, atol=1e-11)
@@ -103,3 +127,88 @@ def test_the_coefficients_of_a_law():
 def test_a_law_with_a_change_keeps_its_friction():
     friction = Growing(0.2, 0.1)
     assert dataclasses.replace(Contact(friction, restitution=0.1), restitution=0.6).law_of_sliding is friction
+
+
+MU, SMOOTHING = 0.1, 0.05
+DECAY = MU * G * (1 + M * R**2 / D)  # of the speed of a fast slip, per time
+ALONG_AND_ACROSS = ReleasedState(BallState(Omega=(0.3, -1.0, 0.2)), V=(1.4, 0.5, 0.0))
+
+
+def test_smoothed_friction_lets_a_slip_fade():
+    """v̇ = −κ v / (v + ε), so that v + ε ln v = v0 + ε ln v0 − κ t, and the slip keeps its direction and has no end.
+
+    Where v is small its relative error is that of ln v, so the slip is compared in times.
+    """
+    run = slipping(ALONG_AND_ACROSS, Contact(SmoothedCoulomb(MU, SMOOTHING)), throw=True)
+    slip = slips_of(run)
+    speed = np.linalg.norm(slip, axis=1)
+    times = (speed[0] - speed + SMOOTHING * np.log(speed[0] / speed)) / DECAY
+    np.testing.assert_allclose(times, TIMES, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(slip, speed[:, None] * slip[0] / speed[0], rtol=0, atol=1e-11)
+    assert int(run.contact.switches.count) == 0
+    own = slipping(ALONG_AND_ACROSS, Contact(Fading(MU, SMOOTHING)), throw=True)
+    np.testing.assert_allclose(run.state.Omega, own.state.Omega, rtol=0, atol=1e-11)
+
+
+def test_a_slip_that_has_faded_costs_few_steps():
+    """Of the time 60 the slip lasts 5: what rounding leaves of it has no ends to be found."""
+    ball = Ball(mass=M, inertia=(D, D, D), radius=R, gravity=G)
+    law = Contact(SmoothedCoulomb(MU, SMOOTHING))
+    run = simulate(ball, np.array([0.0, 60.0]), ALONG_AND_ACROSS, contact=law, throw=True)
+    assert int(run.steps) < 1000
+    np.testing.assert_allclose(slips_of(run)[-1], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("start", [BallState(), ReleasedState(BallState())], ids=["rolling", "released"])
+def test_smoothed_friction_lets_a_ball_creep_on_a_slope(start):
+    """Rolling would need the share s = tan a / (μ (1 + m r²/d)) of μ N, which the slip ε s / (1 − s) has."""
+    a = 0.03
+    ball = Ball(mass=M, inertia=(D, D, D), radius=R, gravity=G, ground=Ground(a, 0.0))
+    run = simulate(ball, TIMES, start, contact=Contact(SmoothedCoulomb(MU, SMOOTHING)), throw=True)
+    share = np.tan(a) / (MU * (1 + M * R**2 / D))
+    np.testing.assert_allclose(slips_of(run)[-1], [SMOOTHING * share / (1 - share), 0.0], rtol=0, atol=1e-9)
+
+
+@pytest.mark.long
+def test_the_derivative_of_a_slip_that_does_not_yet_slip():
+    """δv = exp(−κ t / ε) δv0 where friction fades; the part d / (d + m r²) of it is the velocity of the centre.
+
+    The ball spins about the vertical, which changes nothing but the length of the steps.
+    """
+    spun = BallState(Omega=(0.0, 0.0, 40.0))
+
+    def velocity(speed):
+        start = ReleasedState(spun, V=jnp.stack([speed, jnp.zeros(()), jnp.zeros(())]))
+        return slipping(start, Contact(SmoothedCoulomb(MU, SMOOTHING))).contact.V[:4, 0]
+
+    lost = (1 - np.exp(-DECAY / SMOOTHING * TIMES[:4])) * D / (D + M * R**2)
+    np.testing.assert_allclose(jax.jacfwd(velocity)(jnp.zeros(())), 1 - lost, rtol=0, atol=1e-8)
+
+
+@pytest.mark.slow
+def test_derivatives_by_the_numbers_of_smoothed_friction():
+    """By the implicit function: (1 + ε/v) dv = (ln v0/v) dε − t κ/μ dμ, in both modes."""
+
+    def speed(law):
+        start = ReleasedState(BallState(), V=(1.4, 0.0, 0.0))
+        run = slipping(start, Contact(law))
+        return run.contact.V[10, 0] - R * run.state.Omega[10, 1]
+
+    law = SmoothedCoulomb(MU, SMOOTHING)
+    v = float(speed(law))
+    by_kinetic = -TIMES[10] * DECAY / MU / (1 + SMOOTHING / v)
+    by_smoothing = np.log(1.4 / v) / (1 + SMOOTHING / v)
+    for derivative in (jax.jacfwd(speed)(law), jax.grad(speed)(law)):
+        np.testing.assert_allclose(derivative.kinetic, by_kinetic, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(derivative.smoothing, by_smoothing, rtol=0, atol=1e-9)
+
+
+def test_the_coefficients_of_smoothed_friction():
+    """Half of the fast slip's friction at the speed `smoothing`, and none without slip."""
+    contact = Contact(SmoothedCoulomb(0.3, 0.02))
+    assert float(contact.coefficient(jnp.asarray(0.02))) == 0.15
+    assert float(contact.sliding) == float(contact.static) == 0.0
+    with pytest.raises(ValueError, match=r"^Argument `sliding.kinetic` must be 0 or positive, but it is -0.3\.$"):
+        Contact(SmoothedCoulomb(-0.3, 0.02))
+    with pytest.raises(ValueError, match=r"^Argument `sliding.smoothing` must be a positive number, but it is 0\.0\.$"):
+        Contact(SmoothedCoulomb(0.3, 0.0))

@@ -7,7 +7,7 @@ import pytest
 
 from jaxball.design.files import PLANE, constraints_of, objectives_of
 from jaxball.scenario import ScenarioError
-from jaxball.scenario.body import SENSORS
+from jaxball.scenario.body import FRICTIONS, SENSORS
 from jaxball.scenario.feedback import FEEDBACK
 from jaxball.scenario.mechanisms import JOINT_FORCES, JOINTS
 from jaxball.scenario.motions import RAILS, SCHEDULES
@@ -45,7 +45,7 @@ def check(name, document, seed):
 def test_every_kind_is_among_the_files_that_are_mutated():
     """So that one which is added to a registry is put there, too."""
     required = objectives_of(PLANE), constraints_of(PLANE)
-    registries = (RAILS, SCHEDULES, JOINTS, JOINT_FORCES, SENSORS, FEEDBACK, *required)
+    registries = (RAILS, SCHEDULES, JOINTS, JOINT_FORCES, FRICTIONS, SENSORS, FEEDBACK, *required)
     assert {kind for family in registries for kind in family} <= corpus.kinds()
 
 

@@ -269,3 +269,10 @@ def test_what_mjcf_cannot_express_is_refused_by_name(name, sentence):
     with pytest.raises(MJCFError) as caught:
         to_mjcf(load_scenario(name))
     assert sentence in str(caught.value)
+
+
+def test_friction_that_depends_on_the_slip_speed_is_refused():
+    with pytest.raises(
+        MJCFError, match=r"`contact.sliding` must be a number .*, but it is a SmoothedCoulomb; give its"
+    ):
+        to_mjcf(load_scenario("tippe-top"))

@@ -32,13 +32,23 @@ NAMES = (
     "routh-sphere",
     "six-tubes",
     "spokes",
+    "stopping-ball",
     "three-rotors",
     "turntable",
     "vibrating-plane",
     "yoke-robot",
 )
 ON_SURFACES = ("ball-in-a-bowl", "ball-off-a-sphere", "golfers-dilemma", "tilting-plate", "washboard")
-RELEASED = ("bouncing-ball", "bowling-ball", "hoop-with-backspin", "slipping-ball")
+RELEASED = (
+    "bouncing-ball",
+    "bowling-ball",
+    "draw-shot",
+    "hoop-with-backspin",
+    "hopping-hoop",
+    "masse-shot",
+    "slipping-ball",
+    "tippe-top",
+)
 CONSERVATIVE = ("free-rigid-body", "heavy-top", "nonholonomic-particle", "rattleback", "suslov", "vakonomic-particle")
 CLASSICAL = (*CONSERVATIVE, "oblate-ball")
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import BallState, Contact, DiskState, ReleasedState
+from jaxball import BallState, Contact, DiskState, ReleasedState, SmoothedCoulomb
 from jaxball.physics.contact.body_on_plane import BodyOnPlane
 from jaxball.scenario import Scenario, ScenarioError, read_scenario, write_scenario
 from jaxball.scenario.files import Structure
@@ -35,6 +35,11 @@ STARTS = {
         ReleasedState(BallState(Omega=(0.0, 1.0, 0.0)), V=(0.5, 0.0, 0.0)),
     ),
     "dropped": ([LAW, "initial = { height = 0.5 }"], Contact(0.2), ReleasedState(BallState(), height=0.5)),
+    "slipping always": (
+        ['contact = { sliding = { kind = "smoothed-coulomb", kinetic = 0.2, smoothing = 0.01 } }'],
+        Contact(SmoothedCoulomb(0.2, 0.01)),
+        BallState(),
+    ),
     "thrown": (
         [LAW, "initial = { velocity = [1.0, 0.5, 2.0], height = 0.0 }"],
         Contact(0.2),
@@ -81,6 +86,18 @@ SENTENCES = {
     "negative friction": (
         ["contact = { sliding = -0.1 }"],
         "Key `contact.sliding` must be 0 or positive, but it is -0.1.",
+    ),
+    "negative friction of a law": (
+        ['contact = { sliding = { kind = "smoothed-coulomb", kinetic = -0.2, smoothing = 0.01 } }'],
+        "Key `contact.sliding.kinetic` must be 0 or positive, but it is -0.2.",
+    ),
+    "a law that is not smoothed": (
+        ['contact = { sliding = { kind = "smoothed-coulomb", kinetic = 0.2, smoothing = 0.0 } }'],
+        "Key `contact.sliding.smoothing` must be a positive number, but it is 0.0.",
+    ),
+    "a law that there is not": (
+        ['contact = { sliding = { kind = "smooth-coulomb", kinetic = 0.2, smoothing = 0.1 } }'],
+        'Key `contact.sliding.kind` cannot be "smooth-coulomb"; did you mean "smoothed-coulomb"?',
     ),
     "static below sliding": (
         ["contact = { sliding = 0.3, static = 0.2 }"],

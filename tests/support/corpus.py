@@ -90,7 +90,7 @@ mass = 0.2
 free = { constant = [0.0, 0.0, 0.3], amplitude = [[0.2, 0.0, 0.0]], frequency = [1.0], phase = [0.2] }
 
 [contact]
-sliding = 0.3
+sliding = { kind = "smoothed-coulomb", kinetic = 0.3, smoothing = 0.01 }
 static = 0.4
 restitution = 0.5
 slowest = 1e-5

@@ -10,7 +10,7 @@ from jaxball.cache import current
 from jaxball.numerics.vectors import cross
 from jaxball.paper import reference
 from jaxball.physics import locked, momentum
-from jaxball.scenario import Scenario, builtin_scenarios
+from jaxball.scenario import Scenario, builtin_scenarios, builtin_text
 from jaxball.simulation import simulate as simulation
 from jaxball.verify import LAWS, verify
 from jaxball.verify.case import Case
@@ -185,8 +185,8 @@ def test_the_error_is_that_against_the_reference_of_thirty_digits():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", builtin_scenarios())
-def test_every_built_in_scenario_keeps_every_law(name):
+@pytest.mark.parametrize("name", [name for name in builtin_scenarios() if "\n[contact]" not in builtin_text(name)])
+def test_every_built_in_scenario_that_always_rolls_keeps_every_law(name):
     report = verify(jaxball.load_scenario(name))
     assert report.ok, str(report)
     if isinstance(jaxball.load_scenario(name).system, jaxball.Ball | jaxball.Disk):

@@ -87,6 +87,7 @@ def to_mjcf(scenario: Scenario, *, timestep: float = TIMESTEP) -> Exported:
             f"Key `kind` must be a ball or a disk to be written as MJCF, but the system is a {type(system).__name__}."
         )
     _check(system)
+    _check_friction(scenario)
     root = ET.Element("mujoco", model=scenario.title or system.title)
     add(root, "compiler", angle="radian", autolimits="true")
     up = np.array([0.0, 0.0, 1.0]) if system.ground is None else np.asarray(system.ground.up())
@@ -147,6 +148,16 @@ def _check(system: System) -> None:
                 f"Key `resistance.{name}` must be 0 to be written as MJCF, whose resistance to rolling is dry, but it "
                 f"is {float(getattr(resistance, name)):g}; leave it out, or give `resistance.dry`."
             )
+
+
+def _check_friction(scenario: Scenario) -> None:
+    """Raises a :class:`MJCFError` for friction that depends on the slip speed."""
+    law = None if scenario.contact is None else scenario.contact.friction
+    if law is not None:
+        raise MJCFError(
+            "Key `contact.sliding` must be a number to be written as MJCF, where friction does not depend on the slip "
+            f"speed, but it is a {type(law).__name__}; give its coefficient."
+        )
 
 
 def _notes(scenario: Scenario, links: Links) -> tuple[str, ...]:

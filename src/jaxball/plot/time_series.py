@@ -92,7 +92,7 @@ def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """The force of the plane: the normal force N and the magnitude |f| of the friction.
 
     With dense output, the least N of the whole run is marked. For a run with a law of contact, the largest static
-    friction, μ_s N, is drawn instead.
+    friction, μ_s N, is drawn instead, if there is any.
 
     ``trajectory``, ``ax`` and what is raised: as for :func:`angular_velocity`.
     """
@@ -100,8 +100,8 @@ def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     times, seen = record(run)
     N, f = seen.normal_force, np.linalg.norm(seen.friction, axis=1)
     series = [Series(N, "$N$", COMPONENTS[0]), Series(f, r"$|\,\mathbf{f}\,|$", COMPONENTS[1])]
-    if coefficients := run.history.coefficients:
-        series.append(Series(float(coefficients["static"]) * N, r"$\mu_s N$", INK, DASHED))
+    if (static := float(run.history.coefficients.get("static", 0.0))) > 0:
+        series.append(Series(static * N, r"$\mu_s N$", INK, DASHED))
     ax = over_run(run, series, "contact force", ax, size=sizes_of(run.system).force, jumps=True)
     up_to_ticks(ax, low=0.0)
     if trajectory.interpolant is not None and always_rolls(trajectory):
@@ -149,7 +149,7 @@ def _within_the_cone(
     ratio: Float[np.ndarray, " T"],
     ax: Axes | None,
 ) -> Axes:
-    """|f| / N with the coefficients of the law; friction never exceeds the larger."""
+    """|f| / N with the coefficients of the law that are not 0; Coulomb's friction never exceeds the larger."""
     history = trajectory.history
     flies = np.asarray(history.over_time["mode"])[finite_rows(trajectory)] == Mode.FLIGHT
     static, sliding = (float(history.coefficients[name]) for name in ("static", "sliding"))
@@ -159,6 +159,8 @@ def _within_the_cone(
     ends = times[[0, -1]] if len(times) else times
     ax = plane_axes(ax, system=trajectory.system)
     for label, (value, dashes) in coefficients.items():
+        if value == 0:
+            continue  # of a smooth plane, or of friction that fades with the slip and exceeds it
         ax.plot(ends, np.full_like(ends, value), color=INK, linestyle=linestyle(dashes), linewidth=0.9, label=label)
     series = [Series(np.where(flies, np.nan, ratio), "", COMPONENTS[0])]
     ax = over_run(trajectory, series, r"$|\,\mathbf{f}\,|/N$", ax, most=SHORT, jumps=True)

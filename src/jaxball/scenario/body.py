@@ -2,7 +2,6 @@
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
@@ -11,7 +10,14 @@ import jax.numpy as jnp
 from ..interface.wording import all_of
 from ..numerics.arrays import to_array
 from ..physics.body import AbstractBody, Ball, Disk, System
-from ..physics.contact.law import COEFFICIENTS, DEFAULT_ROOM, SLOWEST_REBOUND, AbstractFriction, Contact
+from ..physics.contact.law import (
+    COEFFICIENTS,
+    DEFAULT_ROOM,
+    SLOWEST_REBOUND,
+    AbstractFriction,
+    Contact,
+    SmoothedCoulomb,
+)
 from ..physics.contact.released import ReleasedState
 from ..physics.force import AbstractWrench, FunctionWrench, HarmonicForce, require_wrench
 from ..physics.ground import Ground
@@ -42,8 +48,10 @@ from .values import (
     POSITIVE,
     RATE,
     TIME,
+    VELOCITY,
     Flag,
     Integer,
+    Nested,
     Numbers,
     Rule,
     ScenarioError,
@@ -98,20 +106,35 @@ def read_resistance(values: Any, path: str) -> AbstractResistance:
     return resistance
 
 
-FRICTIONS = Open(AbstractFriction, {})
+FRICTIONS = Open(
+    AbstractFriction,
+    {
+        "smoothed-coulomb": Module(
+            SmoothedCoulomb, {"kinetic": Key(Numbers()), "smoothing": Key(Numbers(dimension=VELOCITY))}
+        ),
+    },
+)
 
 
-@dataclass(frozen=True)
-class _Sliding(Numbers):
-    """The coefficient, or a user's class that has it for each slip speed."""
+def _read_sliding(value: Any, path: str) -> Any:
+    """The coefficient, or a law that has it for each slip speed."""
+    if names_own(value):
+        return read_own(value, path, FRICTIONS)
+    if not isinstance(value, dict):
+        return _COEFFICIENT.read(value, path)
+    friction = read_family(value, path, FRICTIONS)
+    require_conditions(friction)
+    return friction
 
-    def read(self, value: Any, path: str) -> Any:
-        return read_own(value, path, FRICTIONS) if names_own(value) else super().read(value, path)
 
-    def write(self, value: Any, path: str) -> Any:
-        return (
-            write_family(value, path, FRICTIONS) if isinstance(value, AbstractFriction) else super().write(value, path)
-        )
+def _write_sliding(value: Any, path: str) -> Any:
+    return (
+        write_family(value, path, FRICTIONS) if isinstance(value, AbstractFriction) else _COEFFICIENT.write(value, path)
+    )
+
+
+_COEFFICIENT = Numbers()
+_SLIDING = Nested(_read_sliding, _write_sliding, _COEFFICIENT.words, keys_of(FRICTIONS))
 
 
 def _law(sliding: Any, static: Any = None, *, room: int, **others: Any) -> Contact:
@@ -125,7 +148,7 @@ def _law(sliding: Any, static: Any = None, *, room: int, **others: Any) -> Conta
 CONTACT = Module(
     Contact,
     {
-        "sliding": Key(_Sliding()),
+        "sliding": Key(_SLIDING),
         "static": Key(Numbers(), None),
         "restitution": Key(Numbers(), 0.0),
         "slowest": Key(Numbers(), SLOWEST_REBOUND),

@@ -103,7 +103,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
 
     def to_packed(self, t: Float[Array, ""], state: ContactState) -> ContactState:
         slip = slip_velocity(self.body, t, state.released)
-        slip = slip.at[:2].set(jnp.where(self.is_still(slip, state), 0.0, slip[:2]))
+        stopped = self.slips_end & self.is_still(slip, state)
+        slip = slip.at[:2].set(jnp.where(stopped, 0.0, slip[:2]))
         slip = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip)
         return eqx.tree_at(lambda x: x.V, state, jnp.where(state.is_in(Mode.FLIGHT), state.V, slip))
 
@@ -148,10 +149,26 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         """The kinetic friction coefficient at a share of the speed of a slip."""
         return self.contact.coefficient(share * root(jnp.sum(slip[:2] ** 2)))
 
+    def coefficient_and_direction(
+        self, t: Float[Array, ""], state: ContactState, slip: Float[Array, "3"]
+    ) -> tuple[Float[Array, ""], Float[Array, "2"]]:
+        """μ and σ; where friction has faded with the slip, μ′(0) and v_s, for the derivative of their product."""
+        mu, sigma = self.coefficient(slip), state.direction(t, slip)
+        if self.contact.friction is None:
+            return mu, sigma
+        has_faded = ~self.slips_end & (jnp.sum(slip[:2] ** 2) == 0)
+        slope = jax.jvp(self.contact.coefficient, (jnp.zeros_like(mu),), (jnp.ones_like(mu),))[1]
+        return jnp.where(has_faded, slope, mu), jnp.where(has_faded, slip[:2], sigma)
+
+    @property
+    def slips_end(self) -> Bool[Array, ""]:
+        """Whether a slip ends in a finite time: not on a smooth plane, nor by friction that fades with the slip."""
+        return self.contact.sliding > 0
+
     def interaction(self, t: Float[Array, ""], state: ContactState, found: Response) -> friction.Interaction:
         """The reaction of the plane in the mode that the state is in."""
         slip = slip_velocity(self.body, t, state.released)
-        sliding = friction.sliding(found, self.coefficient(slip), state.direction(t, slip))
+        sliding = friction.sliding(found, *self.coefficient_and_direction(t, state, slip))
         rolling, flying = friction.rolling(found), friction.flight(found)
 
         def choose(*each: Array) -> Array:
@@ -178,9 +195,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         acting, slack = self.interaction(t, state, found), self.rounding_of_force(state, found)
         slip, one = slip_velocity(self.body, t, state.released), jnp.ones_like(state.height)
         spare = friction.margin(acting.R, self.contact.static) + slack
-        # On a smooth plane, the end of a slip is the beginning of another.
         forward = jnp.sum(slip[:2] * reference.sigma) - reference.least
-        forward = jnp.where(self.coefficient(slip) > 0, forward, one)
+        forward = jnp.where(self.slips_end, forward, one)
         # A body that rises does not land, where rounding takes its height below zero as it lifts.
         above = jnp.maximum(
             state.height, jnp.where(slip[2] > 0, RISEN * slips.unit_of_time(self.body) * slip[2], -jnp.inf)
@@ -215,10 +231,11 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         ends = (step.zero != NONE) & jnp.where(cause == int(Cause.STOPS), slow, step.has_fallen)
         before, after = guards[0, 0] + least, guards[0, -1] + least
         slides = state.is_in(Mode.SLIDING)
-        stops = slides & slow & slips.nears_its_end(before, after, least)
+        slows_down = slides & self.slips_end
+        stops = slows_down & slow & slips.nears_its_end(before, after, least)
         otherwise = jnp.where(step.timed, slips.WINDOW, jnp.where(stops, int(Cause.STOPS), NONE))
         longest = slips.longest_step(before, after, least, step.end - step.start, accuracy)
-        longest = jnp.where(slides & ~ends, longest, jnp.inf)
+        longest = jnp.where(slows_down & ~ends, longest, jnp.inf)
         return Assessment(jnp.where(ends, cause, otherwise), longest)
 
     def is_still(self, slip: Float[Array, "3"], state: ContactState | ReleasedState) -> Bool[Array, ""]:

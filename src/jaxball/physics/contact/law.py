@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from ...interface.printing import Printed
 from ...numerics.arrays import Numbers, is_traced, namespace_of, numbers
-from ..conditions import Condition
+from ..conditions import Condition, positive
 
 SLOWEST_REBOUND = 1e-6
 DEFAULT_ROOM = 64
@@ -40,6 +40,42 @@ class AbstractFriction(Printed):
     def conditions(self) -> Iterator[Condition]:
         """Every condition that its numbers must meet, named ``contact.…``; traceable."""
         yield from ()
+
+
+class SmoothedCoulomb(AbstractFriction):
+    """Coulomb's friction, smoothed where the slip is slow: μ(v) = kinetic v / (v + smoothing).
+
+    It fades with the slip, so that its direction is of no importance where the slip vanishes. No slip ends in a finite
+    time, and static friction is 0: the body never rolls exactly. Where rolling would need the share s < 1 of the
+    friction ``kinetic`` N, the lowest point creeps at v = smoothing s / (1 − s).
+
+    **Arguments:**
+
+    - ``kinetic``: the friction coefficient of a fast slip, dimensionless, 0 or positive.
+    - ``smoothing``: the slip speed at which friction is half as large, length/time, positive, far below the speeds of
+      interest; the smaller, the stiffer the equations.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Contact, SmoothedCoulomb
+    >>> float(Contact(SmoothedCoulomb(kinetic=0.25, smoothing=0.5)).coefficient(jnp.array(2.0)))
+    0.2
+    """
+
+    kinetic: Float[Array, "*batch"] = eqx.field(converter=numbers("kinetic"))
+    smoothing: Float[Array, "*batch"] = eqx.field(converter=numbers("smoothing"))
+
+    def __call__(self, speed: Float[Array, ""]) -> Float[Array, "*batch"]:
+        """μ(v)."""
+        return self.kinetic * speed / (speed + self.smoothing)
+
+    def conditions(self) -> Iterator[Condition]:
+        """What its numbers must be; traceable."""
+        finite = namespace_of(self.kinetic).isfinite
+        holds = (self.kinetic >= 0) & finite(self.kinetic)
+        yield Condition(holds, "contact.sliding.kinetic", self.kinetic, "0 or positive")
+        yield Condition(positive(self.smoothing), "contact.sliding.smoothing", self.smoothing, "a positive number")
 
 
 class Contact(Printed):
@@ -106,6 +142,8 @@ class Contact(Printed):
 
     def conditions(self) -> Iterator[Condition]:
         """What the coefficients must be; traceable."""
+        if self.friction is not None:  # first, because what it makes of impossible numbers says nothing
+            yield from self.friction.conditions()
         finite = namespace_of(self.sliding).isfinite
         must = "0 or positive"
         yield Condition((self.sliding >= 0) & finite(self.sliding), "contact.sliding", self.sliding, must)
@@ -115,8 +153,6 @@ class Contact(Printed):
         yield Condition(holds, "contact.restitution", self.restitution, "from 0 to 1, or impacts would create energy")
         holds = (self.slowest > 0) & finite(self.slowest)
         yield Condition(holds, "contact.slowest", self.slowest, "a positive number, or bounces would never end")
-        if self.friction is not None:
-            yield from self.friction.conditions()
 
     def coefficient(self, speed: Float[Array, ""]) -> Float[Array, ""]:
         """The kinetic friction coefficient for a slip speed, length/time."""

@@ -148,9 +148,9 @@ def _decided(plane: "BodyOnPlane", done: "_Progress", cause: Int[Array, ""]) -> 
     mu = plane.coefficient(jnp.where(still, 0.0, slip))
     flies |= ~rolls & ~(friction.sliding(found, mu, sigma).normal > -slack)
     mode = jnp.where(flies, int(Mode.FLIGHT), jnp.where(rolls, int(Mode.ROLLING), int(Mode.SLIDING)))
-    # The rest of a slip that ends is dissipated by friction.
+    # The rest of a slip that ends is dissipated by friction; one without an end continues.
     stopped = with_slip(body, given, found, slip, jnp.zeros_like(slip))
-    state = selected(still & ~flies, state.moved(stopped), state)
+    state = selected(still & ~flies & (rolls | plane.slips_end), state.moved(stopped), state)
     V = state.V.at[2].set(jnp.where(flies & (cause != int(Cause.LIFTS)), state.V[2], 0.0))
     begins = (mode == int(Mode.SLIDING)) & still
     begun = slips.Beginning.along(t, sigma)
@@ -161,7 +161,7 @@ def _decided(plane: "BodyOnPlane", done: "_Progress", cause: Int[Array, ""]) -> 
 def _begun(plane: "BodyOnPlane", done: "_Progress") -> ContactState:
     """With the direction of a slip that begins, for as long as it is computed in advance."""
     t, state = done.t, done.state
-    begins = done.begins & (plane.coefficient(state.V, 0.0) > 0)
+    begins = done.begins & plane.slips_end
     longest = slips.longest_window(t, plane.driving_kinks(), slips.unit_of_time(plane.body))
     sigma = state.begun.sigma
     if plane.body.planar:

@@ -331,13 +331,13 @@ def _coefficients(bodies: Sequence[Shown]) -> dict[str, float]:
 
 
 def _levels(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
-    """The coefficients of friction, if a law gives them."""
+    """The coefficients of friction that a law gives and that are not 0."""
     coefficients = _coefficients(bodies)
     if not coefficients:
         return []
     static, sliding = coefficients["static"], coefficients["sliding"]
     named = {"μₛ": static, "μ": sliding} if static != sliding else {"μₛ = μ": static}
-    return [{"name": name, "value": value} for name, value in named.items()]
+    return [{"name": name, "value": value} for name, value in named.items() if value > 0]
 
 
 def _of_contact(bodies: Sequence[Shown], sizes: Sizes) -> list[dict[str, Any]]:
