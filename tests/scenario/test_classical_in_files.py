@@ -102,6 +102,12 @@ def test_what_is_written_reads_the_same(text):
         (SLEIGH, "inertia = 0.39", "inertia = 0", "`body.inertia` must be a positive number, but it is 0"),
         (SLEIGH, "[1.0, 2.0, 0.0]", "[1.0, 2.0]", "`initial.q` must be a list of 3 finite numbers"),
         (SLEIGH, "[0.5, 0.0, 1.0]", "[0.5, 0.1, 1.0]", "Key `initial.qdot` must keep constraints[0] at the start"),
+        (
+            VEHICLES["rolling-coin"],
+            "q = [0.0, 0.0, 0.0, 0.1, 0.0], qdot = [1.0",
+            "q = [0.0, 0.0, -1e300, 0.1, 0.0], qdot = [1e300",
+            "Key `initial` must be a state in which the equations of motion can be computed, but it is one in which",
+        ),
         (RACER, "[1.0, 0.0, 0.0, 0.0]", "[1.0, 0.0, 0.0]", "`initial.qdot` must be a list of 4 finite numbers"),
         (
             SLEIGH,

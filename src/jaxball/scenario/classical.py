@@ -167,7 +167,7 @@ def read_classical(
         system.require_state(state)
     except ValueError as error:
         raise ScenarioError(str(error).replace("Argument `state.", "Key `initial.")) from None
-    _refuse(system.start_conditions(to_array(start), state))
+    _refuse(system.start_conditions(to_array(start), state), kind in CLASSICAL)
     if kind not in CLASSICAL:
         _require_rates(kind, system, to_array(start), state)
     return system, state
@@ -216,16 +216,23 @@ def _require_rates(kind: str, system: AbstractSystem, start: Any, state: Abstrac
         )
 
 
-def _refuse(conditions: Iterable[Condition]) -> None:
+def _refuse(conditions: Iterable[Condition], builtin: bool = False) -> None:
     """Raises for the first condition that does not hold, with the path of its key; see ``require``.
 
-    One of a kind of its own, as of constraints, says itself what does not fit, of a key or of a part of the class.
+    One of a kind of its own, as of constraints, says itself what does not fit, of a key or of a part of the class. The
+    parts of a ``builtin`` class fit all numbers but those that overflow.
     """
     for condition in conditions:
         if type(condition) is not Condition:
             if not is_traced(condition.holds):
                 for problem in condition.problems():
                     table, _, name = problem.name.rpartition(".")
+                    if builtin and not table:
+                        raise key_error(
+                            "initial",
+                            "a state in which the equations of motion can be computed",
+                            "one in which numbers here or in `body` are too large or too small",
+                        )
                     raise ScenarioError(
                         problem.sentence("Key", f"initial.{name}") if table else problem.sentence("Part")
                     )
