@@ -27,6 +27,7 @@ from .scenes import draw_scenario, run_example
 GALLERY = DOCS / "gallery"
 SHOWN = DOCS / "made" / "site" / "gallery" / "shown"
 FEW = ("ball", "heavy-top", "example-first-ball")  # of a short gallery
+WITHOUT_VIEW = ("chaplygin-sleigh",)  # no body that rolls or turns about a point, and no particle
 logger = logging.getLogger(__name__)
 
 
@@ -93,9 +94,8 @@ def scenarios() -> list[Entry]:
     def entry(name: str) -> Entry:
         text, title = builtin_text(name), builtin_title(name)
         head = " ".join(line.lstrip("# ") for line in text.partition("format =")[0].splitlines())
-        command = (
-            f"```console\njaxball simulate {name} --view {name}.html\njaxball scenarios {name} > my-{name}.toml\n```"
-        )
+        shown = f"--plot {name}" if name in WITHOUT_VIEW else f"--view {name}.html"
+        command = f"```console\njaxball simulate {name} {shown}\njaxball scenarios {name} > my-{name}.toml\n```"
         short = name.replace("-", " ").capitalize()
         return Entry(name, short, title, f"{head}\n\n{command}", text, "toml", draw_scenario, text)
 

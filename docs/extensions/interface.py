@@ -75,6 +75,7 @@ PACKAGES = [
     "scenario",
     "results",
     "mjcf",
+    "urdf",
     "control",
     "estimation",
     "environments",

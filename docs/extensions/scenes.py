@@ -9,7 +9,7 @@ FRAMES = 400  # of a view, at least: a scenario saves as often as its figures ne
 
 
 def draw_scenario(text: str, folder: Path) -> None:
-    """Its overview, its thumbnail and its view."""
+    """Its overview, its thumbnail, and its view where there is one of such systems."""
     import jax
 
     import jaxball.cpu
@@ -21,6 +21,7 @@ def draw_scenario(text: str, folder: Path) -> None:
     import numpy as np
 
     from jaxball import read_scenario
+    from jaxball.plot.view.document import kind_of
 
     from .thumbnails import write_overview, write_thumbnail
 
@@ -31,7 +32,8 @@ def draw_scenario(text: str, folder: Path) -> None:
     run = scenario.simulate(throw=True)
     write_overview(run, scenario.title, folder)
     write_thumbnail(scenario, run, folder)
-    run.view(folder / "view.html", title=scenario.title)
+    if kind_of(run) is not None:
+        run.view(folder / "view.html", title=scenario.title)
 
 
 def run_example(script: Path, folder: Path) -> None:

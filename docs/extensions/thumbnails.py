@@ -10,7 +10,7 @@ from PIL import Image, ImageOps
 from scipy.spatial.transform import Rotation
 
 from jaxball import AbstractSurface, Disk, Scenario, System, Trajectory, plot
-from jaxball.classical import HeavyTop, RollingEllipsoid
+from jaxball.classical import HeavyTop, LagrangianState, RollingEllipsoid
 from jaxball.classical.state import OrientedState
 from jaxball.plot.palette import FAINT, INK, SHELL, TRAIL
 from jaxball.plot.shapes import split, view, wireframe
@@ -21,6 +21,7 @@ FAR = 3.0  # radii from the start to where a body is shown, which is the smaller
 SHARE = 0.3  # of the run of a rigid body, after which its path covers it
 SMALLER = 0.4  # than a snapshot, with lines as wide
 SIZE, DPI = 2.6, 300
+BLADES, BLADE = 13, 0.05  # how many lines show a heading, and their length relative to the path's extent
 # What a panel shows, by the label of its vertical axis.
 SEEN = {
     r"$\mathbf{E}_2$": "the configuration in the body",
@@ -62,6 +63,8 @@ def write_thumbnail(scenario: Scenario, run: Trajectory[Any, Any], folder: Path)
         figure, words = rolling(scenario, run)
     elif isinstance(run.state, OrientedState):
         figure, words = rigid_body(scenario, run)
+    elif isinstance(run.state, LagrangianState):
+        figure, words = vehicle(run)
     else:
         figure, words = particle(run)
     figure.savefig(folder / "thumbnail.png", dpi=DPI)
@@ -134,3 +137,19 @@ def particle(run: Trajectory[Any, Any]) -> tuple[Figure, str]:
         axis.labelpad = -14
     ax.set_box_aspect((1, 1, 1), zoom=0.85)
     return figure, f"{described(run.system)} at the end of its path in a box, with the path's shadow on the bottom"
+
+
+def vehicle(run: Trajectory[Any, Any]) -> tuple[Figure, str]:
+    """A path on the plane from above, with short lines that show the heading, whose coordinates are the first three."""
+    x, y, heading = np.asarray(run.state.q[:, :3]).T
+    half = 0.5 * BLADE * max(np.ptp(x), np.ptp(y))
+    figure = Figure(figsize=(SIZE, SIZE))
+    ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    ax.plot(x, y, color=TRAIL, linewidth=1.6)
+    for row in np.linspace(0, len(x) - 1, BLADES).astype(int):
+        along = half * np.array([np.cos(heading[row]), np.sin(heading[row])])
+        ends = np.array([x[row], y[row]]) + np.array([[-1.0], [1.0]]) * along
+        ax.plot(*ends.T, color=INK, linewidth=2.0, solid_capstyle="round")
+    ax.set_aspect("equal")
+    ax.set_axis_off()
+    return figure, f"{described(run.system)}: its path from above, with short lines along its blade"

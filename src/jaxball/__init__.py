@@ -12,7 +12,7 @@ A body (``Ball``, ``Disk``) holds point masses (``PointMass``), each with a moti
 - ``environments``: robots in which policies are trained, with adapters to Gymnasium and Brax.
 - ``classical``: the heavy top, Suslov's problem and other systems.
 - ``design``, ``ensemble``, ``sweep``: designs by gradients, many runs side by side, studies.
-- ``plot``, ``results``, ``scenario``, ``mjcf``: figures, saved runs, scenario files, files of MuJoCo.
+- ``plot``, ``results``, ``scenario``, ``mjcf``, ``urdf``: figures, saved runs, scenario files, files of MuJoCo and ROS.
 - ``sensors``: accelerometers, gyroscopes, encoders and cameras, read along a run, exactly or with errors.
 - ``solvers``: implicit methods for diffrax.
 - ``paper``, ``reproduce``, ``verify``, ``bench``: the paper's systems and figures, checks, comparisons of solvers.
@@ -49,6 +49,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         solvers as solvers,
         stability as stability,
         sweep as sweep,
+        urdf as urdf,
         verify as verify,
     )
     from .interface.status import SolveError as SolveError, Status as Status

@@ -20,7 +20,7 @@ SOURCE = Path(jaxball.__file__).parent
 # Of the interface, by the contracts in pyproject.toml: what imports neither files nor figures, and all that solves.
 WITHOUT_FILES = ("physics", "simulation", "numerics", "classical", "solvers", "sensors", "ensemble", "estimation")
 PACKAGES = (
-    *("", "chaos", "classical", "control", "design", "ensemble", "environments", "estimation", "mjcf"),
+    *("", "chaos", "classical", "control", "design", "ensemble", "environments", "estimation", "mjcf", "urdf"),
     *("results", "scenario", "sensors", "solvers", "stability", "sweep", "verify"),
 )
 

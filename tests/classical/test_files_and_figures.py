@@ -70,6 +70,20 @@ def check_laws(figure, laws):
 
 
 @pytest.mark.thorough
+def test_a_rate_has_the_colour_of_its_coordinate_and_is_dashed():
+    """Also where the coordinate is none of x, y and z."""
+    state = classical.LagrangianState([0.0] * 3, [0.5, 0.0, 1.0])
+    ax = plot.classical_motion(jaxball.simulate(classical.ChaplyginSleigh(inertia=0.4, ahead=0.5), TIMES[:2], state))
+    lines = [line for line in ax.get_lines() if not line.get_label().startswith("_")]
+    assert len(lines) == 6
+    for coordinate, rate in zip(lines[:3], lines[3:], strict=True):
+        assert coordinate.get_color() == rate.get_color()
+        assert rate.is_dashed()
+        assert not coordinate.is_dashed()
+    assert len({line.get_color() for line in lines}) == 3
+
+
+@pytest.mark.thorough
 def test_a_law_that_did_not_change_says_so(body):
     still = eqx.tree_at(lambda run: run.state, body, jax.tree.map(lambda leaf: 0 * leaf + leaf[:1], body.state))
     for ax in plot.law_errors(still).axes:

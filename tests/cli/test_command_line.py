@@ -148,7 +148,7 @@ def test_what_a_report_needs(capsys, monkeypatch):
             'FILE must be a scenario file, or the name of a built-in one, but it is "none.',
         ),
         (["simulate", "none.toml"], "(No such file or directory); `jaxball scenarios` lists them."),
-        (["simulate", "ball", "--out", "run.pdf"], "must end in one of .nc, .npz, .csv"),
+        (["simulate", "ball", "--out", "run.pdf"], "must end in one of .nc, .npz, .csv, .mcap"),
         (["simulate", "ball", "--out", "none/run.nc"], 'a folder that exists, but "none" does not'),
         (["simulate", "ball", "--animate", "film.avi"], "must end in one of .mp4, .gif"),
         (["simulate", "ball", "--plot", "good.toml"], '`--plot` must be a folder, but "good.toml" is a file'),

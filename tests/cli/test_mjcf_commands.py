@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from jaxball.cli import main
+from tests.urdf.robots import URDF
 
 ROBOT = """
 format = 1
@@ -29,6 +30,25 @@ def robot(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "robot.toml").write_text(ROBOT)
     return tmp_path
+
+
+@pytest.fixture
+def files(robot):
+    """The folder with a robot in URDF, and an MJCF file."""
+    (robot / "robot.urdf").write_text(URDF.replace("<robot", "<!-- not for <mujoco> -->\n<robot", 1))
+    (robot / "robot.xml").write_text("<mujoco/>")
+    return robot
+
+
+@pytest.mark.thorough
+def test_a_robot_in_urdf_becomes_a_scenario(files, capsys):
+    assert main(["import", "robot.urdf", "--shell", "shell", "--out", "again.toml", "--end", "1", "--step", "0.5"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith('The limits of <joint name="swing">, -1 and 1.2, were not imported, because URDF gives')
+    assert said.endswith("written: again.toml\n")
+    again = tomllib.loads((files / "again.toml").read_text())
+    assert (again["title"], again["body"]["radius"], again["time"]["end"]) == ("pendulum robot", 0.3, 1.0)
+    assert [joint["kind"] for joint in again["mechanisms"][0]["joints"]] == ["hinge", "hinge", "slider"]
 
 
 @pytest.mark.thorough
@@ -65,17 +85,26 @@ def test_files_go_to_standard_output(robot, capsys):
         (["export", "suslov", "--to", "mjcf"], "Key `kind` must be a ball or a disk to be written as MJCF"),
         (["export", "robot.toml", "--to", "mjcf", "--out", "a.txt"], "Argument `--out` must end in .xml"),
         (["import", "robot.toml"], "robot.toml is a scenario; run it with `jaxball simulate robot.toml`."),
-        (["import", "none.xml"], 'FILE must be a file of MuJoCo, but it is "none.xml"'),
+        (["import", "none.xml"], 'FILE must be a file of MuJoCo or ROS, but it is "none.xml"'),
+        (
+            ["import", "robot.urdf", "--contact"],
+            "Argument `--contact` must be left out for a URDF file, which states",
+        ),
+        (["import", "robot.xml", "--shell", "a"], "Argument `--shell` must be left out for a file that is no URDF"),
+        (
+            ["import", "robot.urdf", "--shell", "shel"],
+            "Argument `--shell` must be a link of the file, but it",
+        ),
         (["bench", "engines", "slop"], "PROBLEM must contain slope, slide"),
         (["bench", "--gradients"], "Argument `--gradients` must be left out without the word engines"),
         (["bench", "engines", "--gradients", "--quick"], "Argument `--quick` must be left out with `--gradients`"),
         (["bench", "engines", "--limit", "2"], "Argument `--limit` must be left out after `engines`"),
     ],
 )
-def test_what_is_impossible_is_refused_with_a_sentence(robot, capsys, arguments, sentence):
+def test_what_is_impossible_is_refused_with_a_sentence(files, capsys, arguments, sentence):
     assert main(arguments) == 2
     assert capsys.readouterr().err.startswith(f"jaxball: {sentence}")
-    assert sorted(path.name for path in robot.iterdir()) == ["robot.toml"]
+    assert sorted(path.name for path in files.iterdir()) == ["robot.toml", "robot.urdf", "robot.xml"]
 
 
 def test_what_is_no_xml_is_refused(robot, capsys):

@@ -39,7 +39,7 @@ REFUSED = {
     "simulate text.toml": "text.toml: A scenario must be a TOML document, but it is not: ",
     "simulate ball --set body.mass": "A change must be PATH=VALUE, such as body.mass=2 or masses[0].mass=0.3, but",
     "simulate ball --set masses[7].mass=1": "`masses` has 3 entries, counted from 0.",
-    "simulate ball --out run.pdf": 'Argument `--out` must end in one of .nc, .npz, .csv, but it is "run.pdf".',
+    "simulate ball --out run.pdf": 'Argument `--out` must end in one of .nc, .npz, .csv, .mcap, but it is "run.pdf".',
     "simulate ball --out none/run.nc": 'a folder that exists, but "none" does not; make it first.',
     "simulate ball --json run.txt": 'Argument `--json` must end in .json, but it is "run.txt".',
     "simulate ball --plot text.toml": 'Argument `--plot` must be a folder, but "text.toml" is a file.',

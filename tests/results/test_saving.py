@@ -209,7 +209,7 @@ def test_failure_leaves_the_file_as_it_was(ball, tmp_path, monkeypatch):
 def test_sentences_of_destinations(ball, tmp_path):
     _, trajectory = ball
     cases = {
-        "run.xlsx": r"^Argument `path` must end in one of \.nc, \.npz, \.csv, but it is \".*run\.xlsx\"\.$",
+        "run.xlsx": r"^Argument `path` must end in one of \.nc, \.npz, \.csv, \.mcap, but it is \".*run\.xlsx\"\.$",
         "none/run.nc": r"^Argument `path` must lie in a folder that exists, but \".*none\" does not; make it first\.$",
     }
     for name, sentence in cases.items():

@@ -49,7 +49,15 @@ RELEASED = (
     "slipping-ball",
     "tippe-top",
 )
-CONSERVATIVE = ("free-rigid-body", "heavy-top", "nonholonomic-particle", "rattleback", "suslov", "vakonomic-particle")
+CONSERVATIVE = (
+    "chaplygin-sleigh",
+    "free-rigid-body",
+    "heavy-top",
+    "nonholonomic-particle",
+    "rattleback",
+    "suslov",
+    "vakonomic-particle",
+)
 CLASSICAL = (*CONSERVATIVE, "oblate-ball")
 
 
@@ -185,3 +193,18 @@ def test_classical_systems_keep_their_laws(name):
     for law, values in trajectory.laws._asdict().items():
         changes = np.abs(np.asarray(values - values[:1]))
         assert np.max(changes) < 3e-8, law
+
+
+def test_the_sleigh_comes_round_as_in_closed_form():
+    """ω = Ω₀ sech κt and v = V₀ tanh κt from the cusp on, κ = m a V₀/(I + m a²) and V₀² = Ω₀² (I + m a²)/m."""
+    scenario = load_scenario("chaplygin-sleigh")
+    m, inertia, a = (float(getattr(scenario.system, name)) for name in ("mass", "inertia", "ahead"))
+    V = np.sqrt((inertia + m * a**2) / m)
+    kappa = m * a * V / (inertia + m * a**2)
+    run = scenario.simulate(throw=True)
+    t, theta = np.asarray(run.times) - 4.0, np.asarray(run.state.q[:, 2])
+    v = run.state.qdot[:, 0] * np.cos(theta) + run.state.qdot[:, 1] * np.sin(theta)
+    np.testing.assert_allclose(run.state.qdot[:, 2], 1 / np.cosh(kappa * t), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(v, V * np.tanh(kappa * t), rtol=0, atol=1e-9)
+    turned = 2 * np.arctan(np.tanh(kappa * t / 2)) / kappa
+    np.testing.assert_allclose(theta, turned - turned[0], rtol=0, atol=1e-9)

@@ -7,6 +7,7 @@ import pytest
 
 from jaxball import classical
 from jaxball.scenario import Scenario, ScenarioError, builtin_text, read_scenario, write_scenario
+from tests.support.vehicle_files import VEHICLES, in_python
 
 TOP = """\
 format = 1
@@ -34,6 +35,18 @@ resistance = { rolling = 0.1, dry = 0.02 }
 initial = { axis = [1.0, 0.0, 0.0], angle = 0.2, Omega = [0.1, 0.2, 0.3], z = [1.0, 2.0] }
 time = { start = 0.0, end = 1.0, saves = 3 }
 """
+SLEIGH, RACER = VEHICLES["chaplygin-sleigh"], VEHICLES["roller-racer"]
+
+
+@pytest.mark.parametrize("kind", VEHICLES)
+def test_vehicles_are_those_of_python(kind):
+    system, state = in_python()[kind]
+    scenario = read_scenario(VEHICLES[kind])
+    again = read_scenario(write_scenario(scenario))
+    for read in (scenario, again):
+        assert type(read.system) is type(system)
+        assert jax.tree.structure((read.system, read.state)) == jax.tree.structure((system, state))
+        jax.tree.map(np.testing.assert_array_equal, (read.system, read.state), (system, state))
 
 
 def test_a_top():
@@ -85,6 +98,23 @@ def test_what_is_written_reads_the_same(text):
         (ELLIPSOID, "rolling = 0.1", "rolling = -0.1", "`resistance.rolling` must be 0 or positive"),
         (TOP, "time", "resistance = { rolling = 0.1 }\ntime", "`resistance` is not known"),
         (PARTICLE, "xdot", "xdor", "`initial.xdor` is not known"),
+        (SLEIGH, ", ahead = 0.5", "", "`body.ahead` must be a finite number, but it is missing"),
+        (SLEIGH, "inertia = 0.39", "inertia = 0", "`body.inertia` must be a positive number, but it is 0"),
+        (SLEIGH, "[1.0, 2.0, 0.0]", "[1.0, 2.0]", "`initial.q` must be a list of 3 finite numbers"),
+        (SLEIGH, "[0.5, 0.0, 1.0]", "[0.5, 0.1, 1.0]", "Key `initial.qdot` must keep constraints[0] at the start"),
+        (
+            VEHICLES["rolling-coin"],
+            "q = [0.0, 0.0, 0.0, 0.1, 0.0], qdot = [1.0",
+            "q = [0.0, 0.0, -1e300, 0.1, 0.0], qdot = [1e300",
+            "Key `initial` must be a state in which the equations of motion can be computed, but it is one in which",
+        ),
+        (RACER, "[1.0, 0.0, 0.0, 0.0]", "[1.0, 0.0, 0.0]", "`initial.qdot` must be a list of 4 finite numbers"),
+        (
+            SLEIGH,
+            "time",
+            "solve = { solver = 'radau5', dae = true }\ntime",
+            "`solve.dae` must be false for a system with a Lagrangian",
+        ),
         (
             PARTICLE,
             "[time]",

@@ -30,7 +30,7 @@ COMMANDS = {
     "sweep": "run a study: a scenario with other numbers in each row",
     "design": "find a design by gradients through the simulation",
     "export": "write a scenario's robot as a file of MuJoCo",
-    "import": "read a robot from a file of MuJoCo",
+    "import": "read a robot from a file of MuJoCo or ROS",
     "reproduce": "reproduce both runs of Putkaradze & Rogers (2018)",
     "bench": "compare solvers at equal achieved error",
     "cache": "show or remove kept compiled programs",

@@ -178,6 +178,18 @@ def principal(inertia: Float[np.ndarray, "3 3"]) -> tuple[Float[np.ndarray, "3"]
     return moments, axes
 
 
+def combined(parts: Sequence[Inertial]) -> Inertial:
+    """The inertia of one or more bodies that are fixed to each other."""
+    mass = sum(part.mass for part in parts)
+    centre = np.sum([part.mass * part.axes.shift for part in parts], axis=0) / mass
+    inertia = np.zeros((3, 3))
+    for part in parts:
+        turn, arm = part.axes.turn, part.axes.shift - centre
+        inertia += turn @ np.diag(part.moments) @ turn.T + part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    moments, axes = principal(inertia)
+    return Inertial(mass, Frame(axes, centre), moments)
+
+
 def apply_defaults(root: ET.Element) -> None:
     """Gives the elements of a file the attributes of their classes, and removes the classes.
 

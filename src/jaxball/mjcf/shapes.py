@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from .elements import Angles, Frame, Inertial, MJCFError, called, frame_of, number, numbers, principal, stated_inertial
+from .elements import Angles, Frame, Inertial, MJCFError, called, combined, frame_of, number, numbers, stated_inertial
 
 DENSITY = 1000.0
 Size = Float[np.ndarray, " n"]
@@ -72,14 +72,7 @@ def inertial_of_geoms(body: ET.Element, angles: Angles) -> Inertial | None:
     parts = [part for part in (_part(geom, angles) for geom in body.findall("geom")) if part is not None]
     if not parts:
         return None
-    mass = sum(part.mass for part in parts)
-    centre = np.sum([part.mass * part.axes.shift for part in parts], axis=0) / mass
-    inertia = np.zeros((3, 3))
-    for part in parts:
-        turn, arm = part.axes.turn, part.axes.shift - centre
-        inertia += turn @ np.diag(part.moments) @ turn.T + part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    moments, axes = principal(inertia)
-    return Inertial(mass, Frame(axes, centre), moments)
+    return combined(parts)
 
 
 def _part(geom: ET.Element, angles: Angles) -> Inertial | None:

@@ -32,17 +32,15 @@ from .style import (
 )
 
 LAW_PANEL_HEIGHT = 1.05  # the height of a panel, in inches
-# A coordinate and its rate have the same colour.
-_LOOKS = {
-    letter + dot: (COMPONENTS[k], DASHED if dot else SOLID) for dot in ("", "dot") for k, letter in enumerate("xyz")
-}
 COLOURS = (INK, *MASSES)
 LEAST_DRAWN = 1e-8  # of the expected residual: smaller ones are drawn here
 ROW = 4  # entries in a row of the legend
 
 
 def classical_motion(trajectory: Trajectory[Any, Any], ax: Axes | None = None) -> Axes:
-    """The body components Ω_i of a rigid body, or every number of another state; rates of coordinates are dashed.
+    """The body components Ω_i of a rigid body, or every number of another state.
+
+    A coordinate and its rate have the same colour; the rate is dashed.
 
     **Arguments:**
 
@@ -55,13 +53,13 @@ def classical_motion(trajectory: Trajectory[Any, Any], ax: Axes | None = None) -
     if isinstance(state, OrientedState):
         Omega = components(np.asarray(state.Omega)[rows], r"\Omega")
         return over_time(trajectory.system, times, Omega, r"$\Omega_i$", ax)
-    series = []
+    series, colours = [], {(letter, 0): colour for letter, colour in zip("xyz", COMPONENTS, strict=True)}
     for name, leaf in _numbers(trajectory).items():
         for k, values in enumerate(np.asarray(leaf).reshape(len(trajectory.times), -1).T):
             label = symbol(name) if symbol_of(name) else name if leaf.ndim == 1 else f"{name} {k + 1}"
-            others = sum(earlier.colour in COLOURS for earlier in series)
-            look = _LOOKS.get(name) or (COLOURS[others % len(COLOURS)], SOLID)
-            series.append(Series(values[rows], label, *look))
+            others = len(colours) - len(COMPONENTS)
+            colour = colours.setdefault((name.removesuffix("dot"), k), COLOURS[others % len(COLOURS)])
+            series.append(Series(values[rows], label, colour, DASHED if name.endswith("dot") else SOLID))
     return over_time(trajectory.system, times, series, "state", ax, most=6)
 
 

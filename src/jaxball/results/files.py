@@ -1,20 +1,34 @@
 """The files of saved runs; nothing here needs JAX."""
 
 import contextlib
+import importlib.util
 import warnings
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from ..interface.output import OutputError, check_destination
+from ..interface.wording import one_of, pip_install
 from ..scenario.errors import ScenarioError
 
 FORMAT = 1
-SUFFIXES = (".nc", ".npz", ".csv")
-READ_BACK = SUFFIXES[:2]  # a .csv holds only numbers
+SUFFIXES = (".nc", ".npz", ".csv", ".mcap")
+READ_BACK = SUFFIXES[:2]
+NUMBERS_ONLY = {".csv": "numbers", ".mcap": "messages"}
 # Names in files of earlier versions, and those of today.
 OLDER = {"rejected_steps": "rejected", "rubbed": "friction_loss", "struck": "impact_loss"}
 UNKNOWN_SOLVER = "# Made from a trajectory, which does not contain its solver settings: there is no table [solve].\n"
+
+
+def check_format(path: Path, argument: str = "path") -> None:
+    """Raises an :class:`OutputError` unless a run can be saved at ``path``, which the message calls ``argument``."""
+    check_destination(path, SUFFIXES, argument)
+    if path.suffix == ".mcap" and importlib.util.find_spec("mcap") is None:
+        raise OutputError(
+            f'Argument `{argument}` must end in {one_of(SUFFIXES[:-1])}, but it is "{path}", which needs mcap, and '
+            f"mcap is not installed; {pip_install('mcap')}."
+        )
 
 
 class RunError(ScenarioError):
@@ -24,7 +38,8 @@ class RunError(ScenarioError):
 def check_saved(path: Path) -> None:
     """Raises a :class:`RunError` unless there is a file at ``path`` with the suffix of one that can be loaded."""
     if path.suffix not in READ_BACK:
-        hint = "; a .csv holds only numbers, not the system that they belong to" if path.suffix == ".csv" else ""
+        held = NUMBERS_ONLY.get(path.suffix)
+        hint = f"; a {path.suffix} holds only {held}, not the system that they belong to" if held else ""
         raise RunError(f'A run can be loaded from a {" or ".join(READ_BACK)} file, but this is "{path}"{hint}.')
     if not path.is_file():
         what = "is a folder" if path.is_dir() else "does not exist"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
-from ..interface.output import check_destination, replacing
+from ..interface.output import replacing
 from ..interface.status import Status
 from ..physics.contact.body_on_plane import ContactHistory
 from ..physics.contact.released import ReleasedState
@@ -22,7 +22,8 @@ from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import Trajectory, always_rolls
 from ..simulation.variables import Variable
 from .feedback import feedback_labels
-from .files import FORMAT, SUFFIXES, UNKNOWN_SOLVER
+from .files import FORMAT, SUFFIXES, UNKNOWN_SOLVER, check_format
+from .recording import write_mcap
 from .variables import (
     Variables,
     described_fields,
@@ -193,6 +194,9 @@ def save(
         ``mass_positions_body[0][2]`` (mass 0, the third axis); the column ``status`` is 0 for a solve
         that reached its end, and the number of its :class:`~jaxball.Status` for one that failed. The switches of a run
         with a law of contact and the times of events are left out.
+      - ``.mcap``: a recording with messages in JSON, in Foxglove's schemas where there are any: the frames of the body
+        and of its masses, their shapes, the contact force, the joints, and the variables over time, at the times that
+        the solve reached. Its clock starts at 0, and a unit of time is a second. It needs jaxball's extra ``mcap``.
     - ``scenario``: the scenario whose text is saved with it, as in :func:`to_dataset`.
     - ``sensors``: as in :func:`to_dataset`.
 
@@ -201,8 +205,8 @@ def save(
 
     **Returns:** ``path``.
 
-    **Raises:** :class:`OutputError` when the suffix is another one, or the file cannot be written, ``ValueError`` for a
-    batch of trajectories, and where the body lacks the part that a sensor is on.
+    **Raises:** :class:`OutputError` when the suffix is another one, the file cannot be written, or ``mcap`` is missing
+    for a ``.mcap``, ``ValueError`` for a batch of trajectories, and where the body lacks the part that a sensor is on.
 
     **Example:**
 
@@ -216,7 +220,7 @@ def save(
     ('run.npz', True)
     """
     path = Path(path)
-    check_destination(path, SUFFIXES)
+    check_format(path)
     with replacing(path) as temporary:
         WRITERS[path.suffix](trajectory, temporary, *_with_sensors(trajectory, scenario, sensors))
     return path
@@ -270,6 +274,10 @@ def _write_csv(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario 
     np.savetxt(path, table, fmt="%.17g", delimiter=",", header=",".join(columns), comments="")
 
 
+def _write_mcap(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None, sensors: Sensors) -> None:
+    write_mcap(trajectory, path, _over_time(trajectory, sensors), attributes(trajectory, scenario, sensors))
+
+
 WRITERS: dict[str, Callable[[Trajectory[Any, Any], Path, Scenario | None, Sensors], None]] = dict(
-    zip(SUFFIXES, (_write_netcdf, _write_npz, _write_csv), strict=True)
+    zip(SUFFIXES, (_write_netcdf, _write_npz, _write_csv, _write_mcap), strict=True)
 )

@@ -9,14 +9,20 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..classical import (
+    AbstractLagrangianSystem,
+    ChaplyginSleigh,
     EllipsoidState,
     FreeRigidBody,
     HarmonicAxis,
     HeavyTop,
+    KnifeEdge,
     NonholonomicParticle,
     ParticleState,
     RigidBodyState,
+    RollerRacer,
+    RollingCoin,
     RollingEllipsoid,
+    Snakeboard,
     SuslovProblem,
     VakonomicParticle,
     VakonomicState,
@@ -46,6 +52,35 @@ _AXIS = Module(
 # A family of one, so that a FunctionAxis is refused by name when a file is written.
 _XI = Nested(_AXIS.read, lambda item, path: write_member(item, path, {"harmonic": _AXIS})[1], tables={"": _AXIS.keys})
 
+
+def _positive(*required: str, **defaults: float) -> Keys:
+    """Keys of positive numbers, with their defaults in Python."""
+    return {
+        **{name: Key(Numbers(rule=POSITIVE)) for name in required},
+        **{name: Key(Numbers(rule=POSITIVE), default) for name, default in defaults.items()},
+    }
+
+
+# Those of systems that are made with a Lagrangian, whose states are its coordinates and their rates.
+LAGRANGIAN = {
+    "chaplygin-sleigh": Module(ChaplyginSleigh, {**_positive("inertia", mass=1.0), "ahead": Key(Numbers())}),
+    "knife-edge": Module(
+        KnifeEdge, {**_positive(mass=1.0, inertia=1.0), "slope": Key(Numbers()), "gravity": Key(Numbers(), 1.0)}
+    ),
+    "rolling-coin": Module(
+        RollingCoin,
+        {
+            **_positive(mass=1.0, radius=1.0),
+            "inertia": Key(Numbers((2,), POSITIVE), None),
+            "gravity": Key(Numbers(), 1.0),
+        },
+    ),
+    "snakeboard": Module(Snakeboard, _positive(mass=1.0, board=0.1, rotor=0.1, truck=0.01, half_length=0.5)),
+    "roller-racer": Module(
+        RollerRacer, {**_positive(mass=1.0, rear=0.2, front=0.05), "lengths": Key(Numbers((2,)), (0.5, 0.1))}
+    ),
+}
+
 CLASSICAL = Open(
     AbstractSystem,
     {
@@ -68,6 +103,7 @@ CLASSICAL = Open(
         ),
         "nonholonomic-particle": Module(NonholonomicParticle, PARTICLE_MASS),
         "vakonomic-particle": Module(VakonomicParticle, PARTICLE_MASS),
+        **LAGRANGIAN,
     },
 )
 
@@ -88,12 +124,21 @@ _PARTICLES = {
     ParticleState: _PARTICLE,
     VakonomicState: {**_PARTICLE, "multiplier": Key(Numbers(), None)},
 }
+
+
+def _rest(system: type[AbstractLagrangianSystem]) -> Keys:
+    """The keys of a state of a system with a Lagrangian, which is at rest, with all coordinates 0, if not given."""
+    n = len(system.coordinates)
+    return {name: Key(Numbers((n,)), (0.0,) * n) for name in ("q", "qdot")}
+
+
 # The keys of [initial] by the kind of the system.
 INITIAL = {
     **{kind: {**_ORIENTED["versor"], **_ORIENTED["axis"]} for kind in ("free-rigid-body", "heavy-top", "suslov")},
     "rolling-ellipsoid": {**_ORIENTED["versor"], **_ORIENTED["axis"], **_PLACE},
     "nonholonomic-particle": _PARTICLES[ParticleState],
     "vakonomic-particle": _PARTICLES[VakonomicState],
+    **{kind: _rest(module.type) for kind, module in LAGRANGIAN.items()},
 }
 
 
@@ -116,13 +161,13 @@ def read_classical(
                 "Key `resistance.exact` must be false for a rolling ellipsoid, which has no mode of rest; leave it out."
             )
         system = eqx.tree_at(lambda s: s.resistance, system, read, is_leaf=lambda leaf: leaf is None)
-    state = _read_state(system.state_type, {} if initial is None else initial)
+    state = _read_state(kind, system.state_type, {} if initial is None else initial)
     _refuse(state.conditions())
     try:
         system.require_state(state)
     except ValueError as error:
         raise ScenarioError(str(error).replace("Argument `state.", "Key `initial.")) from None
-    _refuse(system.start_conditions(to_array(start), state))
+    _refuse(system.start_conditions(to_array(start), state), kind in CLASSICAL)
     if kind not in CLASSICAL:
         _require_rates(kind, system, to_array(start), state)
     return system, state
@@ -141,22 +186,23 @@ def write_classical(system: AbstractSystem, state: AbstractState) -> dict[str, A
     elif kind not in CLASSICAL:
         initial = module_of(type(state)).write(state, "initial")
     else:
-        keys = _PARTICLES[type(state)]
+        keys = INITIAL[kind]
         initial = write_table({name: getattr(state, name) for name in keys}, "initial", keys)
     resistance = getattr(system, "resistance", None) if kind in RESISTED else None
     return {"kind": kind, "body": body, **write_surroundings({"resistance": resistance}), "initial": initial}
 
 
-def _read_state(kind: type[AbstractState], values: Any) -> AbstractState:
-    if kind in _BESIDE_ORIENTATION:
-        beside = _BESIDE_ORIENTATION[kind]
+def _read_state(kind: str, state_type: type[AbstractState], values: Any) -> AbstractState:
+    if state_type in _BESIDE_ORIENTATION:
+        beside = _BESIDE_ORIENTATION[state_type]
         choices = {choice: {**keys, **beside} for choice, keys in _ORIENTED.items()}
         choice, table = read_one_of(values, "initial", choices, otherwise={**_OMEGA, **beside})
-        return kind(**read_orientation(choice, table, "initial"))
-    if kind not in _PARTICLES:
-        with trying_class("initial", kind.__name__):
-            return module_of(kind).read(values, "initial")
-    return kind(**read_table(values, "initial", _PARTICLES[kind]))
+        return state_type(**read_orientation(choice, table, "initial"))
+    keys = INITIAL.get(kind, _PARTICLES.get(state_type))
+    if keys is None:
+        with trying_class("initial", state_type.__name__):
+            return module_of(state_type).read(values, "initial")
+    return state_type(**read_table(values, "initial", keys))
 
 
 def _require_rates(kind: str, system: AbstractSystem, start: Any, state: AbstractState) -> None:
@@ -170,16 +216,23 @@ def _require_rates(kind: str, system: AbstractSystem, start: Any, state: Abstrac
         )
 
 
-def _refuse(conditions: Iterable[Condition]) -> None:
+def _refuse(conditions: Iterable[Condition], builtin: bool = False) -> None:
     """Raises for the first condition that does not hold, with the path of its key; see ``require``.
 
-    An error of a kind of its own, such as that about constraints, names the key or the part of the class itself.
+    An error of a kind of its own, such as that about constraints, names the key or the part of the class itself. The
+    parts of a ``builtin`` class fit all numbers but those that overflow.
     """
     for condition in conditions:
         if type(condition) is not Condition:
             if not is_traced(condition.holds):
                 for problem in condition.problems():
                     table, _, name = problem.name.rpartition(".")
+                    if builtin and not table:
+                        raise key_error(
+                            "initial",
+                            "a state in which the equations of motion can be computed",
+                            "one in which numbers here or in `body` are too large or too small",
+                        )
                     raise ScenarioError(
                         problem.sentence("Key", f"initial.{name}") if table else problem.sentence("Part")
                     )

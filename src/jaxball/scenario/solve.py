@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..classical import NonholonomicParticle, VakonomicParticle
+from ..classical import AbstractLagrangianSystem, NonholonomicParticle, VakonomicParticle
 from ..physics.body import Disk
 from ..physics.contact.law import Contact
 from ..physics.system import AbstractSystem
@@ -142,8 +142,9 @@ def check_dae(
         raise ScenarioError(
             "Key `solve.dae` must be false for a disk, whose state has no versor, but it is true; use a ball."
         )
-    if isinstance(system, NonholonomicParticle | VakonomicParticle):
-        raise ScenarioError("Key `solve.dae` must be false for a particle, whose state has no versor, but it is true.")
+    if isinstance(system, NonholonomicParticle | VakonomicParticle | AbstractLagrangianSystem):
+        named = "system with a Lagrangian" if isinstance(system, AbstractLagrangianSystem) else "particle"
+        raise ScenarioError(f"Key `solve.dae` must be false for a {named}, whose state has no versor, but it is true.")
     if (solved := system_to_solve(system, contact)).is_hybrid:
         raise ScenarioError(
             f"Key `solve.dae` must be false for a {solved.title}, whose modes are differential equations, but it is "

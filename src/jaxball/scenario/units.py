@@ -49,7 +49,9 @@ UNITS = {"length": Key(NameOfUnit()), "mass": Key(NameOfUnit()), "time": Key(Nam
 
 @dataclass(frozen=True)
 class Units:
-    """The units of length, mass and time in which the numbers of a scenario are; ``""`` for dimensionless numbers.
+    """The units in which the numbers of a scenario are, by their names; all empty for dimensionless numbers.
+
+    - ``length``, ``mass``, ``time``: such as ``"m"``, ``"kg"`` and ``"s"``.
 
     **Example:**
 

@@ -339,7 +339,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         return results.to_dataset(self)
 
     def save(self, path: str | os.PathLike[str]) -> "pathlib.Path":
-        """Saves the trajectory as ``.nc``, ``.npz`` or ``.csv``; see :func:`jaxball.save`.
+        """Saves the trajectory as ``.nc``, ``.npz``, ``.csv`` or ``.mcap``; see :func:`jaxball.save`.
 
         :func:`jaxball.load_run` reads the first two back. The file has the scenario that was simulated, with its title
         and settings; :func:`jaxball.save` can give it another.

@@ -1,6 +1,7 @@
 """``jaxball import``: a file of another simulator as a scenario."""
 
 import argparse
+import re
 import sys
 from pathlib import Path
 
@@ -9,17 +10,17 @@ from ...scenario.errors import ScenarioError
 from ...scenario.sources import text_of
 from ..input import STDIN, refuse_document
 from ..jax_setup import set_up_jax
-from ..options import STDOUT, add_quiet, positive, say, written_line
+from ..options import STDOUT, BadInputError, add_quiet, positive, say, written_line
 
 DEFAULT_END, DEFAULT_STEP = 10.0, 0.1
 
 
 def add(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Reads an MJCF file, of MuJoCo, with a ball or a disk that carries mechanisms, and writes it as a scenario. "
-        "Anything else is refused, with the name of the element."
+        "Reads an MJCF file, of MuJoCo, with a ball or a disk that carries mechanisms, or a URDF file, of ROS, with a "
+        "ball that does, and writes it as a scenario. Anything else is refused, with the name of the element."
     )
-    parser.add_argument("file", metavar="FILE", help="an MJCF file, or - for standard input")
+    parser.add_argument("file", metavar="FILE", help="an MJCF or a URDF file, or - for standard input")
     parser.add_argument("--out", type=Path, default=STDOUT, metavar="FILE", help=".toml; default: standard output")
     parser.add_argument(
         "--end", type=positive, default=DEFAULT_END, metavar="TIME", help=f"of the run; default: {DEFAULT_END:g}"
@@ -28,8 +29,9 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--step", type=positive, default=DEFAULT_STEP, metavar="TIME", help=f"between saves; default: {DEFAULT_STEP:g}"
     )
     parser.add_argument(
-        "--contact", action="store_true", help="let it slip and fly, with MuJoCo's coefficient of friction"
+        "--contact", action="store_true", help="let it slip and fly, with MuJoCo's coefficient of friction; MJCF alone"
     )
+    parser.add_argument("--shell", metavar="LINK", help="which link rolls, where several have a sphere; URDF alone")
     add_quiet(parser)
 
 
@@ -38,15 +40,27 @@ def run(options: argparse.Namespace) -> int:
         check_destination(options.out, (".toml",), "--out")
     if options.file != STDIN:
         refuse_document(Path(options.file))
-    text = sys.stdin.read() if options.file == STDIN else text_of(options.file, "file of MuJoCo", ScenarioError)
+    text = sys.stdin.read() if options.file == STDIN else text_of(options.file, "file of MuJoCo or ROS", ScenarioError)
+    urdf = _is_urdf(text)
+    if urdf and options.contact:
+        raise BadInputError(
+            "Argument `--contact` must be left out for a URDF file, which states no friction; add `contact` to the "
+            "scenario."
+        )
+    if options.shell is not None and not urdf:
+        raise BadInputError("Argument `--shell` must be left out for a file that is no URDF, where one body rolls.")
     set_up_jax()
     import numpy as np
 
     from ...mjcf import read_mjcf
     from ...scenario import write_scenario
+    from ...urdf import read_urdf
 
     times = options.step * np.arange(max(round(options.end / options.step), 1) + 1)
-    robot = read_mjcf(text, times=times, contact=options.contact)
+    if urdf:
+        robot = read_urdf(text, shell=options.shell, times=times)
+    else:
+        robot = read_mjcf(text, times=times, contact=options.contact)
     written = write_scenario(robot.scenario)
     if options.out == STDOUT:
         sys.stdout.write(written)
@@ -56,3 +70,9 @@ def run(options: argparse.Namespace) -> int:
         write_text(options.out, written)
         say(options, *robot.notes, written_line([options.out]))
     return 0
+
+
+def _is_urdf(text: str) -> bool:
+    """Whether the first element of a text is that of a URDF file."""
+    first = re.search(r"<([A-Za-z_][\w:.-]*)", re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL))
+    return first is not None and first[1] == "robot"

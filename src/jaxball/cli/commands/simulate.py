@@ -8,9 +8,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...interface.output import check_destination, check_view
+from ...interface.output import check_view
 from ...interface.wording import counted
-from ...results.files import SUFFIXES
+from ...results.files import check_format
 from ...scenario.errors import ScenarioError
 from ...scenario.paths import with_values
 from ...scenario.solvers import SOLVERS
@@ -46,7 +46,7 @@ MANY_TIMES = 1_000_000  # times, for which a user should be warned of the wait
 def add(parser: argparse.ArgumentParser) -> None:
     add_scenario(parser)
     parser.add_argument("--end", type=number, metavar="T", help="end at this time, instead of the scenario's")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="save the trajectory: .nc, .npz or .csv")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="save the trajectory: .nc, .npz, .csv or .mcap")
     parser.add_argument(
         "--plot",
         type=Path,
@@ -76,7 +76,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     check_json(options)
     if options.out is not None:
-        check_destination(options.out, SUFFIXES, "--out")
+        check_format(options.out, "--out")
     check_figures_folder(options, "plot", "plot_format")
     if options.view is not None:
         check_view(options.view, "--view")

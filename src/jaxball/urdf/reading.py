@@ -1,0 +1,275 @@
+"""URDF as a scenario: a ball with mechanisms, on a plane."""
+
+import xml.etree.ElementTree as ET
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..interface.arguments import require
+from ..interface.wording import all_of, did_you_mean
+from ..mjcf.elements import Frame, Inertial, called
+from ..mjcf.reading import TIMES, Imported
+from ..numerics.arrays import Numbers
+from ..physics.body import Ball
+from ..physics.frames import MatrixFrame
+from ..physics.mechanisms import (
+    AbstractJoint,
+    AbstractJointForce,
+    CarriedMass,
+    Damper,
+    Hinge,
+    JointForces,
+    JointFriction,
+    Mechanism,
+    Slider,
+    rigid_body_masses,
+)
+from ..physics.state import BallState
+from ..scenario import Scenario
+from .elements import CONTACT, LOOK, Shape, URDFError, number, numbers, parse, reach, shapes_of
+from .tree import HINGES, Joint, Tree, read_tree
+
+GRAVITY = 9.81  # in m/s², the units of every URDF file
+WITHIN = 1 + 1e-9  # of the radius, up to which shapes are inside the shell
+READ = ("link", "joint", "material")
+
+
+class Shell(NamedTuple):
+    """The link that rolls, the radius of its sphere, and the sphere's frame in that of the link."""
+
+    link: str
+    radius: float
+    frame: Frame
+
+
+def from_urdf(text: str, *, shell: str | None = None, times: Numbers = TIMES, gravity: float = GRAVITY) -> Scenario:
+    """The scenario of a ball with mechanisms that a URDF file describes, at rest on a level plane.
+
+    The shell is the link with a sphere as its collision, or, where no link has one, as its visual. All other links are
+    inside, on joints that are revolute, continuous, prismatic or fixed, to whichever side of the shell the root is.
+    `damping` and `friction` of joints are read. The root stands upright, with its z up.
+
+    **Arguments:**
+
+    - ``text``: of the file, which xacro has expanded.
+    - ``shell``: the name of the link that rolls, where several have a sphere; the others must be within its own.
+    - ``times``: the save times, increasing, in s; 0 to 10 by 0.1 if not given.
+    - ``gravity``: in m/s², which URDF does not state.
+
+    **Raises:** :class:`URDFError` for anything else, with the name of the element.
+
+    **Example:**
+
+    >>> from jaxball.urdf import from_urdf
+    >>> ball = '''<robot name="ball"><link name="shell">
+    ...   <inertial><mass value="2"/><inertia ixx="0.05" iyy="0.05" izz="0.05"/></inertial>
+    ...   <collision><geometry><sphere radius="0.2"/></geometry></collision>
+    ... </link></robot>'''
+    >>> float(from_urdf(ball).system.radius)
+    0.2
+    """
+    return read_urdf(text, shell=shell, times=times, gravity=gravity).scenario
+
+
+def read_urdf(text: str, *, shell: str | None = None, times: Numbers = TIMES, gravity: float = GRAVITY) -> Imported:
+    """Reads the scenario of a file as :func:`from_urdf` returns it, with notes on what is not in it.
+
+    **Arguments:**
+
+    - ``text``: the text of the file.
+    - ``shell``: as for :func:`from_urdf`.
+    - ``times``: as for :func:`from_urdf`.
+    - ``gravity``: as for :func:`from_urdf`.
+
+    **Raises:** as :func:`from_urdf`.
+
+    **Example:**
+
+    >>> from jaxball.urdf import URDFError, read_urdf
+    >>> try:
+    ...     read_urdf('<robot name="none"/>')
+    ... except URDFError as error:
+    ...     print(error)
+    The file must have a <link>, the shell, but it has none.
+    """
+    require("text", text, str, "the text of a URDF file")
+    robot = parse(text)
+    tree = read_tree(robot)
+    shapes = {name: shapes_of(link) for name, link in tree.links.items()}
+    rolls = _shell(tree, shapes, shell)
+    _check_inside(tree, shapes, rolls)
+    own = tree.inertial(rolls.link)
+    if own is None:
+        raise URDFError(f"Element {called(tree.links[rolls.link])} must have an <inertial>, but it has none.")
+    ball = Frame(own.axes.turn, tree.frames[rolls.link].of_point(rolls.frame.shift))
+    inside = _Inside(tree, ball)
+    inside.read_joints(rolls.link)
+    system = Ball(
+        mass=own.mass,
+        radius=rolls.radius,
+        inertia=own.moments,
+        gravity=gravity,
+        offset=ball.turn.T @ (own.axes.shift - ball.shift),
+        mechanisms=tuple(inside.mechanisms),
+    )
+    still = np.array_equal(ball.turn, np.eye(3))
+    q = (1.0, 0.0, 0.0, 0.0) if still else np.roll(Rotation.from_matrix(ball.turn).as_quat(), 1)
+    zeros = np.zeros(sum(mechanism.n_joints for mechanism in inside.mechanisms))
+    state = BallState(q=q, theta=zeros, thetadot=zeros)
+    scenario = Scenario(robot.get("name", ""), system, state, np.asarray(times, dtype=float))
+    return Imported(scenario, tuple(_notes(robot, tree, shapes)))
+
+
+def _shell(tree: Tree, shapes: dict[str, list[Shape]], asked: str | None) -> Shell:
+    spheres = {
+        purpose: [(name, shape) for name, own in shapes.items() for shape in own if _is_sphere(shape, purpose)]
+        for purpose in (CONTACT, LOOK)
+    }
+    if asked is not None and asked not in tree.links:
+        others = did_you_mean(asked, tuple(tree.links), f"its links are {', '.join(tree.links)}")
+        raise URDFError(f'Argument `shell` must be a link of the file, but it is "{asked}"{others}')
+    for found in spheres.values():
+        own = [(name, shape) for name, shape in found if asked in (None, name)]
+        if len(own) > 1:
+            which = all_of([called(tree.links[name]) for name, _ in own])
+            out = "leave all but one out" if asked else "name the link that rolls, `shell`, which contains the others"
+            raise URDFError(f"There must be one sphere, the shell, but {len(own)} are in {which}; {out}.")
+        if own:
+            ((name, shape),) = own
+            return Shell(name, number(shape.element, "radius", tree.links[name]), shape.frame)
+    who = f"Element {called(tree.links[asked])} must have" if asked else "There must be a link with"
+    raise URDFError(
+        f'{who} a sphere, which rolls, but there is none; give the <collision> of the shell a <sphere radius="…"/>.'
+    )
+
+
+def _is_sphere(shape: Shape, purpose: str) -> bool:
+    return shape.element.tag == "sphere" and shape.purpose == purpose
+
+
+def _check_inside(tree: Tree, shapes: dict[str, list[Shape]], shell: Shell) -> None:
+    """Raises unless nothing but the shell can touch the plane, and for meshes of links that state no inertia."""
+    centre = tree.frames[shell.link].of_point(shell.frame.shift)
+    for name, own in shapes.items():
+        link, frame = tree.links[name], tree.frames[name]
+        if link.find("inertial") is None and any(shape.element.tag == "mesh" for shape in own):
+            raise URDFError(
+                f"Element {called(link)} must have an <inertial>, because the mass of its mesh is not computed here, "
+                "but it has none; state its mass and its inertia."
+            )
+        for shape in own:
+            if shape.purpose == LOOK or shape.element.tag == "mesh":
+                continue
+            far = reach(shape, link, frame.turn.T @ (centre - frame.shift))
+            if far > WITHIN * shell.radius:
+                raise URDFError(
+                    f"The <collision> of {called(link)} must be inside the shell, a sphere of radius {shell.radius:g}, "
+                    f"because only the shell rolls here, but it reaches {far:g} from its centre; wheels on the ground "
+                    "have no counterpart, and what never touches it needs no <collision>."
+                )
+
+
+class _Inside:
+    """The mechanisms in a shell, while they are read; ``ball`` is the frame of the ball in that of the root."""
+
+    def __init__(self, tree: Tree, ball: Frame):
+        self.tree, self.mechanisms = tree, list[Mechanism]()
+        self.into = Frame(ball.turn.T, -ball.turn.T @ ball.shift)
+
+    def read_joints(self, shell: str) -> None:
+        """Reads each joint on the links that are fixed to the shell, and what is on it, as a mechanism."""
+        for joint in self._joints_on(shell, None):
+            self.joints: list[AbstractJoint] = []
+            self.masses: list[CarriedMass] = []
+            self.names: list[str] = []
+            self._read_joint(joint, shell, None)
+            try:
+                self.mechanisms.append(Mechanism(self.joints, self.masses))
+            except ValueError as error:
+                raise URDFError(f"The links on {all_of(self.names)} are no mechanism: {error}") from None
+
+    def _joints_on(self, link: str, but: Joint | None) -> list[Joint]:
+        together = self.tree.together(link)
+        return [one for one in self.tree.joints if one != but and (one.parent in together or one.child in together)]
+
+    def _read_joint(self, joint: Joint, inner: str, on: int | None) -> None:
+        """Reads a joint on the link ``inner``, which the joint with the index ``on`` carries, None if it is the shell.
+
+        Where the shell is on the side of the child, the joint turns the other way.
+        """
+        before, forward = len(self.joints) - 1, joint.parent in self.tree.together(inner)
+        frame = self.into.then(self.tree.frames[joint.child])
+        axis = frame.turn @ _axis(joint) * (1.0 if forward else -1.0)
+        drive, carrier = _forces(joint), None if on in (None, before) else on
+        hinged = joint.kind in HINGES
+        self.joints.append(Hinge(axis, frame.shift, drive, carrier) if hinged else Slider(axis, drive, carrier))
+        self.names.append(called(joint.element))
+        outer = joint.child if forward else joint.parent
+        own = self.tree.inertial(outer)
+        if own is not None:
+            self.masses += _masses(own._replace(axes=self.into.then(own.axes)), before + 1)
+        for further in self._joints_on(outer, joint):
+            self._read_joint(further, outer, before + 1)
+
+
+def _masses(own: Inertial, joint: int) -> list[CarriedMass]:
+    if not np.any(own.moments):
+        return [CarriedMass(own.mass, own.axes.shift, joint)]
+    axes = MatrixFrame(own.axes.turn)
+    return rigid_body_masses(own.mass, own.moments, centre=own.axes.shift, frame=axes, joint=joint)
+
+
+def _axis(joint: Joint) -> np.ndarray:
+    element = joint.element.find("axis")
+    axis = np.array([1.0, 0.0, 0.0]) if element is None else numbers(element, "xyz", 3, joint.element)
+    if not np.any(axis != 0):
+        raise URDFError(f"The <axis> of {called(joint.element)} must be a direction, but it is 0.")
+    return axis
+
+
+def _forces(joint: Joint) -> AbstractJointForce | None:
+    """The damper and the dry friction of a joint."""
+    element = joint.element.find("dynamics")
+    if element is None:
+        return None
+    forces: list[AbstractJointForce] = []
+    for name, kind in (("damping", Damper), ("friction", JointFriction)):
+        value = number(element, name, joint.element, 0.0)
+        if value < 0:
+            raise URDFError(f"The `{name}` of {called(joint.element)} must be 0 or positive, but it is {value:g}.")
+        forces += [kind(value)] if value else []
+    return JointForces(tuple(forces)) if len(forces) > 1 else forces[0] if forces else None
+
+
+def _notes(robot: ET.Element, tree: Tree, shapes: dict[str, list[Shape]]) -> list[str]:
+    """The sentences about what was left out."""
+    notes = []
+    for joint in tree.joints:
+        limit = joint.element.find("limit")
+        if limit is not None and joint.kind != "continuous":
+            ends = [number(limit, name, joint.element, 0.0) for name in ("lower", "upper")]
+            notes.append(
+                f"The limits of {called(joint.element)}, {ends[0]:g} and {ends[1]:g}, were not imported, because URDF "
+                "gives them no stiffness; add `end-stops` to the joint in the scenario."
+            )
+    limited = [joint for joint in tree.joints if joint.element.find("limit") is not None]
+    if limited:
+        notes.append(
+            f"The `effort` and `velocity` of {all_of([called(joint.element) for joint in limited])} were not imported, "
+            "because URDF has no motors; give them to those that you add."
+        )
+    meshes = [
+        called(tree.links[name])
+        for name, own in shapes.items()
+        if any(shape.element.tag == "mesh" and shape.purpose == CONTACT for shape in own)
+    ]
+    if meshes:
+        notes.append(f"The meshes of {all_of(meshes)} were not read; they are taken to be inside the shell.")
+    light = [called(link) for name, link in tree.links.items() if link.find("inertial") is None and shapes[name]]
+    if light:
+        notes.append(f"The mass of {all_of(light)} is 0, because there is no <inertial>.")
+    others = sorted({element.tag for element in robot if element.tag not in READ})
+    if others:
+        notes.append(f"{all_of([f'<{tag}>' for tag in others])} in <robot> were not read.")
+    return notes
