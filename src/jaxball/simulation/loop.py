@@ -172,7 +172,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
             return min(max_steps, MOST_NATIVELY if traced_natively() else MOST_CHECKPOINTS)
         return self.checkpoints
 
-    def save(
+    def save_states(
         self, saved: SavedStates, interpolation: diffrax.AbstractLocalInterpolation, until: Float[Array, ""]
     ) -> SavedStates:
         """What is saved once the vectors up to ``until`` are known as well, from the interpolation of a step."""
@@ -239,7 +239,7 @@ class _Recorder(NamedTuple):
             if loop.switching.jumps:
                 shown = AfterPauses(output.interpolation)(t0=t0, t1=state.tnext, pause=pause, info=info)
                 info = {"pause": pause, "info": info}
-            saved = loop.save(saved, shown, jnp.where(keep, state.tnext, -jnp.inf))
+            saved = loop.save_states(saved, shown, jnp.where(keep, state.tnext, -jnp.inf))
         if self.dense:
             new = _kept_for_dense_output(new, info, keep)
         if observers is not None:
