@@ -52,8 +52,16 @@ def test_many_rows_are_started_in_slices():
     rows = 2 * grid.ROWS_OF_LAUNCH + 100
     assert start(driver, xla, rows)[0] is None
     spans = [(launch.table[NEXT // 8], launch.table[ROWS // 8]) for launch in driver.launches]
-    assert spans == [(0, grid.ROWS_OF_LAUNCH), (grid.ROWS_OF_LAUNCH, 2 * grid.ROWS_OF_LAUNCH), (2 * grid.ROWS_OF_LAUNCH, rows)]
-    assert [launch.groups * launch.threads for launch in driver.launches] == [grid.ROWS_OF_LAUNCH, grid.ROWS_OF_LAUNCH, 128]
+    assert spans == [
+        (0, grid.ROWS_OF_LAUNCH),
+        (grid.ROWS_OF_LAUNCH, 2 * grid.ROWS_OF_LAUNCH),
+        (2 * grid.ROWS_OF_LAUNCH, rows),
+    ]
+    assert [launch.groups * launch.threads for launch in driver.launches] == [
+        grid.ROWS_OF_LAUNCH,
+        grid.ROWS_OF_LAUNCH,
+        128,
+    ]
 
 
 @pytest.mark.parametrize(("rows", "threads"), [(10, 64), (10**6, stubs.RESIDENT)])

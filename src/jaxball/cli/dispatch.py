@@ -1,7 +1,6 @@
 """Runs the command that was typed, and prints errors as sentences."""
 
 import argparse
-import functools
 import importlib
 import json
 import keyword
@@ -122,7 +121,8 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--version",
-        action=functools.partial(_Version, as_json="--json" in arguments),
+        action=_Version,
+        as_json="--json" in arguments,
         help="show the version and exit; `--version --json` shows what a report of an error needs",
     )
     parser.set_defaults(cache=False)
