@@ -11,8 +11,7 @@ from jaxball.numerics.vectors import cross
 from jaxball.paper import reference
 from jaxball.physics import locked, momentum
 from jaxball.scenario import Scenario, builtin_scenarios
-from jaxball.simulation import DEFAULT_TOLERANCE
-from jaxball.simulation import simulate as simulation
+from jaxball.simulation import DEFAULT_TOLERANCE, simulate as simulation
 from jaxball.verify import LAWS, verify
 from jaxball.verify.case import Case
 from tests.support.paper import paper_ball, paper_disk
