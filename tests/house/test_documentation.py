@@ -58,8 +58,9 @@ LONG_PAGES = (
     "track.md",
     "train.md",
     "training-a-policy.md",
+    "uncertainty.md",
 )
-OF_OTHERS = ("jax.md",)
+OF_OTHERS = ("jax.md", "uncertainty.md")
 # What 05, 09 and 12 show, tests/equilibrium, tests/simulate/test_own_system.py and tests/classical compute as well.
 LONG_EXAMPLES = (
     "03_gradient.py",

@@ -11,7 +11,7 @@ from jaxball.numerics.vectors import cross
 from jaxball.paper import reference
 from jaxball.physics import locked, momentum
 from jaxball.scenario import Scenario, builtin_scenarios, builtin_text
-from jaxball.simulation import simulate as simulation
+from jaxball.simulation import DEFAULT_TOLERANCE, simulate as simulation
 from jaxball.verify import LAWS, verify
 from jaxball.verify.case import Case
 from tests.support.paper import paper_ball, paper_disk
@@ -182,6 +182,20 @@ def test_the_error_is_that_against_the_reference_of_thirty_digits():
     true = np.concatenate([exact.columns(name) for name in names], axis=1)
     errors = np.max(np.abs(states - true) / case.weights[None], axis=1)
     np.testing.assert_allclose(case.errors.max(), errors.max(), rtol=0.01)
+
+
+@pytest.mark.thorough
+def test_the_difference_from_a_run_at_a_hundredth_of_the_tolerance_is_the_error():
+    """By the 30-digit reference. The error falls with the tolerance, so the finer run has far less than a tenth."""
+    exact = reference.ball()
+    times = np.asarray(exact.times)
+    finer = DEFAULT_TOLERANCE / 100
+    run, again = (jaxball.simulate(paper_ball(), times, rtol=rtol, atol=rtol) for rtol in (DEFAULT_TOLERANCE, finer))
+    z = np.asarray(run.state.z)
+    true = np.linalg.norm(z - exact.columns("z"), axis=1)
+    measured = np.linalg.norm(z - np.asarray(again.state.z), axis=1)
+    assert true[1:].min() > 1e-13  # far above rounding
+    np.testing.assert_allclose(measured[1:], true[1:], rtol=0.1)
 
 
 @pytest.mark.slow
