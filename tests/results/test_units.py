@@ -7,8 +7,12 @@ import xarray
 
 from jaxball import load_run, read_scenario, write_scenario
 from jaxball.plot import overview
+from jaxball.plot.sweeps.rows import label_of
 from jaxball.scenario import ScenarioError, Units, builtin_text
 from jaxball.simulation import variables
+from jaxball.sweep import open_dataset, sweep
+from tests.scenario.documents import DISK
+from tests.sweep.studies import pretend, study
 
 SI = '[units]\nlength = "m"\nmass = "kg"\ntime = "s"\n'
 # As UDUNITS reads them: names and whole powers, with a space for a product.
@@ -80,6 +84,16 @@ def test_figures_and_views_name_the_units():
     run = stating(SI).simulate()
     assert "in m, kg, s" in overview(run).get_suptitle()
     assert "in m, kg, s" in run.view().html
+
+
+def test_a_study_of_the_scenario_has_its_units(tmp_path):
+    units = 'units = { length = "m", mass = "kg", time = "s" }\n'
+    rolling = study(tmp_path, scenario=units + DISK)
+    with open_dataset(sweep(rolling, tmp_path / "s.zarr", engine=pretend).store) as data:
+        assert data.phidot.attrs["units"] == "rad s^-1"
+        assert data.reached.attrs["units"] == "s"
+        assert data.z.attrs["units"] == "m"
+        assert label_of(data, "phidot").endswith("(rad s$^{-1}$)")
 
 
 @pytest.mark.parametrize(

@@ -138,7 +138,9 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
             if find.kind and (name in outputs or name == AXES):
                 raise StudyError(f"Key `find` must give names that are not in the store yet, but `{name}` is taken.")
             outputs[name] = _number("time" if end == "_time" else "", f"{name.replace('_', ' ')} of the run")
-    return outputs
+    if template.units is None:
+        return outputs
+    return {name: output._replace(units=template.units.of(output.units)) for name, output in outputs.items()}
 
 
 def state_variables(template: Scenario) -> dict[str, tuple[Variable, tuple[int, ...]]]:

@@ -53,6 +53,7 @@ NUMBERS = {
 Labels = Mapping[str, str] | None
 GREEK = {"Gamma": "Γ", "Lambda": "Λ", "Omega": "Ω", "chi": "χ", "lambda": "λ", "mu": "μ", "phi": "φ", "theta": "θ"}
 SUBSCRIPTS = str.maketrans("0123456789sx", "₀₁₂₃₄₅₆₇₈₉ₛₓ")
+POWER, SUPERSCRIPT = r"\^(-?\d+)", r"$^{\1}$"  # of a unit
 SEED = 0
 FEW_PATHS = 2
 _NEEDED = ("shape", "paths", "path_axis", "path_logarithmic", "axis_scattered")
@@ -319,7 +320,7 @@ def label_of(data: "xarray.Dataset", result: str, labels: Labels = None, *, at_t
         words = f"${symbol_of(name)}{'_{' + ','.join(indices) + '}' if indices else ''}$"
         words += " at the end" if at_the_end else ""
     units = data[name].attrs.get("units", "") or (known.units if known else "")
-    return words if units in ("", "1") else f"{words} ({units})"
+    return words if units in ("", "1") else f"{words} ({re.sub(POWER, SUPERSCRIPT, units)})"
 
 
 def _index(data: "xarray.Dataset", dimension: str, k: int) -> str:
