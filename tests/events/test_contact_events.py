@@ -104,7 +104,7 @@ def test_a_fast_wheel_leaves_the_plane():
     assert run.status == Status.DETACHED
     assert not run.ok
     np.testing.assert_allclose(run.events["lift"].state.phi[0], phi, atol=1e-9)
-    assert "would leave the plane" in run.message
+    assert "would leave the ground" in run.message
     np.testing.assert_array_equal(np.isfinite(run.state.phi), run.reached >= TIMES)
 
 

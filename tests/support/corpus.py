@@ -26,7 +26,7 @@ EVERY_MOTION = """
 format = 1
 title = "Every rail, frame and schedule, on a plane with friction"
 kind = "ball"
-
+units = { length = "m", mass = "kg", time = "s" }
 [body]
 mass = 1.0
 radius = 2.0
