@@ -54,9 +54,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
     )
     from .interface.status import SolveError as SolveError, Status as Status
     from .interface.warning import KinkWarning as KinkWarning
-    from .native import compiler as compiler
     from .numerics.functions import HarmonicSeries as HarmonicSeries
-    from .numerics.users_programs import jit as jit
     from .paper import reference as reference, reproduce as reproduce
     from .physics.body import (
         Ball as Ball,
@@ -191,6 +189,8 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         vector_field as vector_field,
     )
     from .physics.validity import problems as problems
+    from .programs.native import compiler as compiler
+    from .programs.users_functions import jit as jit
     from .results import load_run as load_run, save as save, to_dataset as to_dataset
     from .scenario import (
         LogError as LogError,

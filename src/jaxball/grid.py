@@ -11,8 +11,8 @@ from .cpu import cores
 from .interface.arguments import require, whole_number
 from .interface.status import Status
 from .numerics.arrays import Numbers, to_array, to_numpy
-from .numerics.batches import in_threads, unpadded
-from .numerics.operation import in_threads as rows_in_threads
+from .programs.batches import in_threads, unpadded
+from .programs.operation import in_threads as rows_in_threads
 
 if TYPE_CHECKING:
     import xarray

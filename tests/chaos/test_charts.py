@@ -9,9 +9,9 @@ from matplotlib.colors import to_rgba
 
 import jaxball
 from jaxball.chaos import LyapunovSpectrum, chaplygin_top, chart, rolling_robot
-from jaxball.numerics import operation
 from jaxball.plot import chaos_chart, lyapunov_convergence
 from jaxball.plot.chaos import FAILED, LIFTED
+from jaxball.programs import operation
 
 D = np.array([0.5, 3.0, 3.1])
 SPINS, HEIGHTS = np.array([0.0, 5.0]), np.array([0.05, 0.1, 1.5])

@@ -8,7 +8,7 @@ import pytest
 
 from jaxball import Ball, BallState, Circle, Event, FunctionSchedule, OnRail, PointMass, Status, simulate
 from jaxball.ensemble import simulate_ensemble
-from jaxball.numerics.differentiation import with_unknown_derivatives
+from jaxball.programs.derivatives.differentiation import with_unknown_derivatives
 
 TIMES = np.linspace(0.0, 2.0, 5)
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import Disk, DiskState, Ground, native
+from jaxball import Disk, DiskState, Ground
 from jaxball.ensemble import Maximum, simulate_ensemble
+from jaxball.programs import native
 
 SLOPE, END = 0.3, 2.0
 INERTIAS = np.linspace(0.2, 1.0, 20)

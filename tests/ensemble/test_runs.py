@@ -23,7 +23,7 @@ from jaxball import (
 )
 from jaxball.classical import FreeRigidBody
 from jaxball.ensemble import Maximum, simulate_ensemble
-from jaxball.native import chosen
+from jaxball.programs.native import chosen
 from jaxball.solvers import NDF, Adams, Gauss, RadauIIA
 
 RUNS = 40

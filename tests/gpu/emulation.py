@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from jaxball.native import grid, operations  # noqa: F401 (whose rules are entered)
-from jaxball.native.entry import Entry, written
-from jaxball.native.machine import Code, object_code
-from jaxball.native.table import NEXT, PARTS, ROWS
-from jaxball.native.targets import THREAD, Target
-from jaxball.numerics import operation
-from jaxball.numerics.computation import Computation
+from jaxball.programs import operation
+from jaxball.programs.computation import Computation
+from jaxball.programs.native.calls import grid
+from jaxball.programs.native.calls.table import NEXT, PARTS, ROWS
+from jaxball.programs.native.pipeline import Entry, written
+from jaxball.programs.native.targets.machine import Code, object_code
+from jaxball.programs.native.targets.processors import THREAD, Target
 
 
 def entry_of(computation: Computation, target: Target = THREAD) -> Entry:

@@ -4,7 +4,7 @@ import ctypes
 
 import pytest
 
-from jaxball.native.cuda import CudaError, Driver
+from jaxball.programs.native.targets.cuda import CudaError, Driver
 
 CUBIN = b"\x7fELF of a kernel"
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxball.native.targets import HOST
+from jaxball.programs.native.targets.processors import HOST
 
 from .emulation import Grid, differences, recorded
 from .programs import PROGRAMS

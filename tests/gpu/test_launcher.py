@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from jaxball.native import grid
-from jaxball.native.gpu import GridForm, connect
-from jaxball.native.handler import handler
-from jaxball.native.machine import object_code
-from jaxball.native.table import NEXT, PARTS, ROWS, Part
+from jaxball.programs.native.calls import grid
+from jaxball.programs.native.calls.handler import handler
+from jaxball.programs.native.calls.table import NEXT, PARTS, ROWS, Part
+from jaxball.programs.native.gpu import GridForm, connect
+from jaxball.programs.native.targets.machine import object_code
 
 from . import stubs
 

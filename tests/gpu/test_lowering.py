@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import native
-from jaxball.cache import current
-from jaxball.native import gpu
-from jaxball.native.cuda import CudaError
-from jaxball.numerics import programs
-from tests.cache.test_programs import Memory
+from jaxball import programs
+from jaxball.programs import native
+from jaxball.programs.native import gpu
+from jaxball.programs.native.targets.cuda import CudaError
+from jaxball.programs.store import current
+from tests.programs.store.test_programs import Memory
 
 from . import stubs
 from .programs import height, run

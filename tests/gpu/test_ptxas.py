@@ -6,8 +6,8 @@ import subprocess
 
 import pytest
 
-from jaxball.native.entry import kernel_text
-from jaxball.native.machine import ptx
+from jaxball.programs.native.pipeline import kernel_text
+from jaxball.programs.native.targets.machine import ptx
 
 from .emulation import entry_of, recorded
 from .programs import PROGRAMS

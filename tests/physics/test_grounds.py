@@ -34,10 +34,10 @@ from jaxball import (
     Turntable,
     Washboard,
     contact_extremes,
+    programs,
     simulate,
 )
 from jaxball.ensemble import simulate_ensemble
-from jaxball.numerics import programs
 from jaxball.solvers import Adams, RadauIIA
 from tests.support.on_surfaces import residuals
 

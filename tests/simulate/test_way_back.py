@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.numerics.reverse_rules import pulled_by_forward_mode, put, put_while
+from jaxball.programs.derivatives.reverse_rules import pulled_by_forward_mode, put, put_while
 from jaxball.simulation.adjoint import Parts, Recorded, while_loop
 
 STEPS, ROOM = 11, 16

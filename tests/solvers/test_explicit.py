@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.numerics.reverse_rules import with_rule
+from jaxball.programs.derivatives.reverse_rules import with_rule
 from jaxball.solvers import Projected, ProjectedSteps
 from jaxball.solvers.explicit import depends_on_arguments_alone, with_stages_pulled_back
 

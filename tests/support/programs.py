@@ -13,7 +13,7 @@ import equinox
 import jax
 
 import jaxball.cache
-import jaxball.numerics.programs
+import jaxball.programs.program
 
 # XLA's newer emitters take longer for a loop than all the rest of compiling without optimisations. Processes that test
 # `cpu.prepare` start without this flag.
@@ -71,7 +71,7 @@ def forget_if_many(*, module_ends: bool) -> None:
     if memory > max(LEAST_MEMORY, most) or (module_ends and mappings.read_text().count("\n") > MOST_MAPPINGS):
         equinox.clear_caches()
         jax.clear_caches()
-        jaxball.numerics.programs.forget()
+        jaxball.programs.program.forget()
         gc.collect()
         if hasattr(libc := ctypes.CDLL(None), "malloc_trim"):  # else the C library keeps what is free for itself
             libc.malloc_trim(0)

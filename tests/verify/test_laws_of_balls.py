@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.cache import current
 from jaxball.numerics.vectors import cross
 from jaxball.paper import reference
 from jaxball.physics import locked, momentum
+from jaxball.programs.store import current
 from jaxball.scenario import Scenario, builtin_scenarios, builtin_text
 from jaxball.simulation import DEFAULT_TOLERANCE, simulate as simulation
 from jaxball.verify import LAWS, verify

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .. import programs
 from ..grid import grid_of
 from ..interface.arguments import require_callable, traceable
-from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array
 from ..physics.packing import normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem

@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .. import programs
 from ..interface.arguments import refusal, require_callable, traceable
 from ..interface.status import Status
-from ..numerics import programs
 from ..numerics.arrays import Numbers, numbers, to_array, to_numpy
 from ..physics.packing import Packing, dimension, normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem

@@ -14,9 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
+from .. import programs
 from ..interface.arguments import described, refusal, require_callable, require_value, traceable
 from ..interface.printing import shown
-from ..numerics import programs
 from ..numerics.arrays import Numbers, default_dtype, numbers, to_array
 from ..numerics.kinks import Traced, kinks_of_functions, kinks_seen
 from ..physics.conditions import Condition

@@ -18,8 +18,9 @@ def installation() -> dict[str, Any]:
     """Describes the versions, the processor, the devices, the compilers and the settings of the environment."""
     import jax  # here, because --version alone does without
 
-    from ..native import gpu, machine
-    from ..native.choice import chosen
+    from ..programs.native import gpu
+    from ..programs.native.choice import chosen
+    from ..programs.native.targets import machine
 
     return {
         "jaxball": __version__,

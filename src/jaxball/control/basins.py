@@ -9,14 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from .. import programs
 from ..grid import Grid, grid_of
 from ..interface.arguments import require, whole_number
 from ..interface.printing import Printed
-from ..numerics import programs
 from ..numerics.arrays import Numbers, to_numpy
-from ..numerics.operation import in_threads
 from ..physics.body import System
 from ..physics.force import AbstractWrench
+from ..programs.operation import in_threads
 from .feedback import AbstractFeedback
 from .loop import looped, plant_of
 from .sampled import SampledSystem

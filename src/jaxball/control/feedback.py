@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .. import programs
 from ..interface.arguments import require
 from ..interface.printing import Printed
-from ..numerics import programs
 from ..numerics.arrays import Numbers, default_dtype, is_traced
 from ..physics.body import Ball, Disk, System
 from ..physics.motion import OnRail

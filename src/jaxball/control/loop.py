@@ -10,10 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .. import programs
 from ..interface.arguments import refusal, require, whole_number
 from ..interface.printing import Printed
 from ..interface.status import Status
-from ..numerics import programs
 from ..numerics.arrays import Numbers, is_traced, to_array
 from ..physics.body import System
 from ..physics.force import AbstractWrench, Wrenches

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .. import programs
 from ..interface.arguments import require, whole_number
-from ..numerics import programs
 from ..numerics.arrays import Numbers, is_traced, to_array
 from ..physics.observables import movement
 from ..physics.state import RotationState

@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .. import programs
 from ..interface.printing import shown
 from ..interface.wording import counted
-from ..numerics import programs
 from ..numerics.arrays import AnyArray, Numbers, default_dtype, is_traced, to_numpy
 from ..simulation import DEFAULT_TOLERANCE
 from ..simulation.trajectory import Trajectory

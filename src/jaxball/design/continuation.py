@@ -19,7 +19,7 @@ import scipy.sparse
 import scipy.sparse.linalg
 from jaxtyping import Array, Float, Int
 
-from ..numerics import programs
+from .. import programs
 from ..numerics.bracketing import Sample, between, other_end
 from .problem.space import DesignError
 

@@ -10,7 +10,6 @@ import equinox as eqx
 import numpy as np
 import tomli_w
 
-from ..design import constraints, objectives
 from ..interface.arguments import require_callable
 from ..numerics.arrays import to_array
 from ..physics.body import Ball, Disk
@@ -38,6 +37,7 @@ from ..scenario.values import (
     shown,
     unread,
 )
+from . import constraints, objectives
 from .control.collocation import BARRIER
 from .control.guess import rolling_along
 from .control.problem import VIOLATION

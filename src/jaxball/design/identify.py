@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .. import programs
 from ..interface.arguments import require
 from ..interface.html import repr_html
-from ..numerics import programs
 from ..numerics.arrays import to_numpy
 from ..numerics.fitting import Residuals, determined, fitted, where_finite
 from ..physics.body import Disk

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from .. import programs
 from ..interface.arguments import require_value
-from ..numerics import programs
 from ..numerics.arrays import number_or_none, numbers
 from ..numerics.vectors import ROUNDING_SQUARED, norm
 from ..simulation.equilibrium import imbalance

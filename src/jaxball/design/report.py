@@ -12,10 +12,9 @@ import tomli_w
 from jaxtyping import Array, Float
 from matplotlib.axes import Axes
 
-from .. import plot
+from .. import plot, programs
 from ..interface.output import write_text
 from ..interface.wording import all_of, counted
-from ..numerics import programs
 from ..physics.body import System
 from ..plot.report import write_figure
 from ..scenario import Scenario, ScenarioError, write_scenario

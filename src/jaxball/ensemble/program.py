@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from .. import native
+from .. import programs
 from ..interface.status import Status
-from ..numerics import programs
-from ..numerics.closures import put_captures, take_captures
-from ..numerics.differentiation import with_unknown_derivatives
+from ..programs import native
+from ..programs.derivatives.differentiation import with_unknown_derivatives
+from ..programs.identity.closures import put_captures, take_captures
 from ..simulation.observers import Found, Observation
 from ..simulation.simulate import Method, simulated_and_found
 from ..simulation.trajectory import Trajectory

@@ -14,11 +14,11 @@ from ..interface.arguments import require, require_flags
 from ..interface.printing import Printed, shown
 from ..interface.status import SUCCESSES
 from ..numerics.arrays import Numbers, is_traced, to_numpy
-from ..numerics.operation import in_threads
 from ..physics.contact.body_on_plane import ContactHistory
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem
+from ..programs.operation import in_threads
 from ..simulation.arguments import (
     DEFAULT_TOLERANCE,
     NO_PROGRESS,

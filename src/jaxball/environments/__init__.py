@@ -7,7 +7,7 @@ adapters to what libraries of reinforcement learning take. No figures, no files 
 """
 
 from ..interface.names import interface as _interface
-from ..numerics.batches import in_lanes as in_lanes
+from ..programs.batches import in_lanes as in_lanes
 from .adapters import (
     BraxEnvironment as BraxEnvironment,
     BraxState as BraxState,

@@ -9,8 +9,8 @@ from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from ..numerics.batches import in_lanes
-from ..numerics.users_programs import jit
+from ..programs.batches import in_lanes
+from ..programs.users_functions import jit
 from .environment import Environment, Transition
 
 SEEDS = 2**31  # of random keys that Gymnasium's generator gives

@@ -12,10 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .. import programs
 from ..interface.arguments import refusal
 from ..interface.printing import Printed
 from ..interface.wording import counted
-from ..numerics import programs
 from ..numerics.arrays import is_traced
 from ..physics.state import PlacedState
 

@@ -15,12 +15,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from .. import programs
 from ..control.sampled import SampledSystem, in_words, reached, unreached_by
 from ..control.weights import by_name
 from ..interface.arguments import refusal, require
 from ..interface.printing import Printed
 from ..interface.wording import did_you_mean
-from ..numerics import programs
 from ..numerics.arrays import Numbers, default_dtype, is_traced, to_array
 from ..physics.body import Ball, Disk, System
 from ..physics.system import require_one_state

@@ -17,12 +17,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .. import programs
 from ..control.sampled import in_words
 from ..control.weights import by_name
 from ..interface.arguments import refusal, require
 from ..interface.html import repr_html
 from ..interface.printing import Printed
-from ..numerics import programs
 from ..numerics.arrays import Numbers, default_dtype, to_array, to_numpy
 from ..numerics.fitting import determined, fitted, where_finite
 from ..physics.body import Ball, Disk, System

@@ -1,4 +1,4 @@
-"""Mathematics of small arrays: vectors, versors, linear systems, series, brackets of zeros; derivatives; batches.
+"""Mathematics of small arrays: vectors, versors, linear systems, series, brackets of zeros; kinks of functions of time.
 
-Also compiled programs, and what identifies them. It contains nothing specific to bodies, solvers or files.
+It contains nothing specific to bodies, solvers or files.
 """

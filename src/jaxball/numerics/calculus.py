@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .closures import put_captures, take_captures
+from ..programs.identity.closures import put_captures, take_captures
 
 REFINEMENTS, POINTS_EACH_SIDE = 4, 8  # to a 4096th of the spacing
 Curve = Callable[[Float[Array, ""]], Float[Array, "..."]]

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .batches import map_rows
+from ..programs.batches import map_rows
 from .bracketing import Sample, between, other_end
 
 DIRECTIONS_SAMPLED = 24  # of directions between which one is sought

@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
+from .. import programs
 from ..interface.printing import is_array
 from ..interface.wording import all_of, counted
-from ..numerics import programs
 from ..numerics.arrays import AnyArray, Numbers, concatenated, default_dtype, namespace_of, to_array
 from .breaches import breaches, in_plane
 from .conditions import Condition, ExplainedCondition, Problem, all_hold, positive, positive_inertia, real_inertia

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from ..numerics import programs
+from .. import programs
 from ..numerics.arrays import to_array
 from ..numerics.calculus import Furthest
 from ..numerics.vectors import length

@@ -20,9 +20,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
 from ..numerics.arrays import selected
-from ..numerics.differentiation import without_derivatives
 from ..numerics.directions import unit
 from ..numerics.vectors import apply, root
+from ..programs.derivatives.differentiation import without_derivatives
 from .body import AbstractBody
 from .conditions import Condition, Problem
 from .contact import slip as slips

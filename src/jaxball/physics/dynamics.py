@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..interface.arguments import require_value
-from ..numerics.differentiation import without_derivatives
 from ..numerics.vectors import apply, cross, dot, outer
+from ..programs.derivatives.differentiation import without_derivatives
 from .conditions import Condition
 from .coupling import FactoredInertia, Inertia, Joints, inertia, joined, joint_forces, with_free_joints
 from .footing import contact_normal

@@ -17,8 +17,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.printing import Printed, is_single, shown
-from ..numerics.differentiation import once, without_derivatives
 from ..numerics.kinks import after
+from ..programs.derivatives.differentiation import once, without_derivatives
 
 NONE = -1  # no event
 START = -2  # the start of a run

@@ -15,7 +15,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics.arrays import default_dtype
-from ..numerics.differentiation import differentiated_where, known_or_nothing
+from ..programs.derivatives.differentiation import differentiated_where, known_or_nothing
 from .body import System
 from .dae import algebraic_component, constrained, mass_diagonal
 from .state import State

@@ -17,9 +17,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..numerics.differentiation import without_derivatives
 from ..numerics.directions import diverging
 from ..numerics.vectors import apply, cross, dot, inverse, outer, root
+from ..programs.derivatives.differentiation import without_derivatives
 from .resistance import Resistance, TurningMode
 
 ROUNDING_OF_RATE = 64  # of a rate, in units of rounding: what is smaller is none

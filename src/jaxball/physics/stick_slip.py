@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics.arrays import AnyArray
-from ..numerics.differentiation import without_derivatives
+from ..programs.derivatives.differentiation import without_derivatives
 from .body import AbstractBody
 from .conditions import Condition, ExplainedCondition, Problem
 from .dynamics import holding_friction

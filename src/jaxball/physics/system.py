@@ -22,8 +22,8 @@ from ..interface.arguments import a, described, refusal
 from ..interface.printing import Printed, is_array
 from ..interface.status import Status
 from ..numerics.arrays import AnyArray, Numbers, default_dtype, to_array
-from ..numerics.differentiation import differentiated_where
 from ..numerics.kinks import kinks_seen
+from ..programs.derivatives.differentiation import differentiated_where
 from .conditions import Condition, ExplainedCondition, Problem, unit
 from .hybrid import (
     NO_HISTORY,

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from ..numerics import programs
+from .. import programs
 from ..numerics.arrays import Numbers, default_dtype, to_array, to_numpy
 from .conditions import Condition, ExplainedCondition, Problem, all_hold
 from .packing import Packing

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 
-from ..numerics import programs
+from .. import programs
 from ..numerics.arrays import Numbers, to_array
 from ..numerics.kinks import seen_from_before
 from ..physics.body import System

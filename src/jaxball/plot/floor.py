@@ -10,7 +10,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..numerics import programs
+from .. import programs
 from ..numerics.arrays import to_array
 from ..physics.ground import Ground
 from ..physics.surfaces import AbstractSurface

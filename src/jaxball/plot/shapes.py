@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from mpl_toolkits.mplot3d import Axes3D
 
-from ..numerics import programs
+from .. import programs
 from ..numerics.arrays import to_array
 from ..physics.body import System
 from ..physics.motion import AbstractMotion, Driven, OnRail

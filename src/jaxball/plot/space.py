@@ -13,8 +13,8 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 
+from .. import programs
 from ..interface.wording import counted
-from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array
 from ..physics.body import Disk, System
 from ..physics.moments import kinematics, moments

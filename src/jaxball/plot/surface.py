@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..numerics import programs
+from .. import programs
 from ..numerics.arrays import to_array
 from ..numerics.vectors import apply, cross, unit_vector
 from ..physics.surfaces import AbstractSurface, Bowl, Cylinder, MovingFrame, SphereOutside

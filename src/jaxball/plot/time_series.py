@@ -11,7 +11,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..numerics import programs
+from .. import programs
 from ..numerics.arrays import to_array
 from ..physics.body import Disk
 from ..physics.contact.modes import Mode

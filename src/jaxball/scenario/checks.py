@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from .. import programs
 from ..interface.printing import is_array
-from ..numerics import programs
 from ..numerics.arrays import to_array
 from ..physics.body import System
 from ..physics.breaches import breaches

@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
+from .. import programs
 from ..interface.wording import all_of, counted
-from ..numerics import programs
 from ..numerics.arrays import is_traced, to_array
 from ..numerics.vectors import length
 from ..physics.body import Ball, Disk, PointMass, System

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .. import programs
 from ..interface.arguments import refusal, require
 from ..interface.printing import Printed
-from ..numerics import programs
 from ..numerics.arrays import is_traced, numbers
 
 # Times that differ by less, in spans of the run, are the same: more than rounding, less than any interval.

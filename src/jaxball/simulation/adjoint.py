@@ -16,9 +16,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from ..compat import Program, argument, evaluate, unvmap_any
-from ..native.uninitialised import uninitialised
-from ..numerics.dependence import evaluated, varying_in_loop
-from ..numerics.reverse_rules import added, chosen, or_zeros, replaced, with_rule
+from ..programs.derivatives.dependence import evaluated, varying_in_loop
+from ..programs.derivatives.reverse_rules import added, chosen, or_zeros, replaced, with_rule
+from ..programs.native.emit.uninitialised import uninitialised
 
 Carry = TypeVar("Carry")
 BYTES_FOR_ALL = 2**18  # bytes in which all steps are recorded, if they fit

@@ -11,7 +11,6 @@ from jaxtyping import Array
 from ..interface.arguments import described, refusal, require
 from ..interface.wording import UserError, all_of
 from ..numerics.arrays import Numbers, default_dtype, is_traced, require_numbers, to_array
-from ..numerics.differentiation import is_differentiated_forward
 from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.law import COEFFICIENTS, Contact
@@ -21,6 +20,7 @@ from ..physics.dry_rolling import DryRolling
 from ..physics.ground import require_plane
 from ..physics.stick_slip import StickSlip
 from ..physics.system import AbstractState, AbstractSystem, require_one, require_state, shapes_of_state
+from ..programs.derivatives.differentiation import is_differentiated_forward
 from ..solvers import NDF, TRBDF2, RadauIIA, Trapezoidal
 from . import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
 

@@ -12,10 +12,10 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
-from ..numerics.batches import fill_vectors
 from ..physics.packing import Packing
 from ..physics.rolling import AbstractRollingSystem
 from ..physics.system import AbstractSystem
+from ..programs.batches import fill_vectors
 from ..solvers import AbstractWrappingSolver
 from .loop import by_tolerances, kinks_of, to_kinks
 from .simulate import status_of

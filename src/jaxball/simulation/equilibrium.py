@@ -13,9 +13,9 @@ import numpy as np
 import optimistix
 from jaxtyping import Array, Bool, Float
 
+from .. import programs
 from ..interface.arguments import refusal, require
 from ..interface.printing import Printed
-from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..numerics.vectors import apply, cross, dot
 from ..physics.body import Ball, Disk, PointMass, System, with_masses

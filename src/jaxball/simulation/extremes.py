@@ -8,14 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .. import programs
 from ..interface.arguments import require
 from ..interface.printing import Printed, is_single, shown
 from ..interface.status import Status
-from ..numerics import programs
 from ..numerics.calculus import with_derivatives
-from ..numerics.differentiation import differentiated_where, once
 from ..physics.packing import Packing
 from ..physics.rolling import AbstractRollingSystem, Reaction
+from ..programs.derivatives.differentiation import differentiated_where, once
 from ..solvers.dense.maxima import maxima, moved
 from ..solvers.dense.steps import Steps
 from .trajectory import Interpolant, Trajectory, always_rolls

@@ -17,11 +17,11 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from ..native import traced_natively
 from ..numerics.arrays import selected
-from ..numerics.batches import fill_vectors
-from ..numerics.reverse_rules import CarryOut, at_once, put, put_while
 from ..physics.system import AbstractSystem
+from ..programs.batches import fill_vectors
+from ..programs.derivatives.reverse_rules import CarryOut, at_once, put, put_while
+from ..programs.native import traced_natively
 from ..solvers import StepToKinks
 from ..solvers.dense.continuous import DenseOutput, has_one_tableau
 from ..solvers.dense.pauses import AfterPauses, Pause

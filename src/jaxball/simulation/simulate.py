@@ -11,18 +11,10 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
+from .. import programs
 from ..interface.arguments import require_flags
 from ..interface.status import Status
-from ..numerics import programs
 from ..numerics.arrays import Numbers, is_traced
-from ..numerics.closures import change_with_captures, put_captures, take_captures
-from ..numerics.differentiation import (
-    differentiated_where,
-    forward_only,
-    known_rows,
-    reverse_only,
-    with_unknown_derivatives,
-)
 from ..physics.body import System
 from ..physics.confinement import until_left
 from ..physics.contact.law import Contact
@@ -32,6 +24,14 @@ from ..physics.packing import Packing, ravelled
 from ..physics.state import State
 from ..physics.system import AbstractState, AbstractSystem, require_system
 from ..physics.validity import possible_start
+from ..programs.derivatives.differentiation import (
+    differentiated_where,
+    forward_only,
+    known_rows,
+    reverse_only,
+    with_unknown_derivatives,
+)
+from ..programs.identity.closures import change_with_captures, put_captures, take_captures
 from ..solvers import ProjectedSteps, SwitchingMassMatrixTerm
 from ..solvers.base import approach_of
 from ..solvers.collocation import fills_vectors

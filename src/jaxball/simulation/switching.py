@@ -18,9 +18,9 @@ from jaxtyping import Array, Bool, Float, Int
 from ..interface.status import Status
 from ..numerics.arrays import selected
 from ..numerics.kinks import before_kink
-from ..numerics.reverse_rules import CarryOut, pulled_by_forward_mode, put
 from ..physics.hybrid import NONE, START, Accuracy, GuardedStep, Record, Transition
 from ..physics.packing import Packing
+from ..programs.derivatives.reverse_rules import CarryOut, pulled_by_forward_mode, put
 from ..solvers.dense.steps import sampling
 from .mode_ends import LEAST_LENGTH, RootBracket, bracketed
 

@@ -13,14 +13,12 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 from typing_extensions import TypeVar
 
+from .. import programs
 from ..interface.html import as_html, sketch_of
 from ..interface.printing import Printed
 from ..interface.status import SUCCESSES, SolveError, Status
 from ..interface.wording import counted
-from ..numerics import programs
 from ..numerics.arrays import Numbers, is_traced, to_array
-from ..numerics.batches import map_rows
-from ..numerics.differentiation import differentiated_where, with_unknown_derivatives
 from ..numerics.kinks import seen_from_before
 from ..physics.body import AbstractBody, System
 from ..physics.conditions import Problem
@@ -32,6 +30,8 @@ from ..physics.rolling import AbstractRollingSystem, Reaction
 from ..physics.state import BallState, DiskState, ReducedState, State
 from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import find_problems, not_numbers
+from ..programs.batches import map_rows
+from ..programs.derivatives.differentiation import differentiated_where, with_unknown_derivatives
 from .events import Occurrences
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics.calculus import with_derivatives
-from ..numerics.differentiation import known_or_nothing, known_rows, once, without_derivatives
-from ..numerics.reverse_rules import put_while
 from ..physics.packing import Packing
+from ..programs.derivatives.differentiation import known_or_nothing, known_rows, once, without_derivatives
+from ..programs.derivatives.reverse_rules import put_while
 from ..solvers.dense.crossings import Glance, Kinds, Log, Span, glance, scan
 from ..solvers.dense.steps import last_within
 from .events import AbstractEvent, Occurrences

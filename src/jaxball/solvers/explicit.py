@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..compat import is_traced
-from ..numerics.reverse_rules import CarryOut, added, chosen, or_zeros, replaced
+from ..programs.derivatives.reverse_rules import CarryOut, added, chosen, or_zeros, replaced
 from .wrapping import AbstractWrappingSolver
 
 

@@ -12,8 +12,8 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from ..numerics.batches import fill_vectors
 from ..numerics.linear import complex_inverses, inverses, solutions
+from ..programs.batches import fill_vectors
 from .mass import Mass
 from .tableau import Tableau
 

@@ -5,9 +5,9 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Complex, Float
 
+from .. import programs
 from ..interface.printing import Printed, shown
 from ..interface.status import Status
-from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..physics.packing import dimension, normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem

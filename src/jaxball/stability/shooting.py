@@ -8,8 +8,8 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
+from .. import programs
 from ..interface.status import Status
-from ..numerics import programs
 from ..numerics.linear import least_squares
 from ..physics.ground import Ground
 from ..physics.packing import Packing, normal_of

@@ -10,10 +10,10 @@ import optimistix
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Complex, Float
 
+from .. import programs
 from ..interface.arguments import require
 from ..interface.printing import Printed, shown
 from ..interface.wording import all_of
-from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..numerics.vectors import cross
 from ..physics.body import Ball, System

@@ -14,14 +14,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .. import programs
 from ..control.feedback import AbstractFeedback
 from ..control.loop import ClosedLoop, looped
 from ..control.weights import weight_matrix
 from ..ensemble import AbstractReduction
 from ..ensemble.reductions import Observed, values
 from ..interface.status import Status
-from ..numerics import programs
-from ..numerics.operation import in_threads
+from ..programs.operation import in_threads
 from ..scenario import RegulatorSettings, Scenario
 from ..scenario.closed_loop import LoopNumbers, sampled_of
 from ..scenario.feedback import sample_of

@@ -7,11 +7,11 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
+from .. import programs
 from ..ensemble import AbstractReduction, simulate_ensemble
 from ..ensemble.reductions import CONTACT as CONTACT_REDUCTIONS
-from ..numerics import programs
-from ..numerics.batches import of_rows
 from ..physics.rolling import AbstractRollingSystem
+from ..programs.batches import of_rows
 from ..scenario.solvers import SOLVERS
 from ..simulation.events import AbstractEvent, Detachment
 from ..simulation.trajectory import Trajectory

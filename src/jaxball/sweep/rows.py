@@ -10,10 +10,10 @@ import numpy as np
 import tomli_w
 from jaxtyping import Array, Bool, Float, Int
 
-from ..numerics import programs
+from .. import programs
 from ..numerics.arrays import is_traced
-from ..numerics.batches import in_batches
 from ..physics.body import AbstractBody
+from ..programs.batches import in_batches
 from ..scenario import Scenario, ScenarioError
 from ..scenario.errors import UntraceableError
 from ..scenario.files import Parts, Structure, read_contents

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..numerics import programs
+from .. import programs
 from ..numerics.vectors import apply, cross, dot
 from ..physics import integrals
 from ..physics.body import AbstractBody

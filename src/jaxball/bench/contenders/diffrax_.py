@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ... import solvers
-from ...numerics.users_programs import jit
 from ...paper.reproduce.experiments import Counter, Field, counting
+from ...programs.users_functions import jit
 from ...solvers.multistep import controller_class
 from ..problem import Form, Problem
 from ..translate import jax_field, jax_parameters

@@ -20,9 +20,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ... import programs
 from ...interface.output import write_text
 from ...mjcf import to_mjcf
-from ...numerics import programs
 from ...simulation.simulate import simulate
 from ..measure import Echo, machine, power, seconds, versions
 from . import MUJOCO

@@ -119,7 +119,7 @@ def _motion(options: argparse.Namespace, document: dict[str, Any], period: float
     import jax
     import numpy as np
 
-    from ...numerics.programs import compiled_quickly
+    from ...programs.program import compiled_quickly
     from ...scenario.body import rolling_state
     from ...scenario.checks import message_in_keys
     from ...stability import periodic_motion

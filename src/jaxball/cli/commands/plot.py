@@ -29,7 +29,7 @@ def run(options: argparse.Namespace) -> int:
     refuse_document(options.saved)
     check_saved(options.saved)
     set_up_jax()
-    from ...numerics.programs import compiled_quickly
+    from ...programs.program import compiled_quickly
     from ...results import load_run, saved_scenario
     from ..files import draw_figures
 

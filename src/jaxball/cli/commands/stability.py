@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
         raise BadInputError("Argument `--turning` is for the scenario's initial state; give --initial with it.")
     document = scenario_document(options)
     set_up_jax()
-    from ...numerics.programs import compiled_quickly
+    from ...programs.program import compiled_quickly
     from ..files import motion_content, report, save_motions
 
     scenario = scenario_of(document, options.scenario)

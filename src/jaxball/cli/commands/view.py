@@ -85,7 +85,7 @@ def _rows(text: str) -> tuple[int, ...]:
 def _of_run(options: argparse.Namespace) -> int:
     """Writes the view of a saved run, and prints a summary of the run."""
     from ... import plot
-    from ...numerics.programs import compiled_quickly
+    from ...programs.program import compiled_quickly
     from ...results import load_run, saved_scenario
 
     with working(options, "writing the view"), compiled_quickly():

@@ -21,8 +21,8 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Array, Float, Int
 
-from ...numerics import programs
-from ...numerics.batches import in_batches, of_rows
+from ... import programs
+from ...programs.batches import in_batches, of_rows
 from ...solvers.tableau import Tableau, gauss
 from ..continuation import AbstractEquations
 from .problem import AbstractControlProblem, Path

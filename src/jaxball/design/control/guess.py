@@ -10,7 +10,8 @@ from jaxtyping import Array, Float
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from ...numerics import programs, versor
+from ... import programs
+from ...numerics import versor
 from ...numerics.vectors import apply, cross
 from ...physics.load import load
 from ...physics.moments import velocity_moments

@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...numerics import programs
-from ...numerics.batches import map_rows
+from ... import programs
 from ...physics.body import Ball, Disk, System
 from ...physics.schedules import PiecewiseAcceleration
 from ...physics.signals import PiecewiseSignal
+from ...programs.batches import map_rows
 from ...scenario import Scenario
 from ...scenario.initial import starting_angles
 from ...simulation.equilibrium import imbalance

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from ...numerics import programs
+from ... import programs
 from ...numerics.arrays import Numbers, numbers, require_shape, to_array
 from ...numerics.functions import PiecewisePolynomial, clamped_cubic_spline
 from .space import DesignError

@@ -12,11 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ...numerics import programs
+from ... import programs
 from ...numerics.arrays import to_array
-from ...numerics.batches import of_rows
 from ...physics.body import Ball, Disk, System
 from ...physics.state import BallState, DiskState
+from ...programs.batches import of_rows
 from .requirements import AbstractConstraint, AbstractObjective, require_reachable
 from .run import RAIL_SAMPLES, Run, Solve, run_of
 from .space import Candidate, DesignError, DesignSpace

@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ...numerics.batches import map_rows
 from ...physics.body import System
 from ...physics.coupling import joined, joint_forces
 from ...physics.dynamics import accelerations, given_angles
@@ -23,6 +22,7 @@ from ...physics.motion import Driven, Kinematics, OnRail
 from ...physics.observables import Observables, observe
 from ...physics.rails import AbstractRail
 from ...physics.state import BallState, DiskState
+from ...programs.batches import map_rows
 from ...scenario import Scenario
 from ...scenario.solvers import SOLVERS
 from ...simulation.simulate import simulate

@@ -10,9 +10,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...cache.executables import home_of
-from ...numerics import programs
+from ... import programs
 from ...numerics.arrays import to_array
+from ...programs.identity.names import home_of
 from .problem import Errors, Problem
 from .requirements import OfFunction
 from .space import Bounds

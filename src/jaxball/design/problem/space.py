@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...numerics import programs
+from ... import programs
 from ...numerics.arrays import to_array
 from ...physics.body import Ball, Disk, System
 from ...physics.frames import principal_angles

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ...interface.html import repr_html
 from ...interface.output import write_text
-from ...numerics.programs import compiled_quickly
+from ...programs.program import compiled_quickly
 from ..problem.problem import Evaluation, Problem
 from .optimise import Merit, Optimiser, Progress, load_progress, save_progress
 from .program import Settings, Shooting

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...interface.output import replacing
-from ...numerics.batches import in_batches
+from ...programs.batches import in_batches
 from ..problem.space import DesignError
 from .program import AbstractProgram, Lagrangians, Multipliers, Settings, by_gauss_newton, by_reverse_mode
 

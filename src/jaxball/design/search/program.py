@@ -22,9 +22,9 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
-from ...numerics.batches import of_rows
 from ...physics.body import Ball, Disk, System
 from ...physics.state import BallState, DiskState
+from ...programs.batches import of_rows
 from ...scenario.initial import INITIAL
 from ..problem import shared
 from ..problem.problem import ConstraintLayout, Evaluation, Problem, merged

@@ -19,8 +19,8 @@ from jaxtyping import Float
 
 from ... import paper
 from ...interface.output import write_text
-from ...numerics.programs import compiled_quickly
 from ...physics.body import System
+from ...programs.program import compiled_quickly
 from ...simulation.simulate import simulate
 from ...simulation.trajectory import Trajectory
 from ...solvers import AbstractMassTerm, AbstractWrappingSolver

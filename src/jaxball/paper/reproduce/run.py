@@ -7,7 +7,7 @@ import numpy as np
 
 from ... import paper
 from ...interface.wording import counted
-from ...numerics.programs import compiled_quickly
+from ...programs.program import compiled_quickly
 from ...simulation.simulate import simulate
 from .experiments import (
     EXPERIMENTS,

@@ -29,10 +29,10 @@ from jaxtyping import Array, Bool, Float
 from ...numerics import cooper_verner
 from ...numerics.arrays import selected
 from ...numerics.calculus import with_derivatives
-from ...numerics.differentiation import without_derivatives
 from ...numerics.directions import across, left, unit
 from ...numerics.linear import inverses, solutions
 from ...numerics.vectors import root
+from ...programs.derivatives.differentiation import without_derivatives
 from ..body import AbstractBody
 from ..hybrid import Accuracy
 from .friction import sliding

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...interface.status import Status
 from ...numerics.arrays import selected
-from ...numerics.differentiation import without_derivatives
+from ...programs.derivatives.differentiation import without_derivatives
 from ..hybrid import START, Accuracy, Transition, at_zero
 from . import friction, slip as slips
 from .impact import impact

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from ... import programs
 from ...classical import HeavyTop, RollingEllipsoid, SuslovProblem, VakonomicState
-from ...numerics import programs
 from ...numerics.arrays import to_array
 from ...simulation.trajectory import Trajectory
 from ..palette import COMPONENTS

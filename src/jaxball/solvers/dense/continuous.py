@@ -20,7 +20,7 @@ from numpy.polynomial import legendre
 
 from ...compat import unvmap_any
 from ...numerics.arrays import default_dtype
-from ...numerics.batches import fill_vectors
+from ...programs.batches import fill_vectors
 from ..interpolation import CollocationPolynomial
 from ..stages import combine
 from ..tableau import integrals

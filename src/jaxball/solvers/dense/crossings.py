@@ -30,7 +30,7 @@ from jaxtyping import Array, Bool, Float, Int
 from numpy.polynomial import chebyshev
 
 from ...numerics.arrays import selected
-from ...numerics.reverse_rules import put
+from ...programs.derivatives.reverse_rules import put
 
 # As many samples of a piece as fill a vector, its ends among them.
 SAMPLES_OF_PIECE = 8

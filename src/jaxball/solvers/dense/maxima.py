@@ -8,8 +8,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ...numerics.arrays import selected
-from ...numerics.batches import map_rows
-from ...numerics.differentiation import differentiated_where, without_derivatives
+from ...programs.batches import map_rows
+from ...programs.derivatives.differentiation import differentiated_where, without_derivatives
 from .steps import FINENESS, NARROWER, Steps, Values, sampling
 
 # How many windows are examined in one turn.

@@ -1,0 +1,156 @@
+"""Compiled programs kept between processes, so that each is compiled once on a machine.
+
+The command line keeps them, in the user's cache folder. In Python, one line does:
+
+>>> import jaxball
+>>> jaxball.cache.enable()  # doctest: +SKIP
+True
+
+Kept are jaxball's own programs, also for rails, laws and the like that are yours, and those of functions that
+:func:`jaxball.jit` compiles. A program is identified by jaxball's files, the versions of its dependencies, its
+compiler, XLA's flags, JAX's settings, the processor, the kinds of its arguments, and what your functions and classes in
+it consist of; what cannot be identified is compiled in each process (:func:`jaxball.jit`). It is the same machine code,
+so numbers are the same to the last bit.
+"""
+
+import contextlib
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from .programs.store import current
+from .programs.store.current import GPU, NATIVE, XLA
+from .programs.store.folder import LARGEST_SIZE, Folder
+from .programs.store.folder_store import FolderStore
+
+__all__ = ["Contents", "clear", "contents", "disable", "enable"]
+
+OFF, PLACE = "JAXBALL_NO_CACHE", "JAXBALL_CACHE_DIR"
+# XLA checks preferences of the target processor as though they were instructions, and complains on stderr.
+LOG_LEVEL, OF_ALL_THAT_JAX_STARTS, SILENT = "TF_CPP_MIN_LOG_LEVEL", "1", "3"
+
+
+class Contents(NamedTuple):
+    """The contents of the cache.
+
+    - ``folder``: where it is.
+    - ``files``: the number of files: one for each program, and one for each command with the list of its programs.
+    - ``native``, ``xla``: the number of programs by each compiler.
+    - ``size``, ``limit``: of all files together, in bytes; at the limit, the least recently used are removed.
+    - ``objection``: why it is not used, as a sentence; None if it is.
+    """
+
+    folder: Path
+    files: int
+    native: int
+    xla: int
+    size: int
+    limit: int
+    objection: str | None
+
+
+def enable(folder: str | os.PathLike[str] | None = None) -> bool:
+    """Keeps compiled programs from now on, and uses those already kept.
+
+    Call it before JAX is imported if XLA complains about the processor's features when programs are loaded.
+
+    **Arguments:**
+
+    - ``folder``: where; by default the environment variable ``JAXBALL_CACHE_DIR``, or the user's cache folder.
+
+    **Returns:** whether programs are kept: False where the variable ``JAXBALL_NO_CACHE`` is set, or where the folder
+    cannot be created, belongs to another user or can be written by others; :func:`contents` has the reason. If JAX
+    itself keeps XLA's programs (``JAX_COMPILATION_CACHE_DIR``), those are left to it.
+    """
+    place = _folder(folder)
+    if _objection(place) is not None:
+        return False
+    _silence()
+    current.keep_in(FolderStore(place))
+    return True
+
+
+def disable() -> None:
+    """Neither keeps nor uses programs from now on; existing ones remain."""
+    current.keep_in(None)
+
+
+def contents(folder: str | os.PathLike[str] | None = None) -> Contents:
+    """The contents of the cache, and whether it is used. Does not need JAX.
+
+    **Arguments:**
+
+    - ``folder``: as for :func:`enable`.
+    """
+    place = _folder(folder)
+    entries = place.entries()
+    size = sum(entry.size for entry in entries)
+    of_each = place.count(NATIVE) + place.count(GPU), place.count(XLA)
+    return Contents(place.path, len(entries), *of_each, size, place.limit, _objection(place))
+
+
+def clear(folder: str | os.PathLike[str] | None = None) -> Contents:
+    """Removes all programs, and returns what the contents were. Does not need JAX.
+
+    **Arguments:**
+
+    - ``folder``: as for :func:`enable`.
+
+    **Raises:** ``OSError`` where something cannot be removed.
+    """
+    before = contents(folder)
+    _folder(folder).clear()
+    return before
+
+
+@contextlib.contextmanager
+def of_a_command(arguments: Sequence[str]) -> Iterator[None]:
+    """Keeps programs in this block; afterwards everything is as before. ``arguments`` are those of the command."""
+    if _objection(_folder(None)) is not None or current.store is not None:
+        yield
+        return
+    _silence()
+    store = FolderStore(_folder(None), arguments)
+    with current.kept_in(store):
+        try:
+            yield
+        finally:
+            store.end()
+
+
+def load_early() -> None:
+    """Starts loading, in a thread, what the same command needed when it last ran. JAX must be imported and set up."""
+    if isinstance(current.store, FolderStore):
+        current.store.begin()
+
+
+def in_use() -> Path | None:
+    """The folder in which this process keeps its programs."""
+    return current.store.folder.path if isinstance(current.store, FolderStore) else None
+
+
+def _silence() -> None:
+    if "jax" not in sys.modules and os.environ.get(LOG_LEVEL, OF_ALL_THAT_JAX_STARTS) == OF_ALL_THAT_JAX_STARTS:
+        os.environ[LOG_LEVEL] = SILENT
+
+
+def _folder(chosen: str | os.PathLike[str] | None) -> Folder:
+    place = chosen or os.environ.get(PLACE)
+    if place:
+        return Folder(Path(place).expanduser().absolute(), LARGEST_SIZE)
+    import platformdirs
+
+    return Folder(platformdirs.user_cache_path("jaxball", appauthor=False) / "programs", LARGEST_SIZE)
+
+
+def _objection(folder: Folder) -> str | None:
+    if os.environ.get(OFF, "0") not in ("", "0"):
+        return f"The variable {OFF} is set."
+    objection = folder.objection()
+    return None if objection is None else f'The folder "{folder.path}" {objection}.'
+
+
+def __dir__() -> list[str]:
+    return __all__

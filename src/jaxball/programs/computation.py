@@ -1,0 +1,462 @@
+"""Functions of arrays of certain types: traced once, with their compiled programs and the functions that follow.
+
+What follows from a function is its derivative along tangents, the cotangents of its arguments, and the function of many
+rows or directions at once. Each of these is such a function again, compiled where it is first needed.
+"""
+
+import contextlib
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..compat import Program, captures, evaluate, setting_of_traces, settings
+from ..interface.compilation import compiling
+from . import native
+from .compiled import QUICKLY, Compiled, Place, Rest, kept_by_jax, place_in
+from .derivatives.differentiation import differentiated_forward, without_captured_derivatives
+from .derivatives.reverse_rules import chosen, pulled_by_forward_mode, replaced
+from .store import current
+from .store.current import Store
+
+ROWS_OF_BLOCK = native.FEWEST * native.LANES  # rows that a program computes at once
+ROWS_OF_XLA = 64  # rows that are one solve by XLA on a CPU, where 512 were no faster
+
+_within = setting_of_traces(False)
+
+
+def within_a_computation() -> bool:
+    """Whether what is being traced is a computation of jaxball's own, of which all is compiled as one program."""
+    return _within.value
+
+
+class Result(NamedTuple):
+    """The arrays of a result, and the parts of it that are not."""
+
+    arrays: list[Any]
+    rest: Rest
+
+
+def call_with(
+    function: Callable[..., Any], is_dynamic: Callable[[Any], bool] | None, rest: Rest, arrays: list[Any]
+) -> Result:
+    """The result of a function of PyTrees, of the arrays of its arguments and their ``rest``."""
+    args, kwargs = rest.joined(arrays)
+    result, arrays = parted(*jax.tree.flatten(function(*args, **kwargs)), is_dynamic)
+    return Result([jnp.asarray(native.numbers(array)) for array in arrays], result)
+
+
+def parted(leaves: list[Any], structure: Any, is_dynamic: Callable[[Any], bool] | None) -> tuple[Rest, list[Any]]:
+    """A flattened PyTree as its arrays, which are all leaves if there is no ``is_dynamic``, and the rest."""
+    if is_dynamic is None or not leaves:
+        return Rest(structure, keys=_keys(leaves)), leaves
+    dynamic = tuple(map(is_dynamic, leaves))
+    static = tuple(None if new else leaf for leaf, new in zip(leaves, dynamic, strict=True))
+    arrays = chosen(leaves, dynamic)
+    return Rest(structure, static, dynamic, _keys(arrays)), arrays
+
+
+def _keys(arrays: list[Any]) -> tuple[Any, ...]:
+    keys = tuple(map(native.implementation, arrays))
+    return keys if any(keys) else ()
+
+
+class Computation:
+    """A function of a list of arrays, for arrays of certain types.
+
+    **Arguments:**
+
+    - ``function``: of a list of arrays, to another, or to a :class:`Result`.
+    - ``arrays``: such arrays, or their types.
+    - ``name``: in messages and profiles.
+    - ``large``: whether what has loops over large arrays is compiled natively, too.
+    - ``in_lanes``: whether rows are computed side by side in the lanes of vectors, or else one after another.
+    - ``together``: how many rows XLA computes side by side on a CPU.
+    - ``gives``: the types of the results, where they are known.
+    - ``opaque``: whether all within is one program; otherwise, as in a user's function, computations in it are
+      differentiated and mapped by themselves.
+    """
+
+    # What follows from it: how a function made of ``function`` can be differentiated, and which arguments are linear.
+    smooth: Callable[[list[Any]], Any]  # the same function, in a form that forward mode differentiates
+    linear: tuple[bool, ...]
+    is_derivative = False
+    rows: native.Rows | None = None
+
+    def __init__(
+        self,
+        function: Callable[[list[Any]], Any],
+        arrays: Sequence[Any],
+        *,
+        name: str,
+        large: bool = False,
+        in_lanes: bool = True,
+        together: int = ROWS_OF_XLA,
+        opaque: bool = True,
+        gives: Sequence[Any] | None = None,
+    ):
+        self.function = self.smooth = function
+        self.name, self.large, self.in_lanes, self.together, self.opaque = name, large, in_lanes, together, opaque
+        self._gives = gives
+        self._results: list[Rest] = []
+        self.linear = (False,) * len(arrays)
+        self.traced = native.Lowered(
+            self._of_arrays, arrays, name, native.chosen() == "native", lambda: _within(self.opaque)
+        )
+        self.takes = self.traced.takes
+        self._made: dict[Any, Any] = {}
+
+    def _of_arrays(self, arrays: list[Any]) -> list[Any]:
+        result = self.function(arrays)
+        if not isinstance(result, Result):
+            result = Result(result, Rest(jax.tree.structure(result)))
+        self._results.append(result.rest)
+        return result.arrays
+
+    # What is known of its results
+
+    @property
+    def gives(self) -> list[Any]:
+        """The types of the arrays of the result."""
+        if self._gives is None:
+            self._gives = self._in_store.gives if self._in_store else self.traced.gives
+        return list(self._gives)
+
+    @property
+    def result(self) -> Rest:
+        """The parts of the result that are not arrays."""
+        if self._in_store:
+            return self._in_store.result
+        if not self._results:
+            _ = self.traced.traced
+        return self._results[-1]
+
+    def is_pure(self) -> bool:
+        """Whether it does nothing but compute, of its arguments alone, numbers that XLA's arrays can hold."""
+        if any(not isinstance(one.dtype, np.dtype) or one.dtype == jax.dtypes.float0 for one in self.gives):
+            return False
+        if self._in_store:
+            return self._in_store.target is not None
+        return not self.traced.traced.jaxpr.effects and not self.captures
+
+    @property
+    def captures(self) -> list[Any]:
+        """Arrays that are traced around the function, which uses them besides its arguments."""
+        if self._in_store:
+            return []
+        traced = self.traced.traced
+        return captures(traced) if len(traced.jaxpr.in_avals) > len(self.takes) else []
+
+    def of_captures(self, arrays: list[Any]) -> tuple["Computation", list[Any]]:
+        """The same function of its captures and its own arrays, with all these.
+
+        It is traced here in both forms, because captures cannot be used when the trace around it has ended.
+        """
+        with differentiated_forward(), self.traced.as_traced():
+            forms = [self.traced.traced, self.traced.function.trace(self.takes)]
+        captured = {id(array): array for traced in forms for array in captures(traced)}
+        functions = [_OfCaptures(traced, list(captured), self.opaque) for traced in forms]
+        passed = [*captured.values(), *arrays]
+        made = self._made_of(functions[0], list(map(native.type_of, passed)), self.gives)
+        made.smooth = functions[1]
+        return made, passed
+
+    @functools.cached_property
+    def _in_store(self) -> Compiled | None:
+        """The native program that another process has compiled, which tells what a trace would tell."""
+        if current.store is None or self._results:
+            return None
+        if jax.default_backend() == "cpu":
+            program = self.natively(current.store, compiles=False)
+        else:
+            program = self.on_gpu(current.store, compiles=False)
+        return program if isinstance(program, Compiled) else None
+
+    # Programs
+
+    def here(self, arrays: Sequence[Any]) -> list[Any]:
+        """The results, written into what is being traced."""
+        traced = self.traced if native.traced_natively() else self.traced.for_xla()
+        with traced.as_traced():
+            return traced.function(list(arrays))
+
+    def __call__(self, arrays: Sequence[Any]) -> list[Any]:
+        """The arrays of the result, of arrays that are not traced."""
+        runs = self.runs(current.store)
+        if runs is not None:
+            with contextlib.suppress(native.CallbackReachedError):
+                return runs.numbers(list(arrays))
+        return self.here(arrays)
+
+    def runs(self, store: Store | None) -> Compiled | None:
+        """The program, from the store or compiled: natively, or by XLA if that is chosen or necessary.
+
+        None if JAX compiles it as usual.
+        """
+        natively = self.natively(store)
+        if isinstance(natively, Compiled):
+            return natively
+        if store is None and natively is None:
+            return None
+        return self._once(("xla", store), lambda: self._by_xla(store if native.on_one_cpu() else None, natively))
+
+    def natively(self, store: Store | None, compiles: bool = True) -> Compiled | native.Refusal | None:
+        """The native program, a refusal, or None if the compiler is not chosen or cannot be used.
+
+        - ``compiles``: whether it is compiled if it is not in the store.
+        """
+        if native.chosen() != "native" or not native.allowed():
+            return None
+        return self._once(("native", store), lambda: self._natively(store, compiles))
+
+    def _once(self, which: Any, make: Callable[[], Any]) -> Any:
+        """What ``make`` returns, kept for the present settings unless it is None."""
+        key = which, native.asked_for(), native.settings(), settings()[QUICKLY]
+        if self._made.get(key) is None:
+            self._made[key] = make()
+        return self._made[key]
+
+    def _natively(self, store: Store | None, compiles: bool) -> Compiled | native.Refusal | None:
+        large = self.large or native.asked_for() == "native"
+        quickly = settings()[QUICKLY] and not large  # Vectors would take several times the stack, which threads lack.
+        place = place_in(store, self._described(), "native", large, *native.identity())
+        known = None
+        if place is not None and quickly:
+            known, place = place.found(), place.of_quick_code()
+        if not compiles:
+            return known or (place and place.found())
+        program = known or self._obtained(place, lambda: self.traced.natively(large, quickly, self.rows))
+        if isinstance(program, native.Refusal):
+            native.warn_if_asked_for(program, self.name)
+        return program
+
+    def _by_xla(self, store: Store | None, natively: Any) -> Compiled | None:
+        place = None if kept_by_jax() else place_in(store, self._described(), "xla", settings()[QUICKLY])
+        if place is None and natively is None:
+            return None
+        program = self._obtained(place, self.traced.by_xla)
+        return program if isinstance(program, Compiled) else None
+
+    def _described(self) -> list[Any]:
+        """What determines its programs, besides the compiler."""
+        takes = [(one.shape, one.dtype, one.weak_type) for one in self.takes]
+        return [self.function, self.opaque, self.rows, takes]
+
+    def _obtained(self, place: Place | None, make: Callable[[], Any]) -> Compiled | native.Refusal:
+        """The program: loaded from the store, or compiled and written there."""
+
+        def compiled() -> Compiled | native.Refusal:
+            with compiling():
+                made = make()
+            return made if isinstance(made, native.Refusal) else Compiled(made, self.result)
+
+        return compiled() if place is None else place.obtain(compiled, len(self.takes))
+
+    def program_of_rows(self, rows: tuple[bool, ...], count: int) -> native.Program | None:
+        """The natively compiled program of this many rows, which XLA may call too, if there is one.
+
+        - ``rows``: which arrays have rows as leading axis.
+        """
+        if any(rows) and count == 0:
+            return None
+        several = self.in_lanes and any(rows) and count > 1
+        for computation in (*((self.block(rows),) if several else ()), self):
+            natively = computation.natively(current.store)
+            if isinstance(natively, Compiled) and natively.target is not None:
+                return natively.made
+        return None
+
+    def on_gpu(self, store: Store | None, compiles: bool = True) -> Compiled | native.Refusal | None:
+        """The program by which a GPU computes rows, each in a thread; otherwise like :meth:`natively`."""
+        if native.chosen() != "native" or not native.allowed_on_gpu():
+            return None
+        return self._once(("gpu", store), lambda: self._on_gpu(store, compiles))
+
+    def _on_gpu(self, store: Store | None, compiles: bool) -> Compiled | native.Refusal | None:
+        large = self.large or native.asked_for() == "native"
+        place = place_in(store, self._described(), "gpu", large, *native.identity_on_gpu())
+        if not compiles:
+            return place and place.found()
+        try:
+            program = self._obtained(place, lambda: self.traced.for_gpu(large))
+        except native.CudaError as error:  # which need not come again, so that no store keeps it
+            program = native.Refusal(str(error))
+        if isinstance(program, native.Refusal):
+            native.warn_if_asked_for(program, self.name)
+        return program
+
+    # Computations that follow from it
+
+    @functools.cached_property
+    def _followers(self) -> dict[Any, "Computation"]:
+        return {}
+
+    def _following(self, key: Any, make: Callable[[], "Computation"]) -> "Computation":
+        if key not in self._followers:
+            self._followers.setdefault(key, make())
+        return self._followers[key]
+
+    def _made_of(self, function: Callable[[list[Any]], Any], arrays: Sequence[Any], gives: Sequence[Any]) -> Any:
+        made = Computation(
+            function,
+            arrays,
+            name=self.name,
+            large=self.large,
+            in_lanes=self.in_lanes,
+            together=self.together,
+            opaque=self.opaque,
+            gives=list(gives),
+        )
+        made.is_derivative = self.is_derivative
+        return made
+
+    def tangents(self, which: tuple[bool, ...]) -> "Computation":
+        """The tangents of the results that have some, of the arrays and the tangents of those chosen by ``which``."""
+
+        def make() -> Computation:
+            function = functools.partial(_tangents, self.smooth, which)
+            moving = chosen(self.takes, which)
+            made = self._made_of(function, [*self.takes, *moving], list(filter(_has_tangents, self.gives)))
+            made.linear, made.is_derivative = (False,) * len(which) + (True,) * len(moving), True
+            return made
+
+        return self._following(("tangents", which), make)
+
+    def cotangents(self, which: tuple[bool, ...], of: tuple[bool, ...]) -> "Computation":
+        """The cotangents of the arrays chosen by ``which``, of all arrays and the cotangents of some results.
+
+        - ``of``: which results, among those that have tangents.
+        """
+
+        def make() -> Computation:
+            by_tangents = functools.partial(_cotangents_by_tangents, self.smooth, which, of)
+            going_back = functools.partial(_cotangents, _Traced(self), which, of)
+            given = chosen(list(filter(_has_tangents, self.gives)), of)
+            function = by_tangents if self.is_derivative else going_back
+            made = self._made_of(function, [*self.takes, *given], chosen(self.takes, which))
+            made.smooth = by_tangents
+            made.linear, made.is_derivative = (False,) * len(which) + (True,) * len(given), True
+            return made
+
+        return self._following(("cotangents", which, of), make)
+
+    def directions(self, mapped: tuple[bool, ...], count: int) -> "Computation":
+        """The same of as many of the ``mapped`` arrays, which are linear, so that the rest is computed once."""
+
+        def make() -> Computation:
+            function, smooth = (functools.partial(_in_directions, f, mapped) for f in (_Traced(self), self.smooth))
+            takes = [in_rows(one, count) if many else one for one, many in zip(self.takes, mapped, strict=True)]
+            made = self._made_of(function, takes, [in_rows(one, count) for one in self.gives])
+            made.smooth, made.linear = smooth, self.linear
+            return made
+
+        return self._following(("directions", mapped, count), make)
+
+    def block(self, taken: tuple[bool, ...]) -> "Computation":
+        """The same of a block of rows; ``taken`` says which arrays have them as leading axis."""
+
+        def make() -> Computation:
+            takes = [in_rows(one, ROWS_OF_BLOCK) if many else one for one, many in zip(self.takes, taken, strict=True)]
+            function = functools.partial(_of_each_row, _Traced(self), taken)
+            made = self._made_of(function, takes, [in_rows(one, ROWS_OF_BLOCK) for one in self.gives])
+            made.rows, made.large = native.Rows(ROWS_OF_BLOCK, taken), True
+            return made
+
+        return self._following(("block", taken), make)
+
+
+class _Traced:
+    """The function of a computation, which is not traced again."""
+
+    follows = ("_computation",)  # what does not determine what it computes
+
+    def __init__(self, computation: Computation):
+        self._function, self._computation = computation.function, computation
+
+    def __call__(self, arrays: list[Any]) -> list[Any]:
+        return self._computation.here(arrays)
+
+
+class _OfCaptures:
+    """A traced function as one of arrays that it captured and of its arguments.
+
+    - ``identities``: of all arrays that are passed as captures, some of which it uses.
+    - ``constant``: whether there must be no derivatives of them, because rules within took them as constants.
+    """
+
+    def __init__(self, traced: Any, identities: list[int], constant: bool):
+        self._constant = constant
+        self._program: Program = traced.jaxpr
+        self._places = [identities.index(id(array)) for array in captures(traced)]
+        self._passed = len(identities)
+
+    def __call__(self, arrays: list[Any]) -> list[Any]:
+        captured = [arrays[place] for place in self._places]
+        if self._constant:
+            captured = without_captured_derivatives(captured)
+        return evaluate(self._program, self._program.consts, [*captured, *arrays[self._passed :]])
+
+
+# The functions that computations follow from. They have names, by which a store finds their programs.
+
+
+def _arrays(result: list[Any] | Result) -> list[Any]:
+    return result.arrays if isinstance(result, Result) else result
+
+
+def _tangents(function: Callable, which: tuple[bool, ...], arrays: list[Any]) -> list[Any]:
+    primals, tangents = arrays[: len(which)], arrays[len(which) :]
+
+    def of_moving(*moving: Any) -> list[Any]:
+        return list(filter(_has_tangents, _arrays(function(replaced(primals, which, moving)))))
+
+    with differentiated_forward():
+        return jax.jvp(of_moving, chosen(primals, which), tangents)[1]
+
+
+def _cotangents(function: Callable, which: tuple[bool, ...], of: tuple[bool, ...], arrays: list[Any]) -> list[Any]:
+    primals, cotangents = arrays[: len(which)], arrays[len(which) :]
+
+    def of_moving(*moving: Any) -> list[Any]:
+        results = _arrays(function(replaced(primals, which, moving)))
+        return chosen(list(filter(_has_tangents, results)), of)
+
+    return list(jax.vjp(of_moving, *chosen(primals, which))[1](cotangents))
+
+
+def _cotangents_by_tangents(
+    function: Callable, which: tuple[bool, ...], of: tuple[bool, ...], arrays: list[Any]
+) -> list[Any]:
+    primals, cotangents = arrays[: len(which)], arrays[len(which) :]
+
+    def results(primals: list[Any]) -> list[Any]:
+        return chosen(list(filter(_has_tangents, _arrays(function(primals)))), of)
+
+    with differentiated_forward():
+        pull = pulled_by_forward_mode(results)
+        return chosen(pull((primals, None), cotangents, list(which)), which)
+
+
+def _in_directions(function: Callable, mapped: tuple[bool, ...], arrays: list[Any]) -> list[Any]:
+    return jax.vmap(lambda arrays: _arrays(function(arrays)), in_axes=([0 if many else None for many in mapped],))(
+        arrays
+    )
+
+
+def _of_each_row(function: Callable, taken: tuple[bool, ...], arrays: list[Any]) -> list[Any]:
+    def of_row(row: list[Any]) -> list[Any]:
+        return _arrays(function(replaced(arrays, taken, row)))
+
+    return jax.lax.map(of_row, chosen(arrays, taken))
+
+
+def _has_tangents(array: Any) -> bool:
+    return jnp.issubdtype(array.dtype, jnp.inexact)
+
+
+def in_rows(one: Any, rows: int) -> jax.ShapeDtypeStruct:
+    """The type of this many rows of arrays of a type."""
+    return jax.ShapeDtypeStruct((rows, *one.shape), one.dtype, weak_type=one.weak_type)

@@ -1,0 +1,120 @@
+"""Which results of a program depend on which of its operands, and programs of which only a part is computed."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax.numpy as jnp
+
+from ...compat import Literal, Program, argument, branches, called, function_of, loop
+
+
+def varying(program: Program, constants: Sequence[bool], operands: Sequence[bool]) -> list[bool]:
+    """Which results of a program have derivatives with respect to those ``constants`` and ``operands`` that vary.
+
+    A result that has none may be said to have some, but not the other way round.
+    """
+    jaxpr = program.jaxpr
+    vary = {variable for variable, does in zip(jaxpr.constvars, constants, strict=True) if does}
+    vary |= {variable for variable, does in zip(jaxpr.invars, operands, strict=True) if does}
+
+    def does(variable: Any) -> bool:
+        return not isinstance(variable, Literal) and variable in vary
+
+    for equation in jaxpr.eqns:
+        given = list(map(does, equation.invars))
+        if any(given):
+            results = zip(equation.outvars, _of_equation(equation, given), strict=True)
+            vary |= {variable for variable, varies in results if varies and _has_derivatives(variable)}
+    return list(map(does, jaxpr.outvars))
+
+
+def varying_in_loop(
+    body: Program, constants: Sequence[bool], carried: Sequence[bool], others: Sequence[bool] = ()
+) -> list[bool]:
+    """Which of the arrays that a loop carries vary at its start or after any number of turns.
+
+    - ``constants``: of the program ``body``; its operands are those carried and ``others``.
+    """
+    lasts = list(carried)
+    while True:
+        after = varying(body, constants, [*lasts, *others])
+        following = [one or other for one, other in zip(lasts, after, strict=False)]
+        if following == lasts:
+            return lasts
+        lasts = following
+
+
+def evaluated(
+    program: Program,
+    constants: Sequence[Any],
+    operands: Sequence[Any],
+    which: Sequence[bool],
+    instead: Callable[[Any, list[Any]], Sequence[Any] | None],
+) -> list[Any]:
+    """The results of a program that are chosen by ``which``; nothing else is computed.
+
+    - ``instead``: of an equation and its operands its results, if it is not to be carried out, and None otherwise.
+    """
+    jaxpr = program.jaxpr
+    wanted = [variable for variable, is_wanted in zip(jaxpr.outvars, which, strict=True) if is_wanted]
+    values = dict(zip(jaxpr.constvars, constants, strict=True)) | dict(zip(jaxpr.invars, operands, strict=True))
+
+    def read(variable: Any) -> Any:
+        return variable.val if isinstance(variable, Literal) else values[variable]
+
+    for equation in _needed(program, wanted):
+        given = list(map(read, equation.invars))
+        results = instead(equation, given)
+        if results is None:
+            results = function_of(equation)(*given)
+            results = results if equation.primitive.multiple_results else [results]
+        values |= dict(zip(equation.outvars, results, strict=True))
+    return list(map(read, wanted))
+
+
+def _of_equation(equation: Any, given: list[bool]) -> list[bool]:
+    name, inner = equation.primitive.name, called(equation)
+    if name == "stop_gradient":
+        return [False]
+    if inner is not None:
+        return varying(inner, _none(inner), given)
+    if name == "cond":
+        each = [varying(branch, _none(branch), given[1:]) for branch in branches(equation)]
+        return [any(ways) for ways in zip(*each, strict=True)]
+    if name == "while":
+        first = argument(equation, "cond_nconsts")
+        start, body = first + argument(equation, "body_nconsts"), argument(equation, "body_jaxpr")
+        return _after_a_loop(body, given[first:start], given[start:], [])[: len(given) - start]
+    if name == "scan":
+        scan = loop(equation)
+        carried = scan.constants + scan.carried
+        return _after_a_loop(scan.body, given[: scan.constants], given[scan.constants : carried], given[carried:])
+    return [any(given)] * len(equation.outvars)
+
+
+def _after_a_loop(body: Program, constants: list[bool], carried: list[bool], sequences: list[bool]) -> list[bool]:
+    """The same of a loop whose constants are the first operands of its body."""
+    while True:
+        after = varying(body, _none(body), [*constants, *carried, *sequences])
+        following = [one or other for one, other in zip(carried, after, strict=False)]
+        if following == carried:
+            return [*carried, *after[len(carried) :]]
+        carried = following
+
+
+def _needed(program: Program, wanted: Sequence[Any]) -> list[Any]:
+    """The equations that some variables of a program need."""
+    needed, equations = {variable for variable in wanted if not isinstance(variable, Literal)}, []
+    for equation in reversed(program.jaxpr.eqns):
+        if not needed.isdisjoint(equation.outvars):
+            needed |= {variable for variable in equation.invars if not isinstance(variable, Literal)}
+            equations.append(equation)
+    return equations[::-1]
+
+
+def _none(program: Program) -> list[bool]:
+    return [False] * len(program.consts)
+
+
+def _has_derivatives(variable: Any) -> bool:
+    return jnp.issubdtype(variable.aval.dtype, jnp.inexact)

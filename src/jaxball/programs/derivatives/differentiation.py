@@ -1,0 +1,187 @@
+"""Which derivatives numbers have: none where they are unused or unknown, and a clear error in modes without any.
+
+A loop that goes back over its steps only has reverse mode, and only once; a plain loop only has forward mode. JAX finds
+out after the solve is traced, and reports it in terms of its internals. Numbers that go into the former are marked:
+their tangents cannot be evaluated, only transposed, and the result of that cannot be transposed again. Numbers that
+come out of a plain loop are marked: their tangents cannot be transposed. Times and states of events are marked: their
+tangents cannot be differentiated again.
+"""
+
+import contextlib
+from typing import Any, NoReturn, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, PyTree
+
+from ...compat import batch_by, declare_linear, differentiate_by, primitive, setting_of_traces
+
+Tree = TypeVar("Tree", bound=PyTree)
+
+WAY_OUT = (
+    "leave it out, and simulate has both modes, in any order. Where JAX cannot take the solve as one operation "
+    "(jax.disable_jit, jax.debug_nans, several devices), this is the default: "
+    "pass adjoint=diffrax.ForwardMode() there."
+)
+NO_FORWARD = (
+    "Argument `adjoint` must not be diffrax.RecursiveCheckpointAdjoint(), which has reverse mode only (jax.grad, "
+    "jax.jacrev, jax.vjp), where a solve is differentiated in forward mode (jax.jvp, jax.jacfwd, jax.linearize, "
+    f"jax.hessian); {WAY_OUT}"
+)
+NO_SECOND = (
+    "Argument `adjoint` must not be diffrax.RecursiveCheckpointAdjoint() for second derivatives, because its loop does "
+    f"not support reverse mode over reverse mode; {WAY_OUT}"
+)
+NO_REVERSE = (
+    "Argument `adjoint` must not be diffrax.ForwardMode(), which has forward mode only (jax.jvp, jax.jacfwd), where a "
+    "solve is differentiated in reverse mode (jax.grad, jax.jacrev, jax.vjp); leave it out, and simulate has both."
+)
+NO_SECOND_OF = (
+    "Second derivatives are only those of states at fixed times, but they were requested for {what}, which have only "
+    "first derivatives; take differences of these."
+)
+NO_CAPTURED = (
+    "A run has no derivatives with respect to a traced number that is hidden in a function, such as in a list or in an "
+    "attribute of an object that is called. Pass the number as `parameters` of the object that takes the function, or "
+    "as `level` of an event, or write the function with `def` or `lambda`, whose captured numbers are found."
+)
+
+
+_forward = setting_of_traces(False)
+
+
+def differentiated_forward() -> contextlib.AbstractContextManager[Any]:
+    """The context in which what is traced is differentiated in forward mode."""
+    return _forward(True)
+
+
+def is_differentiated_forward() -> bool:
+    """Whether what is being traced is differentiated in forward mode; if not, it is in reverse mode, or not at all."""
+    return _forward.value
+
+
+def reverse_only(tree: PyTree) -> PyTree:
+    """``tree`` unchanged, with derivatives in reverse mode, once; a clear ``TypeError`` for others."""
+    numbers, others = eqx.partition(tree, eqx.is_inexact_array)
+    return eqx.combine(jax.tree.map(_number.bind, numbers), others)
+
+
+def forward_only(tree: PyTree) -> PyTree:
+    """``tree`` unchanged, with derivatives in forward mode; a clear ``TypeError`` for reverse mode."""
+    numbers, others = eqx.partition(tree, eqx.is_inexact_array)
+    return eqx.combine(jax.tree.map(_result.bind, numbers), others)
+
+
+def once(what: str, tree: PyTree) -> PyTree:
+    """``tree`` unchanged, with first derivatives; a clear ``TypeError`` that names ``what`` it is for second ones."""
+    numbers, others = eqx.partition(tree, eqx.is_inexact_array)
+    return eqx.combine(jax.tree.map(lambda leaf: _found.bind(leaf, what=what), numbers), others)
+
+
+def without_captured_derivatives(arrays: list[Any]) -> list[Any]:
+    """The arrays, with a clear ``TypeError`` instead of derivatives with respect to them."""
+    return [_captured.bind(x) if jnp.issubdtype(x.dtype, jnp.inexact) else x for x in arrays]
+
+
+def _same(x: Any, **_) -> Any:
+    return x
+
+
+def _no_forward(*_, **__) -> NoReturn:
+    raise TypeError(NO_FORWARD)
+
+
+def _no_reverse(*_, **__) -> NoReturn:
+    raise TypeError(NO_REVERSE)
+
+
+def _no_captured(*_, **__) -> NoReturn:
+    raise TypeError(NO_CAPTURED)
+
+
+def _no_second_of(*_, what: str) -> NoReturn:
+    raise TypeError(NO_SECOND_OF.format(what=what))
+
+
+def _no_second(*_, **__) -> NoReturn:
+    raise TypeError(NO_SECOND)
+
+
+_number = primitive("number_of_solve", _same)
+_tangent = primitive("tangent_of_solve", _no_forward)
+_cotangent = primitive("cotangent_of_solve", _same)
+_result = primitive("result_of_solve", _same)
+_found = primitive("found_in_solve", _same)
+_captured = primitive("captured_in_solve", _same)
+_tangent_of_found = primitive("tangent_of_found_in_solve", _same)
+
+differentiate_by(_number, lambda primals, tangents: (_number.bind(*primals), _tangent.bind(*tangents)))
+batch_by(_tangent, _no_forward)
+declare_linear(_tangent, lambda cotangent, _: [_cotangent.bind(cotangent)])
+declare_linear(_cotangent, _no_second)
+declare_linear(_result, _no_reverse)
+
+differentiate_by(
+    _found,
+    lambda primals, tangents, what: (_found.bind(*primals, what=what), _tangent_of_found.bind(*tangents, what=what)),
+)
+declare_linear(_tangent_of_found, lambda cotangent, _, what: [cotangent])
+differentiate_by(_tangent_of_found, _no_second_of)
+differentiate_by(_captured, _no_captured)
+
+
+def differentiated_where(used: Bool[Array, ""], tree: Tree) -> Tree:
+    """``tree`` unchanged, with derivatives only where it is ``used``.
+
+    Values computed from an unused entry may have infinite derivatives. A mask on the result sends a zero back to them,
+    and 0 · ∞ is NaN; this stops it.
+    """
+
+    numbers, others = eqx.partition(tree, eqx.is_inexact_array)
+    masked = jax.tree.map(lambda leaf: jnp.where(used, leaf, jax.lax.stop_gradient(leaf)), numbers)
+    return eqx.combine(masked, others)
+
+
+def known_or_nothing(known: Bool[Array, "*rows"], leaf: Array) -> Array:
+    """``leaf`` where it is known; elsewhere NaN, or −1 where it consists of integers."""
+    nothing = jnp.nan if jnp.issubdtype(leaf.dtype, jnp.inexact) else -1
+    return jnp.where(known, leaf, jnp.asarray(nothing, leaf.dtype))
+
+
+def known_rows(known: Bool[Array, " rows"], leaf: Array) -> Array:
+    """The rows of ``leaf`` that are known; the others as :func:`known_or_nothing` has them."""
+    return known_or_nothing(known.reshape(-1, *(1,) * (leaf.ndim - 1)), leaf)
+
+
+def without_derivatives(tree: Tree) -> Tree:
+    """``tree`` unchanged, as a constant."""
+    numbers, others = eqx.partition(tree, eqx.is_inexact_array)
+    return eqx.combine(jax.lax.stop_gradient(numbers), others)
+
+
+def with_unknown_derivatives(tree: Tree, given: PyTree, here: Bool[Array, ""] | bool = False) -> Tree:
+    """``tree`` unchanged, with NaN derivatives with respect to ``given`` ``here`` and wherever it is NaN itself.
+
+    A mask that puts NaN there has the derivative 0, as if the result depended on nothing. Unused parts of a result
+    still have no effect: in reverse mode a cotangent of 0 stays 0.
+    """
+    inputs = [jnp.sum(leaf) for leaf in jax.tree.leaves(given) if eqx.is_inexact_array(leaf)]
+    numbers, others = eqx.partition(tree, eqx.is_inexact_array)
+    together: dict[Any, Array] = {}  # of each type
+
+    def one(leaf: Array) -> Array:
+        if leaf.dtype not in together:
+            together[leaf.dtype] = sum((x.astype(leaf.dtype) for x in inputs), jnp.zeros((), leaf.dtype))
+        unknown = _zero.bind(jnp.broadcast_to(together[leaf.dtype], leaf.shape))
+        # Less 0 a number is itself, also where it is −0, so that a compiler can leave all of this out.
+        return jnp.where(here | jnp.isnan(leaf), leaf - unknown, leaf)
+
+    return eqx.combine(jax.tree.map(one, numbers), others)
+
+
+# 0, whose tangents are NaN, as is each returning cotangent except one of 0.
+_zero = primitive("zero_of_unknown_derivative", jnp.zeros_like)
+_nan = primitive("unknown_derivative", lambda x: jnp.full_like(x, jnp.nan))
+declare_linear(_nan, lambda cotangent, _: [jnp.where(cotangent == 0, cotangent, jnp.nan)])
+differentiate_by(_zero, lambda primals, tangents: (_zero.bind(*primals), _nan.bind(*tangents)))

@@ -1,0 +1,178 @@
+"""Functions with rules of their own for reverse mode, which are told what varies and need not compute anything else.
+
+Among them are loops that write rows of arrays.
+"""
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Bool, Int
+
+from ...compat import evaluate, unvmap_any
+from ..batches import map_rows
+
+Forward = Callable[[Any], tuple[Any, Any]]
+Pull = Callable[[Any, Any, Any], Any]
+CarryOut = Callable[[Callable[[Any], Any], Pull, Any], Any]  # a function, a pull of it, and operands: the results
+Index = Int[Array, ""]
+
+
+def at_once(function: Callable[[Any], Any], pull: Pull, operands: Any) -> Any:
+    """The results of a function, with its own derivatives."""
+    return function(operands)
+
+
+def with_rule(function: Callable[[Any], Any], forward: Forward, pull: Pull) -> Callable[[Any], Any]:
+    """``function`` of a PyTree of arrays, with a rule for derivatives in reverse mode.
+
+    - ``forward``: of the same PyTree, the results and what is kept for the way back.
+    - ``pull``: the cotangents of the arrays, None for those that do not vary. It takes what ``forward`` kept, the
+      cotangents of the results, in which None is zero, and a PyTree that says of each array whether it varies.
+    """
+
+    def kept(operands: Any) -> tuple[Any, Any]:
+        varies = jax.tree.map(_varies, operands)
+        results, residuals = forward(jax.tree.map(lambda x: x.value, operands))
+        # Only arrays can be kept, but in structures that may differ.
+        return results, (residuals, jax.tree.map(lambda does: () if does else None, varies))
+
+    def backward(kept: tuple[Any, Any], cotangents: Any) -> tuple[Any]:
+        residuals, marks = kept
+        varies = jax.tree.map(lambda mark: mark is not None, marks, is_leaf=lambda x: x is None or x == ())
+        return (pull(residuals, jax.tree.map(_unless_zero, cotangents), varies),)
+
+    ruled = jax.custom_vjp(function)
+    ruled.defvjp(kept, backward, symbolic_zeros=True)
+    return ruled
+
+
+def pulled_by_forward_mode(function: Callable[[Any], Any]) -> Pull:
+    """The pull of ``function``, of a PyTree of arrays, by forward mode; what is kept is the operands and the results.
+
+    For a function of a few numbers that is long, or has loops of unknown length. It is computed, with its derivative in
+    one direction, for each number that varies. These have one type.
+    """
+
+    @functools.partial(jax.jit, static_argnums=0)
+    def products(which: tuple[bool, ...], operands: Any, cotangents: list[Array | None]) -> list[Array]:
+        leaves, structure = jax.tree.flatten(operands)
+        x, unravel = ravel_pytree(chosen(leaves, which))
+
+        def results(x: Array) -> list[Array]:
+            return jax.tree.leaves(function(structure.unflatten(replaced(leaves, which, unravel(x)))))
+
+        def product(direction: Array) -> Array:
+            rates = zip(cotangents, jax.jvp(results, (x,), (direction,))[1], strict=True)
+            return sum((jnp.sum(cotangent * rate) for cotangent, rate in rates if cotangent is not None), 0 * x[0])
+
+        return unravel(map_rows(product, jnp.eye(x.size, dtype=x.dtype)))
+
+    def pull(known: tuple[Any, Any], cotangents: Any, varies: Any) -> Any:
+        which, structure = jax.tree.flatten(varies)
+        if not any(which):
+            return structure.unflatten([None] * len(which))
+        found = products(tuple(which), known[0], jax.tree.leaves(cotangents, is_leaf=lambda leaf: leaf is None))
+        return structure.unflatten(replaced([None] * len(which), which, found))
+
+    return pull
+
+
+def _varies(operand: Any) -> bool:
+    return operand.perturbed and jnp.issubdtype(operand.value.dtype, jnp.inexact)
+
+
+def _unless_zero(cotangent: Any) -> Array | None:
+    return None if isinstance(cotangent, jax.custom_derivatives.SymbolicZero) else cotangent
+
+
+def chosen(arrays: Sequence[Any], which: Sequence[bool]) -> list[Any]:
+    """Those of the arrays that are chosen."""
+    return [array for array, is_chosen in zip(arrays, which, strict=True) if is_chosen]
+
+
+def replaced(arrays: Sequence[Any], which: Sequence[bool], by: Sequence[Any]) -> list[Any]:
+    """The arrays with others in the place of those that are chosen."""
+    remaining = iter(by)
+    return [next(remaining) if is_chosen else array for array, is_chosen in zip(arrays, which, strict=True)]
+
+
+def or_zeros(cotangent: Array | None, like: Any) -> Array:
+    """A cotangent; zeros in the place of None."""
+    return jnp.zeros(like.shape, like.dtype) if cotangent is None else cotangent
+
+
+def added(one: Sequence[Array], other: Sequence[Array]) -> list[Array]:
+    """The sums of arrays one by one."""
+    return [x + y for x, y in zip(one, other, strict=True)]
+
+
+def put(buffer: Array, index: Index, row: Array, counts: Bool[Array, ""]) -> Array:
+    """``buffer`` with one more row, if that ``counts``. Nothing of it is read, so that it can be written in place."""
+    return buffer.at[jnp.where(counts, index, buffer.shape[0])].set(row, mode="drop")
+
+
+def put_while(
+    due: Callable[[Index], Bool[Array, ""]],
+    row_of: Callable[[Index], Array],
+    buffer: Array,
+    first: Index,
+    *,
+    reverse: bool,
+    place_of: Callable[[Index], Index] = lambda k: k,
+) -> tuple[Array, Index]:
+    """``buffer`` with more rows from number ``first`` on, as long as they are ``due``, and the number of the next.
+
+    - ``reverse``: whether derivatives are those of reverse mode, or else those of forward mode.
+    - ``place_of``: where in the buffer the row with a number is; by default there.
+    """
+    if not reverse:
+        return _written(due, row_of, place_of, buffer, first)
+    condition, row, place = (jax.make_jaxpr(function)(first) for function in (due, row_of, place_of))
+
+    def forward(operands: tuple[list[Any], list[Any], list[Any], Array, Index]) -> tuple[Array, Index]:
+        conditions, constants, places, buffer, first = operands
+
+        def due(k: Index) -> Array:
+            return evaluate(condition, conditions, [k])[0]
+
+        def place_of(k: Index) -> Array:
+            return evaluate(place, places, [k])[0]
+
+        return _written(due, lambda k: evaluate(row, constants, [k])[0], place_of, buffer, first)
+
+    def kept(operands: tuple[list[Any], list[Any], list[Any], Array, Index]) -> tuple[Any, Any]:
+        _, constants, places, _, first = operands
+        written, stop = forward(operands)
+        return (written, stop), (constants, places, first, stop)
+
+    def pull(kept: Any, cotangents: Any, varies: Any) -> Any:
+        (constants, places, first, stop), (cotangent, _), (_, which, *_) = kept, cotangents, varies
+        moving = chosen(constants, which)
+
+        def back(at: tuple[Index, list[Array]]) -> tuple[Index, list[Array]]:
+            k, summed = at
+            _, pull = jax.vjp(lambda moving: evaluate(row, replaced(constants, which, moving), [k])[0], moving)
+            of_row = cotangent[evaluate(place, places, [k])[0]]
+            return k + 1, added(summed, pull(jnp.where(k < stop, of_row, 0.0))[0])
+
+        summed = [jnp.zeros_like(x) for x in moving]
+        if cotangent is not None:
+            _, summed = jax.lax.while_loop(lambda at: unvmap_any(at[0] < stop), back, (first, summed))
+        nothing, nowhere = [None] * len(condition.consts), [None] * len(places)
+        return nothing, replaced([None] * len(constants), which, summed), nowhere, cotangent, None
+
+    operands = list(condition.consts), list(row.consts), list(place.consts), buffer, first
+    return with_rule(forward, kept, pull)(operands)
+
+
+def _written(due: Callable, row_of: Callable, place_of: Callable, buffer: Array, first: Index) -> tuple[Array, Index]:
+    def write(at: tuple[Array, Index]) -> tuple[Array, Index]:
+        buffer, k = at
+        counts = due(k)
+        return put(buffer, place_of(k), row_of(k), counts), k + jnp.where(counts, 1, 0)
+
+    return jax.lax.while_loop(lambda at: unvmap_any(due(at[1])), write, (buffer, first))

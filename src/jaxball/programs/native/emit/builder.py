@@ -1,0 +1,357 @@
+"""One function as LLVM IR: numbers with constant folding, indices, memory, loops and branches."""
+
+import contextlib
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ..ir.elements import (
+    Element,
+    Index,
+    Lanes,
+    Name,
+    UnsupportedError,
+    in_lanes,
+    is_known,
+    vector_type,
+    width_of,
+    written,
+)
+from ..ir.folding import COMPARED, FOLDED, simpler_float, simpler_integer, suffix
+from ..ir.module import ALIGNMENT, Module
+from ..ir.scopes import Turn
+from ..targets.machine import multiplies_and_adds
+from .instructions import BOOL, Instructions
+
+INDEX = np.dtype(np.int64)
+
+
+class Builder(Instructions):
+    """Writes one function."""
+
+    def __init__(self, module: Module):
+        super().__init__(module)
+        # The lanes in which memory changes, where not in all, and in how many blocks within each other that is said.
+        self.mask: Lanes | None = None
+        self.level = 0
+        self._ranges: dict[Name, tuple[int, int]] = {}  # of integers, the least and the greatest that they can be
+        self._products: dict[Name, tuple[Element, Element]] = {}  # the factors of each
+
+    # Numbers
+
+    def converted(self, operation: str, source: np.dtype, target: np.dtype, x: Element) -> Name:
+        """An instruction that makes a number of another type."""
+        wide = width_of(x)
+        old, new = (vector_type(kind, wide) for kind in (source, target))
+        name = self.pure(f"{operation} {old} {written(x)} to {new}", wide)
+        bounds = self.range_of(x) if source.kind == "i" == target.kind else None
+        if bounds and np.iinfo(target).min <= bounds[0] and bounds[1] <= np.iinfo(target).max:
+            self.bound(name, bounds)
+        return name
+
+    def bound(self, name: Name, bounds: tuple[int, int] | None) -> None:
+        """Records the bounds of an integer, from here on; None: that they are no longer known."""
+        if bounds is None:
+            self._ranges.pop(name, None)
+        else:
+            self._ranges[name] = bounds
+
+    def range_of(self, x: Element) -> tuple[int, int] | None:
+        """The bounds of an integer, if known."""
+        if isinstance(x, str):
+            return self._ranges.get(x)
+        return (int(x), int(x)) if isinstance(x, np.signedinteger | int) else None
+
+    def binary(self, operation: str, dtype: np.dtype, x: Element, y: Element) -> Element:
+        """add, sub, mul and div of any type (integers' div apart); and, or, xor of integers and booleans."""
+        if is_known(x) and is_known(y) and operation in FOLDED:
+            with np.errstate(all="ignore"):
+                return dtype.type(FOLDED[operation](x, y))
+        if dtype.kind == "f":
+            if simpler := simpler_float(operation, x, y):
+                return simpler
+            if operation == "mul":
+                product = self.apply("fmul", dtype, x, y)
+                self._products[product] = x, y
+                return product
+            return self._fused(operation, dtype, x, y) or self.apply(f"f{operation}", dtype, x, y)
+        simpler = simpler_integer(operation, dtype, x, y)
+        if simpler is not None:
+            return simpler
+        return self.apply(operation, dtype, x, y)
+
+    def negative(self, dtype: np.dtype, x: Element) -> Element:
+        """−x of a float."""
+        return -x if is_known(x) else self.apply("fneg", dtype, x)
+
+    def _fused(self, operation: str, dtype: np.dtype, x: Element, y: Element) -> Name | None:
+        """A sum or a difference with a product as one term, rounded once; None without such a term.
+
+        LLVM may fuse them as well, but only when it optimises, and as what surrounds them suggests: written here, they
+        give the same bits however a program is compiled.
+        """
+        if operation == "div" or (isinstance(x, str) and x == y) or not multiplies_and_adds():
+            return None
+        for term, other in ((x, y), (y, x)):
+            if term not in self._products:
+                continue
+            factor, number = self._products[term]
+            if operation == "sub" and term is x:
+                other = self.negative(dtype, other)
+            elif operation == "sub":
+                factor = self.negative(dtype, factor)
+            return self.call("llvm.fma", dtype, factor, number, other)
+        return None
+
+    def compare(self, predicate: str, dtype: np.dtype, x: Element, y: Element) -> Element:
+        """``predicate`` is LLVM's: ``olt``, ``une`` of floats, ``slt``, ``ult``, ``eq`` of integers."""
+        kind = "fcmp" if dtype.kind == "f" else "icmp"
+        if is_known(x) and is_known(y) and predicate in COMPARED:
+            return np.bool_(COMPARED[predicate](x, y))
+        one, other = self.range_of(x), self.range_of(y)
+        if predicate not in ("slt", "sge") or one is None or other is None:
+            return self.apply(f"{kind} {predicate}", dtype, x, y)
+        if one[1] < other[0] or one[0] >= other[1]:
+            return np.bool_((one[1] < other[0]) == (predicate == "slt"))
+        return self.apply(f"{kind} {predicate}", dtype, x, y)
+
+    def select(self, dtype: np.dtype, condition: Element, x: Element, y: Element) -> Element:
+        """x where the condition holds, else y; no complex numbers."""
+        if is_known(condition):
+            return x if condition else y
+        if written(x) == written(y):
+            return x
+        wide = width_of(condition, x, y)
+        kind = vector_type(dtype, wide)
+        choice = f"{vector_type(BOOL, width_of(condition))} {condition}"
+        first, second = (f"{kind} {self.operand(dtype, number, wide)}" for number in (x, y))
+        name = self.pure(f"select {choice}, {first}, {second}", wide)
+        if dtype.kind == "i" and (one := self.range_of(x)) and (other := self.range_of(y)):
+            self.bound(name, (min(one[0], other[0]), max(one[1], other[1])))
+        return name
+
+    def call(
+        self,
+        function: str,
+        dtype: np.dtype,
+        *operands: Element,
+        to: np.dtype | None = None,
+        flags: str = "",
+        attributes: str = "memory(none)",
+    ) -> Name:
+        """A function of LLVM's or of C's library of numbers of one type, which gives one of that or of type ``to``.
+
+        It is written once for equal operands. LLVM's take vectors as well, C's are called for one lane after another.
+        ``flags``: one more operand of an intrinsic.
+        """
+        intrinsic, result, wide = function.startswith("llvm."), to or dtype, width_of(*operands)
+        if wide and not intrinsic:
+            rows = ([self.lane(dtype, x, lane) for x in operands] for lane in range(wide))
+            calls = [self.call(function, dtype, *row, to=to, attributes=attributes) for row in rows]
+            return self.gathered(result, calls, wide)
+        given, gives = (vector_type(kind, wide) for kind in (dtype, result))
+        name = f"@{function}"
+        if intrinsic:
+            types = (result, dtype) if to is not None else (dtype,)
+            name += "".join(f".v{wide}{suffix(kind)}" if wide else f".{suffix(kind)}" for kind in types)
+        kinds = ", ".join(filter(None, [*[given] * len(operands), flags.partition(" ")[0]]))
+        end = "" if intrinsic else f" nounwind willreturn {attributes}"
+        self.module.declared.setdefault(name, f"declare {gives} {name}({kinds}){end}")
+        numbers = [f"{given} {self.operand(dtype, x, wide)}" for x in operands]
+        return self.pure(f"call {gives} {name}({', '.join(filter(None, [*numbers, flags]))})", wide)
+
+    # Indices, of 64 bits
+
+    def plus(self, i: Index, j: Index) -> Index:
+        if isinstance(i, int) and isinstance(j, int):
+            return i + j
+        if i == 0:
+            return j
+        return i if j == 0 else self.apply("add nsw", INDEX, i, j)
+
+    def times(self, i: Index, factor: Index) -> Index:
+        if isinstance(i, int) and isinstance(factor, int):
+            return i * factor
+        if i == 0 or factor == 0:
+            return 0
+        if i == 1:
+            return factor
+        return i if factor == 1 else self.apply("mul nsw", INDEX, i, factor)
+
+    def within(self, i: Index, low: Index, high: Index) -> Element:
+        """Whether low ≤ i < high."""
+        if all(isinstance(number, int) for number in (i, low, high)):
+            return np.bool_(low <= i < high)  # type: ignore[operator]
+        return self.apply("and", BOOL, self.apply("icmp sge", INDEX, i, low), self.apply("icmp slt", INDEX, i, high))
+
+    def clamped(self, i: Index, high: int) -> Index:
+        """The index in [0, high] that is next to i."""
+        if isinstance(i, int):
+            return min(max(i, 0), high)
+        if high == 0:
+            return 0
+        least, greatest = self.range_of(i) or (-1, high + 1)
+        if least >= 0 and greatest <= high:
+            return i
+        i = self.select(INDEX, self.apply("icmp slt", INDEX, i, 0), 0, i)
+        return self.select(INDEX, self.apply("icmp sgt", INDEX, i, high), high, i)
+
+    def as_index(self, element: Element, dtype: np.dtype) -> Index:
+        """An integer as an index."""
+        if is_known(element):
+            return int(element)
+        if dtype.itemsize == 8:
+            return element
+        return self.converted("zext" if dtype.kind in "ub" else "sext", dtype, INDEX, element)
+
+    # Memory
+
+    def address(self, base: Name, offset: Index) -> Name:
+        """An address ``offset`` bytes behind another."""
+        return base if offset == 0 else self.pure(f"getelementptr i8, ptr {base}, i64 {offset}")
+
+    def allocate(self, size: int) -> Name:
+        """Memory of ``size`` bytes, which belongs to the function while it runs."""
+        name = self._unused()
+        if size <= self.module.target.most_on_stack:
+            self._allocated.append(f"{name} = alloca [{size} x i8], align {ALIGNMENT}")
+            return name
+        offset = self.module.workspace
+        self.module.workspace += -(-size // ALIGNMENT) * ALIGNMENT
+        self._allocated.append(f"{name} = getelementptr i8, ptr %workspace, i64 {offset}")
+        return name
+
+    def copy(self, target: Name, source: Name, size: int) -> None:
+        """Copies ``size`` bytes from one place to another."""
+        name = "@llvm.memcpy.p0.p0.i64"
+        self.module.declared.setdefault(name, f"declare void {name}(ptr, ptr, i64, i1)")
+        if target != source and size:
+            self.write(f"call void {name}(ptr align 8 {target}, ptr align 8 {source}, i64 {size}, i1 false)")
+
+    # Scopes, branches and loops
+
+    def scope(self) -> contextlib.AbstractContextManager[None]:
+        """Values computed in this Python block are unknown after it, because it may not have been executed."""
+        return self._scopes.scope()
+
+    @contextlib.contextmanager
+    def looped(self) -> Iterator[None]:
+        """The instructions written in this Python block are a loop, preceded by its invariants."""
+        with self._scopes.looped(self.reserve()) as loop:
+            yield
+        self.fill(loop.place, "\n".join(loop.before))
+
+    def new_label(self, name: str) -> str:
+        self._count += 1
+        return f"{name}.{self._count}"
+
+    def begin(self, label: str) -> None:
+        """Begins the block with that label."""
+        self._lines.append(f"{label}:")
+        self.label = label
+
+    def jump(self, label: str) -> None:
+        self.write(f"br label %{label}")
+
+    def branch(self, condition: Element, yes: str, no: str) -> None:
+        self.write(f"br i1 {written(condition)}, label %{yes}, label %{no}")
+
+    def reserve(self) -> int:
+        """A place for a line that is written later, by :meth:`fill`."""
+        self._lines.append("")
+        return len(self._lines) - 1
+
+    def fill(self, place: int, line: str) -> None:
+        self._lines[place] = line
+
+    @contextlib.contextmanager
+    def loop(self, start: Index, end: Index, *carried: tuple[np.dtype, Element]) -> Iterator["Turn"]:
+        """A loop over indices from start to before end, at least one of them.
+
+        ``carried``: numbers with which it begins; the block of Python sets ``following`` of the turn, with which the
+        next one begins, and which are the loop's results after it.
+        """
+        before, body, after = self.label, self.new_label("loop"), self.new_label("end")
+        carried = tuple((dtype, first) for dtype, first in carried)
+        with self.looped(), self.scope():
+            self.jump(body)
+            self.begin(body)
+            turn = Turn(self.fresh(), [self.fresh(in_lanes(first)) for _, first in carried])
+            places = [self.reserve() for _ in (turn.index, *carried)]
+            cost = self.cost
+            yield turn
+            following = [
+                self.like(dtype, new, name)
+                for (dtype, _), new, name in zip(carried, turn.following, turn.carried, strict=True)
+            ]
+            index = self.effect(f"add nuw nsw i64 {turn.index}, 1")
+            self.branch(self.effect(f"icmp slt i64 {index}, {end}"), body, after)
+        if isinstance(start, int) and isinstance(end, int):
+            self.cost = cost + (self.cost - cost) * (end - start)
+        self.fill_phi(places[0], turn.index, INDEX, [(start, before), (index, self.label)])
+        rows = zip(places[1:], turn.carried, carried, following, strict=True)
+        for place, name, (dtype, first), new in rows:
+            self.fill_phi(place, name, dtype, [(first, before), (new, self.label)])
+        self.begin(after)
+
+    def like(self, dtype: np.dtype, x: Element, name: Name) -> Element:
+        """The element, as a vector where the name stands for one.
+
+        **Raises:** ``UnsupportedError`` for a vector where the name stands for a single number.
+        """
+        if isinstance(name, Lanes):
+            return self.spread(dtype, x)
+        if isinstance(x, Lanes):
+            raise UnsupportedError("A number that becomes one of each lane")
+        return x
+
+    @contextlib.contextmanager
+    def where(self, condition: Element) -> Iterator[None]:
+        """The instructions written in this Python block are executed where the condition holds; in lanes, by masks."""
+        if is_known(condition) and condition:
+            yield
+            return
+        if isinstance(condition, Lanes):
+            with self.masked(condition):
+                yield
+            return
+        condition = "false" if is_known(condition) else condition
+        yes, after = self.new_label("then"), self.new_label("after")
+        self.branch(condition, yes, after)
+        self.begin(yes)
+        with self.scope():
+            yield
+            self.jump(after)
+        self.begin(after)
+
+    @contextlib.contextmanager
+    def masked(self, condition: Lanes) -> Iterator[Lanes]:
+        """The instructions written in this Python block change older memory only in the lanes of the condition.
+
+        Yields the lanes: those of the condition within those of the block around this one.
+        """
+        around = self.mask
+        self.mask = condition if around is None else Lanes(self.apply("and", BOOL, condition, around))
+        self.level += 1
+        try:
+            yield self.mask
+        finally:
+            self.mask, self.level = around, self.level - 1
+
+    def fill_phi(self, place: int, name: Name, dtype: np.dtype, cases: Sequence[tuple[Element, str]]) -> None:
+        """Writes, at a place that was reserved, that a name is the number that the block before gives."""
+        wide = width_of(name)
+        kind = vector_type(dtype, wide)
+        ways = ", ".join(f"[ {self.operand(dtype, element, wide)}, %{label} ]" for element, label in cases)
+        self.fill(place, f"{name} = phi {kind} {ways}")
+
+    def phi(self, dtype: np.dtype, cases: Sequence[tuple[Element, str]]) -> Element:
+        """The number that the block before this one gives; a vector where one of them is, and then so must all be that
+        are not known.
+        """
+        texts = [written(element) for element, _ in cases]
+        if len(set(texts)) == 1 and all(is_known(element) for element, _ in cases):
+            return cases[0][0]
+        name, place = self.fresh(in_lanes(*(element for element, _ in cases))), self.reserve()
+        self.fill_phi(place, name, dtype, cases)
+        return name

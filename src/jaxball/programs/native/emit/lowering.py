@@ -1,0 +1,243 @@
+"""Compiles programs: StableHLO's functions, operation by operation, to functions of LLVM IR."""
+
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from ..ir.elements import Element, UnsupportedError
+from ..ir.lanes import Varying
+from ..ir.program import Block, Operation, Value
+from ..targets.processors import HOST, Target
+from .builder import Builder, Module
+from .rules import RULES
+from .storage import Storage
+from .values import Array, Buffer, Formula, Memory, Registers, is_small
+
+# Why a program stopped before its end: a signal, or because it cannot do what comes next.
+INTERRUPTED_CODE, REFUSED = 1, 2
+MOST_INLINED = 200  # operations of a function that is called more than once and still written where it is called
+
+
+class Compiler:
+    """One program, by its functions; the first is ``main``.
+
+    - ``target``: what its processor can do.
+    """
+
+    def __init__(self, functions: dict[str, Block], target: Target = HOST):
+        self.functions, self.module = functions, Module(target)
+        self.compiled: dict[str, int] = {}  # instructions of those that are functions of LLVM's as well, by their names
+        self._sizes: dict[str, int] = {}
+        self._calls: dict[str, int] = {}
+        self.indexed: set[Value] = set()
+        self.longest_map = 0  # turns of the longest loop of independent turns that is not in vectors
+        self.refuses = False
+        self._survey("main")
+        if any(map(is_callback, self._always_executed(functions["main"]))):
+            raise UnsupportedError("A callback of Python")
+
+    def _always_executed(self, block: Block) -> Iterator[Operation]:
+        """The operations of a block that no branch decides about."""
+        for operation in block.operations:
+            yield operation
+            inner = operation.regions if operation.name == "stablehlo.while" else []
+            if operation.name == "func.call":
+                inner = [self.functions[operation.attribute("callee")]]
+            for region in inner:
+                yield from self._always_executed(region)
+
+    def _survey(self, name: str) -> int:
+        """Counts the operations of a function and its calls, and notes which values are indexed by numbers."""
+        if name not in self._sizes:
+            block = self.functions[name]
+            operations = list(block.every_operation())
+            self._sizes[name] = len(operations)
+            for operation in reversed(operations):
+                if operation.name == "func.call":
+                    self._sizes[name] += self._survey(operation.attribute("callee"))
+                self._note_indexed(operation)
+        self._calls[name] = self._calls.get(name, 0) + 1
+        return self._sizes[name]
+
+    def _note_indexed(self, operation: Operation) -> None:
+        if operation.name in _INDEXING:
+            count = max((len(operation.operands) - 1) // 2, 1) if operation.name == "stablehlo.scatter" else 1
+            self.indexed.update(operation.operands[:count])
+        inner: Sequence[Block] = ()
+        if operation.name == "func.call":
+            inner = [self.functions[operation.attribute("callee")]]
+        elif operation.name == "stablehlo.while":
+            inner = operation.regions
+        for block in inner:
+            for value, argument in zip(operation.operands, block.arguments, strict=True):
+                if argument in self.indexed:
+                    self.indexed.add(value)
+
+    def stays_function(self, name: str) -> bool:
+        """Whether a function is not written where it is called."""
+        return self._calls[name] > 1 and self._sizes[name] > MOST_INLINED
+
+    def in_registers(self, value: Value, most: int = 0) -> bool:
+        """Whether a value that is handed on, to a function or to a loop's next turn, is in registers."""
+        return (is_small(value.shape) or value.size <= most) and value not in self.indexed
+
+
+_INDEXING = ("stablehlo.dynamic_slice", "stablehlo.dynamic_update_slice", "stablehlo.gather", "stablehlo.scatter")
+
+
+class Function:
+    """The function of LLVM's that is being written, and where the values of its operations are."""
+
+    def __init__(self, compiler: Compiler, abort: str):
+        self.compiler, self.module = compiler, compiler.module
+        self.builder = Builder(compiler.module)
+        self.storage = Storage(self.builder)
+        self.abort = abort
+        self.values: dict[Value, Array] = {}
+        self.in_lanes = False  # whether several turns of a loop are computed side by side
+
+    # Blocks
+
+    @contextlib.contextmanager
+    def executed(self, block: Block, arguments: Sequence[Array]) -> Iterator[list[Array]]:
+        """Writes a block's operations; its results, which are the block's until the end of this block of Python."""
+        for value, array in zip(block.arguments, arguments, strict=True):
+            self.bind(value, array)
+        for operation in block.operations:
+            self.execute(operation)
+        yield [self.values[value] for value in block.results]
+        for value in set(block.results):
+            if value.block is block:
+                self.unbind(value)
+
+    def execute(self, operation: Operation) -> None:
+        """Writes one operation."""
+        rule = RULES.get(operation.name)
+        if rule is None:
+            raise UnsupportedError(operation.name)
+        values, mark = self.values, self.storage.mark()
+        results = rule(self, operation, [values[value] for value in operation.operands])
+        if isinstance(results, list):
+            for value, array in zip(operation.results, results, strict=True):
+                self.bind(value, array)
+        else:
+            self.bind(operation.results[0], results)
+        for value in operation.last:
+            self.unbind(value)
+        self.storage.sweep(mark)
+
+    def bind(self, value: Value, array: Array) -> None:
+        """Says where a value is. A formula stays one where it is used once, or costs nothing."""
+        if not value.reads:
+            return
+        if isinstance(array, Formula):
+            once = value.reads == 1 and not value.captured
+            if is_small(array.shape) or array.deep or not (once or array.cheap):
+                array = self.storage.settled(array)
+        if array.buffers:
+            self.storage.owned(array)
+        self.values[value] = array
+
+    def unbind(self, value: Value) -> None:
+        """Records that a value is no longer read."""
+        array = self.values.pop(value, None)
+        if array is not None and array.buffers:
+            self.storage.disowned(array)
+
+    def varying(self) -> Varying:
+        """Records which of the following values differ between lanes."""
+        return Varying(self.compiler.functions, lambda value: self.values[value].varying)
+
+    def hand_on(self, operation: Operation, value: Value) -> None:
+        """Gives up a value that only this operation still reads, once, to what the operation consists of."""
+        if value in operation.last and operation.reads[value] == 1:
+            for buffer in self.values.pop(value).buffers:
+                buffer.owners -= 1
+
+    def overwritable(self, operation: Operation, position: int, array: Array, lanes: bool = False) -> Memory:
+        """An operand in memory that the operation may write to: in place where nobody else reads it any more.
+
+        ``lanes``: each lane has an array of its own, unless it is one of which each writes its own part.
+        """
+        value = operation.operands[position]
+        if isinstance(array, Memory) and array.buffer.shared:
+            return array
+        if isinstance(array, Memory) and array.buffer.writable and array.varying >= lanes:
+            # What is computed in a branch is there in no other, and not after it.
+            always = value.block is operation.results[position].block
+            if value in operation.last and operation.reads[value] == 1 and array.buffer.owners > 1 and always:
+                self._settle_readers(value, array.buffer)
+            if value in operation.last and operation.reads[value] == 1 and array.buffer.owners == 1:
+                return array
+        return self.storage.copied(array, lanes)
+
+    def _settle_readers(self, value: Value, buffer: Buffer) -> None:
+        """Computes the formulas of the same block that read a buffer."""
+        for other, array in list(self.values.items()):
+            if isinstance(array, Formula) and other.block is value.block and buffer in array.buffers:
+                settled = self.storage.settled(array)
+                self.storage.owned(settled)
+                self.storage.disowned(array)
+                self.values[other] = settled
+
+    def combination(self, block: Block) -> Callable[..., Sequence[Element]]:
+        """What a region computes of single numbers."""
+        from .operations.elementwise import ELEMENTWISE, scalar
+
+        if len(block.operations) == 1:
+            (operation,) = block.operations
+            plain = operation.name.partition(".")[2] in ELEMENTWISE and block.results == operation.results
+            if plain and operation.operands == block.arguments:
+                compute = scalar(operation)
+                return lambda *elements: (compute(self.builder, *elements),)
+
+        def combine(*elements: Element) -> list[Element]:
+            arguments: list[Array] = []
+            for value, element in zip(block.arguments, elements, strict=True):
+                array = np.empty((), object)
+                array[()] = element
+                arguments.append(Registers(value.dtype, array))
+            with self.executed(block, arguments) as results:
+                return [self.storage.to_registers(result).element(self.builder, ()) for result in results]
+
+        return combine
+
+    @property
+    def uses_vectors(self) -> bool:
+        """Whether short arrays are computed in vectors: not where each lane of vectors has an array of its own."""
+        return self.module.target.has_vectors and not self.in_lanes
+
+    def refuse(self) -> None:
+        """Ends the program, which must be run by another compiler, from the beginning.
+
+        **Raises:** ``UnsupportedError`` where there is nobody who could run it.
+        """
+        if not self.module.target.has_signals:
+            raise UnsupportedError("A callback of Python")
+        b = self.builder
+        self.compiler.refuses = True
+        b.write(f"store i8 {REFUSED}, ptr {b.address('%control', 8)}")
+        b.write("store i64 -1, ptr %control")
+        b.write(self.abort)
+        b.begin(b.new_label("never"))
+
+    def looks_for_signals(self, cost: int) -> None:
+        """Ends the function if Python has a signal to handle; checked after a number of instructions."""
+        if not self.module.target.has_signals:
+            return
+        b = self.builder
+        left = b.effect(f"sub i64 {b.effect('load i64, ptr %control')}, {max(cost, 1)}")
+        b.write(f"store i64 {left}, ptr %control")
+        look, stop, go_on = (b.new_label(name) for name in ("look", "stop", "on"))
+        b.branch(b.effect(f"icmp slt i64 {left}, 0"), look, go_on)
+        b.begin(look)
+        b.branch(b.effect("call i1 @looks_for_signals(ptr %control)"), stop, go_on)
+        b.begin(stop)
+        b.write(self.abort)
+        b.begin(go_on)
+
+
+def is_callback(operation: Operation) -> bool:
+    """Whether an operation calls a function of Python."""
+    return operation.name == "stablehlo.custom_call" and "python" in operation.attribute("call_target_name")

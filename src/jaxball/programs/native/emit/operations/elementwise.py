@@ -1,0 +1,146 @@
+"""Operations that compute each element of their result from the same elements of their operands."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ...ir.elements import Element, UnsupportedError
+from ...ir.program import Operation
+from ..lowering import Function
+from ..rules import rule, short
+from ..values import Array, Formula, Memory, Registers, is_small, registers, size_of
+from ..vectors import in_columns, is_of_vectors, side_by_side
+from . import complex, real
+
+
+def mapped(
+    function: Function, shape: tuple[int, ...], dtype: np.dtype, compute: Callable[..., Element], of: Sequence[Array]
+) -> Array:
+    """The array of the results of ``compute`` for the elements; an operand of shape () is the same for all."""
+    builder, storage = function.builder, function.storage
+    if is_small(shape):
+        if function.uses_vectors and is_of_vectors(shape):
+            return _in_vectors(function, shape, dtype, compute, of)
+        flat = []
+        for array in of:
+            elements = storage.to_registers(array).flat()
+            flat.append(elements if array.shape == shape else elements * size_of(shape))
+        return Registers(dtype, collected([compute(*elements) for elements in zip(*flat, strict=True)], shape, dtype))
+    arrays = [storage.anywhere(array) for array in of]
+
+    def at(index: Sequence[Element]) -> Element:
+        return compute(*(array.element(builder, index if array.shape else ()) for array in arrays))
+
+    return Formula(shape, dtype, at, arrays)
+
+
+def _in_vectors(
+    function: Function, shape: tuple[int, ...], dtype: np.dtype, compute: Callable[..., Element], of: Sequence[Array]
+) -> Array:
+    """The same in vectors along the first axis, where that takes less time."""
+    dtypes, found = [array.dtype for array in of], []
+    for columns in in_columns(shape, [function.storage.to_registers(array).flat() for array in of]):
+        vectors = side_by_side(function.builder, dtypes, [dtype], columns, lambda *xs: (compute(*xs),))
+        found.append([compute(*row) for row in zip(*columns, strict=True)] if vectors is None else vectors[0])
+    elements = found[0] if len(found) == 1 else [number for lane in zip(*found, strict=True) for number in lane]
+    return Registers(dtype, collected(elements, shape, dtype))
+
+
+def collected(elements: Sequence[Element], shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
+    """An array of elements: of numbers if all are known."""
+    if dtype.kind != "c" and not any(isinstance(element, str) for element in elements):
+        return np.array(elements, dtype).reshape(shape)
+    return registers(dtype, elements, shape).elements
+
+
+def scalar(operation: Operation) -> Callable[..., Element]:
+    """What an operation computes of single numbers: a function of the builder and those.
+
+    **Raises:** ``UnsupportedError`` for an operation that is not elementwise or is not known.
+    """
+    name, dtype, to = short(operation.name), operation.operands[0].dtype, operation.results[0].dtype
+    if name == "convert":
+        conversion = complex.convert if "c" in (dtype.kind, to.kind) else real.convert
+        return lambda builder, x: conversion(builder, dtype, to, x)
+    if name == "bitcast_convert":
+        return lambda builder, x: real.bitcast(builder, dtype, to, x)
+    family = complex if dtype.kind == "c" else real
+    if name == "compare":
+        total = operation.has("compare_type") and operation.attribute("compare_type") == "TOTALORDER"
+        compute = family.comparison(operation.attribute("comparison_direction"), total)
+    elif name in family.SCALARS:
+        compute = family.SCALARS[name]
+    else:
+        raise UnsupportedError(f"{operation.name} of {dtype}")
+    return lambda builder, *operands: compute(builder, dtype, *operands)
+
+
+ELEMENTWISE = sorted({*real.SCALARS, *complex.SCALARS, "convert", "compare", "bitcast_convert"})
+
+
+@rule(*(f"stablehlo.{name}" for name in ELEMENTWISE), *(f"chlo.{name}" for name in ELEMENTWISE))
+def elementwise(function: Function, operation: Operation, operands: list[Array]) -> Array:
+    result, compute, builder = operation.results[0], scalar(operation), function.builder
+    return mapped(function, result.shape, result.dtype, lambda *xs: compute(builder, *xs), operands)
+
+
+@rule("stablehlo.select")
+def select(function: Function, operation: Operation, operands: list[Array]) -> Array:
+    """Where the condition holds, of the second, else of the third."""
+    result, builder = operation.results[0], function.builder
+    family = complex if result.dtype.kind == "c" else real
+    compute = lambda condition, x, y: family.select(builder, result.dtype, condition, x, y)  # noqa: E731
+    return mapped(function, result.shape, result.dtype, compute, operands)
+
+
+@rule("stablehlo.clamp")
+def clamp(function: Function, operation: Operation, operands: list[Array]) -> Array:
+    """Of (low, x, high) the number in [low, high] next to x."""
+    result, builder = operation.results[0], function.builder
+    compute = lambda low, x, high: real.clamp(builder, result.dtype, low, x, high)  # noqa: E731
+    return mapped(function, result.shape, result.dtype, compute, operands)
+
+
+@rule("stablehlo.complex")
+def complex_of(function: Function, operation: Operation, operands: list[Array]) -> Array:
+    result = operation.results[0]
+    return mapped(function, result.shape, result.dtype, complex.Pair, operands)
+
+
+@rule("stablehlo.real", "stablehlo.imag")
+def part(function: Function, operation: Operation, operands: list[Array]) -> Array:
+    """Of a real number itself and 0."""
+    result = operation.results[0]
+    if operands[0].dtype.kind == "c":
+        compute = scalar(operation)
+        return mapped(function, result.shape, result.dtype, lambda x: compute(function.builder, x), operands)
+    zero = result.dtype.type(0)
+    compute = (lambda x: x) if short(operation.name) == "real" else (lambda x: zero)
+    return mapped(function, result.shape, result.dtype, compute, operands)
+
+
+@rule("stablehlo.reduce_precision")
+def reduce_precision(function: Function, operation: Operation, operands: list[Array]) -> Array:
+    result, builder = operation.results[0], function.builder
+    bits = operation.attribute("exponent_bits"), operation.attribute("mantissa_bits")
+    compute = lambda x: real.reduce_precision(builder, result.dtype, x, *bits)  # noqa: E731
+    return mapped(function, result.shape, result.dtype, compute, operands)
+
+
+@rule("stablehlo.bitcast_convert")
+def bitcast_convert(function: Function, operation: Operation, operands: list[Array]) -> Array:
+    """The same bits as numbers of another type; of another length, as a dimension more or less, the lowest first."""
+    (array,), result, storage = operands, operation.results[0], function.storage
+    if array.dtype.itemsize == result.dtype.itemsize:
+        compute = scalar(operation)
+        return mapped(function, result.shape, result.dtype, lambda x: compute(function.builder, x), operands)
+    if "b" in (array.dtype.kind, result.dtype.kind):
+        raise UnsupportedError(f"Bits of {array.dtype} as {result.dtype}")
+    return Memory(result.shape, result.dtype, storage.to_memory(array).buffer)
+
+
+@rule("stablehlo.map")
+def map_(function: Function, operation: Operation, operands: list[Array]) -> Array:
+    """What the region computes of the elements."""
+    result, combine = operation.results[0], function.combination(operation.regions[0])
+    return mapped(function, result.shape, result.dtype, lambda *xs: combine(*xs)[0], operands)

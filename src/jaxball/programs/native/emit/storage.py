@@ -1,0 +1,223 @@
+"""Moves arrays to where an operation needs them: memory, registers, or memory that may be overwritten."""
+
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from ..ir.elements import LANES, Element, Index, Pair, part_of
+from .builder import Builder
+from .values import Array, Buffer, Formula, Memory, Registers, indices, is_small, size_of
+
+
+class Storage:
+    """The buffers of one function, reused when their contents have no owner."""
+
+    def __init__(self, builder: Builder):
+        self.builder = builder
+        self._free: dict[int, list[str]] = {}
+        self._recent: list[Buffer] = []
+
+    def allocate(self, shape: Sequence[int], dtype: np.dtype, lanes: bool = False) -> Memory:
+        """An array with nothing in it yet; ``lanes``: one for each lane."""
+        size = max(size_of(shape) * dtype.itemsize, 8) * (LANES if lanes else 1)
+        free = self._free.get(size)
+        name = free.pop() if free else self.builder.allocate(size)
+        buffer = Buffer(name, size, lanes=lanes, level=self.builder.level)
+        self._recent.append(buffer)
+        return Memory(tuple(shape), dtype, buffer)
+
+    def owned(self, array: Array) -> None:
+        """Notes that one value more is in the array's buffers."""
+        for buffer in array.buffers:
+            buffer.owners += 1
+
+    def disowned(self, array: Array) -> None:
+        """Notes that one value less is in the array's buffers."""
+        for buffer in array.buffers:
+            buffer.owners -= 1
+            self._free_if_unowned(buffer)
+
+    def pinned(self, array: Array, count: int) -> None:
+        """Notes that a loop or a branch needs the array's buffers, or, with −1, that it does not any more."""
+        for buffer in array.buffers:
+            buffer.pinned += count
+
+    def mark(self) -> int:
+        """A mark for :meth:`sweep`."""
+        return len(self._recent)
+
+    def sweep(self, mark: int) -> None:
+        """Frees what was allocated since a mark and belongs to no value."""
+        if len(self._recent) > mark:
+            for buffer in self._recent[mark:]:
+                self._free_if_unowned(buffer)
+            del self._recent[mark:]
+
+    def _free_if_unowned(self, buffer: Buffer) -> None:
+        if not buffer.owners and not buffer.pinned and buffer.size and buffer.writable:
+            self._free.setdefault(buffer.size, []).append(buffer.name)
+            buffer.size = 0
+
+    def to_memory(self, array: Array) -> Memory:
+        """The same numbers in memory."""
+        if isinstance(array, Memory):
+            return array
+        if isinstance(array, Registers) and array.twin is not None:
+            return array.twin
+        if isinstance(array, Registers) and array.known:
+            return Memory(array.shape, array.dtype, Buffer(self.builder.module.constant(array.elements), 0, False))
+        return self.copied(array)
+
+    def to_registers(self, array: Array) -> Registers:
+        """The same numbers in registers, however many they are."""
+        if isinstance(array, Registers):
+            return array
+        elements = np.empty(array.shape, object)
+        flat = elements.reshape(-1)
+        for position, index in enumerate(indices(array.shape)):
+            flat[position] = array.element(self.builder, index)
+        return Registers(array.dtype, elements)
+
+    def settled(self, array: Array) -> Registers | Memory:
+        """The same numbers, computed: in registers where they are few."""
+        if not isinstance(array, Formula):
+            return array
+        return self.to_registers(array) if is_small(array.shape) else self.to_memory(array)
+
+    def anywhere(self, array: Array) -> Array:
+        """The same numbers where an index need not be known; a single number may stay in its register."""
+        if not isinstance(array, Registers) or size_of(array.shape) == 1:
+            return array
+        if array.known and is_uniform(array.elements):
+            number = array.element(self.builder, [0] * len(array.shape))
+            return Formula(array.shape, array.dtype, lambda index: number, (), cheap=True)
+        return self.to_memory(array)
+
+    def fill(self, target: Memory, source: Array) -> None:
+        """Writes all numbers of an array to memory."""
+        builder = self.builder
+        if isinstance(source, Registers) and source.known and not is_small(source.shape):
+            source = self.anywhere(source)  # by a loop
+        everywhere = builder.mask is None or target.buffer.level == builder.level
+        if isinstance(source, Memory) and everywhere and source.varying == target.varying:
+            size = size_of(source.shape) * source.dtype.itemsize * (LANES if source.varying else 1)
+            builder.copy(target.buffer.name, source.buffer.name, size)
+        elif isinstance(source, Registers):
+            for index in indices(source.shape):
+                target.put(builder, index, source.element(builder, index))
+        elif not isinstance(source, Memory) or source.buffer.name != target.buffer.name:
+            with self.every_index(source.shape) as index:
+                target.put(builder, index, source.element(builder, index))
+
+    def copied(self, array: Array, lanes: bool = False) -> Memory:
+        """The same numbers in memory of their own; ``lanes``: of each lane's own, also where they are the same."""
+        target = self.allocate(array.shape, array.dtype, lanes or array.varying)
+        self.fill(target, array)
+        return target
+
+    def move(self, targets: Sequence[Memory], sources: Sequence[Array]) -> None:
+        """Fills the targets with the sources as if at once: a source may lie in what is a target of another."""
+        names = {target.buffer.name for target in targets}
+        moves = []
+        for target, source in zip(targets, sources, strict=True):
+            if isinstance(source, Memory) and source.buffer.name == target.buffer.name:
+                continue
+            if any(buffer.name in names for buffer in source.buffers):
+                source = self.copied(source)
+            moves.append((target, source))
+        for target, source in moves:
+            self.fill(target, source)
+
+    def put(self, target: Memory, index: Sequence[Index], element: Element) -> None:
+        """Writes an element."""
+        target.put(self.builder, index, element)
+
+    def viewed(self, array: Memory, shape: tuple[int, ...]) -> Memory:
+        """The same memory as an array of another shape."""
+        return Memory(shape, array.dtype, array.buffer)
+
+    def accumulated(
+        self,
+        shape: Sequence[int],
+        start: Sequence[tuple[np.dtype, Element]],
+        step: Callable[[list[Index], list[Element]], Sequence[Element]],
+        most_steps: int = 16,
+        varying: bool = False,
+    ) -> list[Element]:
+        """What is left of numbers to which ``step(index, numbers)`` was applied for every index of a shape, in order.
+
+        Up to ``most_steps`` are written one after another, more are a loop. ``varying``: they become vectors.
+        """
+        dtypes, numbers = [dtype for dtype, _ in start], [number for _, number in start]
+        if varying:
+            numbers = [self.spread(dtype, number) for dtype, number in start]
+        if size_of(shape) <= most_steps:
+            for index in indices(shape):
+                numbers = list(step(list(index), numbers))
+            return numbers
+        return self._accumulated(list(shape), [], dtypes, numbers, step)
+
+    def spread(self, dtype: np.dtype, number: Element) -> Element:
+        """A number that all lanes have."""
+        if isinstance(number, Pair):
+            return Pair(*(self.builder.spread(part_of(dtype), part) for part in (number.real, number.imag)))
+        return self.builder.spread(dtype, number)
+
+    def _accumulated(
+        self,
+        shape: list[int],
+        outer: list[Index],
+        dtypes: list[np.dtype],
+        numbers: list[Element],
+        step: Callable[[list[Index], list[Element]], Sequence[Element]],
+    ) -> list[Element]:
+        if not shape:
+            return list(step(outer, numbers))
+        if shape[0] == 1:
+            return self._accumulated(shape[1:], [*outer, 0], dtypes, numbers, step)
+        carried = list(parts(dtypes, numbers))
+        with self.builder.loop(0, shape[0], *carried) as turn:
+            inner = joined(dtypes, turn.carried)
+            new = self._accumulated(shape[1:], [*outer, turn.index], dtypes, inner, step)
+            turn.following = [number for _, number in parts(dtypes, new)]
+        return joined(dtypes, turn.following)
+
+    @contextlib.contextmanager
+    def every_index(self, shape: Sequence[int]) -> Iterator[list[Index]]:
+        """Loops over all indices of a shape, in which what is written in this block of Python is executed."""
+        with contextlib.ExitStack() as stack:
+            if not size_of(shape):  # written, and never executed
+                stack.enter_context(self.builder.where(np.bool_(False)))
+            yield [stack.enter_context(self.builder.loop(0, length)).index if length > 1 else 0 for length in shape]
+
+
+def parts(dtypes: Sequence[np.dtype], numbers: Sequence[Element]) -> Iterator[tuple[np.dtype, Element]]:
+    """Numbers that have a place in a register: of a complex one its two parts."""
+    for dtype, number in zip(dtypes, numbers, strict=True):
+        if dtype.kind == "c":
+            yield part_of(dtype), number.real
+            yield part_of(dtype), number.imag
+        else:
+            yield dtype, number
+
+
+def parts_of(dtype: np.dtype, count: int) -> list[np.dtype]:
+    """The types of the parts that ``count`` numbers are made of."""
+    return [part_of(dtype)] * (2 * count if dtype.kind == "c" else count)
+
+
+def joined(dtypes: Sequence[np.dtype], numbers: Sequence[Element]) -> list[Element]:
+    """The numbers of those parts."""
+    rest = iter(numbers)
+    return [Pair(next(rest), next(rest)) if dtype.kind == "c" else next(rest) for dtype in dtypes]
+
+
+def is_uniform(numbers: np.ndarray) -> bool:
+    """Whether an array is one number, viewed or repeated, to the last bit."""
+    if not numbers.size:
+        return False
+    if not any(numbers.strides):
+        return True
+    first = numbers.reshape(-1)[:1]
+    return numbers.tobytes() == first.tobytes() * numbers.size

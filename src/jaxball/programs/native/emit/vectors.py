@@ -1,0 +1,161 @@
+"""Short arrays and those with a short first axis, which are computed in vectors along it: up to eight lanes in each.
+
+Such an array remains an array of single numbers, so that all rules work with it: its elements are the lanes of vectors,
+one or two vectors for each place along the other axes, and lane k of the vector ``%v7`` has the name ``%v7.k``. An
+operation finds the vectors by these names. Only lanes that are read individually are extracted.
+"""
+
+import functools
+import itertools
+import math
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from ..ir.elements import FEWEST_ALWAYS, LANES, MOST_ROWS, Element, Lanes, Pair, is_known, llvm_type, written
+from .builder import Builder
+
+SHORTEST_AXIS = 3  # elements of a first axis that is computed in vectors
+MOST_TO_PACK = 3  # instructions that make vectors of less, for one operation on them
+
+
+def side_by_side(
+    builder: Builder,
+    dtypes: Sequence[np.dtype],
+    results: Sequence[np.dtype],
+    columns: Sequence[Sequence[Element]],
+    compute: Callable[..., Sequence[Element]],
+) -> list[list[Element]] | None:
+    """What ``compute`` gives for each lane, computed in vectors; None where it is to be computed one by one.
+
+    - ``columns``: of each operand the numbers of the lanes; ``dtypes``: their types.
+    - ``results``: the types of the results; the list has the numbers of the lanes of each.
+    """
+    count, known = len(columns[0]), True
+    if any(dtype.kind == "c" for dtype in (*dtypes, *results)):
+        return None
+    for column in columns:
+        for element in column:
+            if isinstance(element, (Lanes, Pair)):
+                return None
+            known = known and not isinstance(element, str)
+    if known or all(map(_is_uniform, columns)):
+        return None
+    width, parts = width_for(count), [[column[part] for column in columns] for part in vectors_of(count)]
+    if not FEWEST_ALWAYS <= count <= LANES and any(_cost(builder, part, width) > MOST_TO_PACK for part in parts):
+        return None
+    rows: list[list[Element]] = [[] for _ in results]
+    for part in parts:
+        found = compute(*[packed(builder, dtype, column, width) for dtype, column in zip(dtypes, part, strict=True)])
+        for row, dtype, number in zip(rows, results, found, strict=True):
+            row += builder.lanes_of(dtype, number, len(part[0]))
+    return rows
+
+
+def is_of_vectors(shape: Sequence[int]) -> bool:
+    """Whether operations on an array of that shape may be computed in vectors along its first axis."""
+    return bool(shape) and SHORTEST_AXIS <= shape[0] <= MOST_ROWS
+
+
+def width_for(count: int) -> int:
+    """The numbers of lanes of the vectors that ``count`` elements take."""
+    return LANES if count >= FEWEST_ALWAYS else LANES // 2
+
+
+@functools.cache
+def vectors_of(count: int) -> tuple[slice, ...]:
+    """The elements of each of the vectors that a first axis takes, of about equal length."""
+    parts = -(-count // LANES)
+    ends = [count * k // parts for k in range(parts + 1)]
+    return tuple(itertools.starmap(slice, itertools.pairwise(ends)))
+
+
+def packed(builder: Builder, dtype: np.dtype, numbers: Sequence[Element], width: int) -> Element:
+    """The numbers of the lanes as a vector, or the number that all of them are."""
+    if _is_uniform(numbers):
+        return numbers[0]
+    if all(map(is_known, numbers)):
+        texts = [written(number) for number in numbers]
+        texts += texts[-1:] * (width - len(texts))
+        kind = llvm_type(dtype)
+        return Lanes(f"<{', '.join(f'{kind} {text}' for text in texts)}>", width)
+    vectors, lanes = _sources(builder, numbers, width)
+    if len(vectors) == 1 and lanes == list(range(len(numbers))):
+        return vectors[0]
+    if 1 <= len(vectors) <= 2:
+        lanes += lanes[-1:] * (width - len(lanes))
+        return builder.shuffled(dtype, vectors[0], vectors[1] if len(vectors) > 1 else None, lanes)
+    return builder.gathered(dtype, numbers, width)
+
+
+def are_handed_on(shape: Sequence[int], dtype: np.dtype) -> bool:
+    """Whether loops and branches hand the numbers of such an array on in vectors."""
+    return len(shape) > 1 and FEWEST_ALWAYS <= shape[0] <= MOST_ROWS and dtype.kind != "c"
+
+
+def number_of_vectors(shape: Sequence[int]) -> int:
+    """How many vectors along its first axis an array takes."""
+    return len(vectors_of(shape[0])) * math.prod(shape[1:])
+
+
+def in_vectors(builder: Builder, dtype: np.dtype, shape: Sequence[int], numbers: Sequence[Element]) -> list[Element]:
+    """The numbers of an array, row by row, as vectors along its first axis."""
+    places = len(numbers) // shape[0]
+    columns = [numbers[place::places] for place in range(places)]
+    vectors = [packed(builder, dtype, column[part], LANES) for column in columns for part in vectors_of(shape[0])]
+    return [builder.spread(dtype, vector, LANES) for vector in vectors]
+
+
+def one_by_one(builder: Builder, dtype: np.dtype, shape: Sequence[int], vectors: Sequence[Element]) -> list[Element]:
+    """The numbers of an array, row by row, of vectors along its first axis."""
+    counts = [part.stop - part.start for part in vectors_of(shape[0])]
+    lanes = [builder.lanes_of(dtype, vector, count) for vector, count in zip(vectors, itertools.cycle(counts))]
+    columns = [list(itertools.chain(*lanes[k : k + len(counts)])) for k in range(0, len(lanes), len(counts))]
+    return [lane for row in zip(*columns, strict=True) for lane in row]
+
+
+def _is_uniform(numbers: Sequence[Element]) -> bool:
+    first = written(numbers[0])
+    return all((number if isinstance(number, str) else written(number)) == first for number in numbers)
+
+
+def _sources(builder: Builder, numbers: Sequence[Element], width: int) -> tuple[list[Lanes], list[int]]:
+    """The vectors of one width, two at most, whose lanes the numbers are, and which; no vectors where they are not."""
+    vectors: list[Lanes] = []
+    lanes = []
+    for number in numbers:
+        vector, lane = (None, 0) if is_known(number) else builder.place_of(number)
+        if vector is None or vector.width != width:
+            return [], []
+        if vector not in vectors:
+            vectors.append(vector)
+        lanes.append(width * vectors.index(vector) + lane)
+    return (vectors, lanes) if len(vectors) <= 2 else ([], [])
+
+
+def _cost(builder: Builder, columns: Sequence[Sequence[Element]], width: int) -> int:
+    """Instructions, in every turn of the loop that is being written, that make vectors of numbers."""
+    return sum(_cost_of_one(builder, column, width) for column in columns)
+
+
+def _cost_of_one(builder: Builder, numbers: Sequence[Element], width: int) -> int:
+    if all(map(builder.is_same_in_every_turn, numbers)):
+        return 0
+    if _is_uniform(numbers):
+        return 1
+    if all(map(builder.is_loaded, numbers)):
+        return 1
+    vectors, lanes = _sources(builder, numbers, width)
+    if not vectors:
+        return len(numbers)
+    return int(len(vectors) > 1 or lanes != list(range(len(numbers))))
+
+
+def in_columns(shape: Sequence[int], arrays: Sequence[Sequence[Element]]) -> Iterator[list[Sequence[Element]]]:
+    """For each place along the other axes, of each array the elements along the first one.
+
+    - ``arrays``: the elements row by row, or a single one.
+    """
+    count, places = shape[0], math.prod(shape[1:])
+    for place in range(places):
+        yield [[elements[0]] * count if len(elements) == 1 else elements[place::places] for elements in arrays]

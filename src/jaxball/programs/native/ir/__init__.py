@@ -1,0 +1,1 @@
+"""StableHLO as data, and LLVM IR as text: elements, scopes, loops whose turns are independent."""

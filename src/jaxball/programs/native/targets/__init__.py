@@ -1,0 +1,1 @@
+"""Processors: what they can do, LLVM for them, and the driver of a GPU."""

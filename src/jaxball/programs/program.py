@@ -1,0 +1,241 @@
+"""Compiled functions, like those of ``jax.jit`` and ``equinox.filter_jit``, and a store for them.
+
+If the native compiler is chosen (:mod:`jaxball.programs.native`), XLA compiles only programs that it does not support
+and, unless it was chosen by name, programs whose loops are over large arrays, as for many runs side by side. Each is
+traced once. Within a trace of JAX, a call is one operation of the traced program (:mod:`~.operation`), which XLA hands
+over to the same program. On devices other than a single CPU, XLA compiles the functions.
+"""
+
+import contextlib
+import functools
+import weakref
+from collections.abc import Callable, Iterator
+from typing import Any, ParamSpec, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from ..compat import is_within_trace, settings
+from . import native
+from .computation import QUICKLY, ROWS_OF_XLA, Compiled, Computation, Rest, call_with, parted, within_a_computation
+from .identity.closures import put_captures, take_captures
+from .operation import may_be_an_operation, operation
+from .store import current
+from .store.current import Store
+
+P = ParamSpec("P")
+T = TypeVar("T")
+_MISSING: Any = object()
+_PART_OF_TRACE: Any = object()
+_made: "weakref.WeakSet[Program]" = weakref.WeakSet()
+
+
+def forget() -> None:
+    """Drops the programs of all functions, which are then compiled or loaded again."""
+    for program in list(_made):
+        program.forget()
+
+
+def jit(function: Callable[P, T], *, in_lanes: bool = True, together: int = ROWS_OF_XLA) -> "Program":
+    """Like ``jax.jit``: all leaves of all arguments are arrays. What ``function`` holds distinguishes programs.
+
+    - ``in_lanes``: whether ``jax.vmap`` of it computes several rows side by side, in vectors.
+    - ``together``: how many rows are computed side by side where XLA compiles it for a CPU.
+    """
+    return Program(function, jax.jit(function), None, in_lanes=in_lanes, together=together)
+
+
+def filter_jit(function: Callable[P, T], *, large: bool = False) -> Callable[P, T]:
+    """Like ``equinox.filter_jit``: the arrays of all arguments are traced, and all else distinguishes programs.
+
+    - ``large``: whether what has loops over large arrays is compiled natively, too.
+    """
+    return Program(function, eqx.filter_jit(function), eqx.is_array, large=large)
+
+
+@contextlib.contextmanager
+def compiled_quickly(wanted: bool = True) -> Iterator[None]:
+    """Programs that are first compiled in this block are compiled in less time, but run longer.
+
+    For programs that run once. Native ones, but for ensembles, compile in four fifths of the time and run up to twice
+    as long, with the same results; where an optimised one is known, it is used. Those of XLA compile in half the time,
+    run several times as long, and their results differ by rounding. Threads share the setting, which is JAX's own.
+    """
+    before = settings()[QUICKLY]
+    jax.config.update(QUICKLY, wanted or before)
+    try:
+        yield
+    finally:
+        jax.config.update(QUICKLY, before)
+
+
+class Program:
+    """A function, and its computations by the kinds of their arguments.
+
+    - ``large``: whether what has loops over large arrays is compiled natively, too.
+    - ``in_lanes``: whether several rows of arguments are computed side by side, in vectors.
+    - ``together``: how many rows are computed side by side where XLA compiles it for a CPU.
+    - ``opaque``: whether all within is one program, as in jaxball's own functions.
+    """
+
+    follows = "_programs", "_computations", "_open", "_closed", "_store"  # what does not determine what it computes
+
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        compiled: Callable[..., Any],
+        is_dynamic: Callable[[Any], bool] | None,
+        *,
+        large: bool = False,
+        in_lanes: bool = True,
+        together: int = ROWS_OF_XLA,
+        opaque: bool = True,
+    ):
+        self._function, self._compiled, self._is_dynamic = function, compiled, is_dynamic
+        self._how = {"large": large, "in_lanes": in_lanes, "together": together, "opaque": opaque}
+        self._programs: dict[Any, Compiled | None] = {}
+        self._computations: dict[Any, Computation] = {}
+        self._open: dict[Any, Program] = {}
+        self._closed: set[Rest] = set()
+        self._store: Store | None = None
+        wrapped = function.func if isinstance(function, functools.partial) else function
+        functools.update_wrapper(self, wrapped, updated=())  # whose attributes may be those of another of this class
+        _made.add(self)
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        leaves, structure = jax.tree.flatten((args, kwargs))
+        rest, arrays = parted(leaves, structure, self._is_dynamic)
+        if self._how["opaque"] and not within_a_computation() and not self._is_closed(rest):
+            given = self._function, args, kwargs
+            opened, captures = take_captures(given, local=True)
+            if opened is not given:
+                function, args, kwargs = opened
+                return self._of_captures(function)(captures, args, kwargs)
+            self._closed.add(rest)
+        program = _PART_OF_TRACE if native.some_traced(leaves) else self._program_for(rest, arrays)
+        if program is _PART_OF_TRACE:
+            result = self._traced(rest, arrays)
+            return self._compiled(*args, **kwargs) if result is None else result[0]
+        if program is not None:
+            with contextlib.suppress(native.CallbackReachedError):
+                return _run(program, rest, arrays)
+        return self._compiled(*args, **kwargs)
+
+    def _is_closed(self, rest: Rest) -> bool:
+        """Whether the function and such arguments are known to hold no function that is written within another."""
+        try:
+            return rest in self._closed
+        except TypeError:  # something has no hash, so that its programs are not found again
+            return not is_within_trace()
+
+    def _of_captures(self, function: Any) -> "Program":
+        """Returns the program that takes captures as its first argument.
+
+        - ``function``: its own function, from which captures have been taken.
+        """
+        key = function
+        if isinstance(function, functools.partial):  # which is only equal to itself
+            key = function.func, function.args, tuple(function.keywords.items())
+        try:
+            program = self._open.get(key)
+        except TypeError:  # it has no hash
+            program = None
+        if program is None:
+            whole = functools.partial(_with_captures, function)
+            functools.update_wrapper(whole, self, updated=())
+            del whole.__dict__["__wrapped__"]  # whose signature equinox would take for this one
+            compiled = jax.jit(whole) if self._is_dynamic is None else eqx.filter_jit(whole)
+            program = Program(whole, compiled, self._is_dynamic, **self._how)
+            with contextlib.suppress(TypeError):
+                self._open[key] = program
+        return program
+
+    def forget(self) -> None:
+        """Drops all programs of this function."""
+        for kept in (self._programs, self._computations, self._open, self._closed):
+            kept.clear()
+
+    def _traced(self, rest: Rest, arrays: list[Any]) -> tuple[Any] | None:
+        """The result of the call as one operation of the traced program; None where it has to be written out."""
+        if within_a_computation() or not may_be_an_operation():
+            return None
+        self._follow_store()
+        numbers = [native.numbers(array) if isinstance(array, jax.Array) else jnp.asarray(array) for array in arrays]
+        computation = self._computation(rest, numbers)
+        if computation is None:
+            return None
+        result, captures = computation.result, computation.captures
+        if captures:
+            self._computations = {key: other for key, other in self._computations.items() if other is not computation}
+            if not native.are_numbers(captures):
+                return None
+            computation, numbers = computation.of_captures(numbers)
+        if not computation.is_pure():
+            return None
+        return (result.joined(operation(computation, numbers)),)
+
+    def _program_for(self, rest: Rest, arrays: list[Any]) -> Any:
+        """The program for such arguments; None if JAX compiles it as usual.
+
+        ``_PART_OF_TRACE`` if the function has captured something traced.
+        """
+        self._follow_store()
+        kinds = tuple(map(native.kind, arrays))
+        key = (native.asked_for(), rest, tuple(map(type, rest.static)), kinds, native.settings())
+        try:
+            found = self._programs.get(key, _MISSING)
+        except TypeError:  # something has no hash
+            return None
+        if found is not _MISSING:
+            return found
+        quickly = settings()[QUICKLY]
+        if quickly:
+            key = key, QUICKLY
+            found = self._programs.get(key, _MISSING)
+        if found is _MISSING:
+            found = self._made_for(rest, arrays)
+            if found is not _PART_OF_TRACE:  # which is not kept: it will not be called again
+                found = self._programs.setdefault(key, found)
+        return found
+
+    def _made_for(self, rest: Rest, arrays: list[Any]) -> Any:
+        if not native.are_numbers(arrays):
+            return None
+        computation = self._computation(rest, [native.type_of(native.numbers(array)) for array in arrays])
+        if computation is None:
+            return None
+        if is_within_trace() and computation.captures:
+            return _PART_OF_TRACE
+        return computation.runs(self._store)
+
+    def _follow_store(self) -> None:
+        """Drops what is not of the current store."""
+        if current.store is not self._store:
+            self._programs, self._computations, self._store = {}, {}, current.store
+
+    def _computation(self, rest: Rest, numbers: list[Any]) -> Computation | None:
+        """The function of arrays of such types; None if something has no hash."""
+        described = tuple((one.shape, one.dtype, one.weak_type) for one in numbers)
+        key = native.asked_for(), rest, tuple(map(type, rest.static)), described, native.settings()
+        try:
+            found = self._computations.get(key)
+        except TypeError:
+            return None
+        if found is None:
+            function = functools.partial(call_with, self._function, self._is_dynamic, rest)
+            made = Computation(
+                function, list(map(native.type_of, numbers)), name=getattr(self, "__name__", "program"), **self._how
+            )
+            found = self._computations.setdefault(key, made)
+        return found
+
+
+def _with_captures(function: Any, captures: list[Any], args: Any, kwargs: Any) -> Any:
+    function, args, kwargs = put_captures((function, args, kwargs), captures)
+    return function(*args, **kwargs)
+
+
+def _run(program: Compiled, rest: Rest, arrays: list[Any]) -> Any:
+    """The result of arguments that may be random keys."""
+    return program.result.joined(program.numbers(list(map(native.numbers, arrays)) if rest.keys else arrays))
