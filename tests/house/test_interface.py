@@ -46,7 +46,7 @@ import sys
 from jaxball import Ball, DiskState, OnRail, PointMass, Slip, simulate
 from jaxball.simulation.extremes import contact_extremes
 rooms = {name.split(".")[1] for name in sys.modules if name.startswith("jaxball.")}
-assert rooms == {"compat", "interface", "cache", "native", "numerics", "physics", "simulation", "solvers"}, rooms
+assert rooms == {"compat", "interface", "programs", "numerics", "physics", "simulation", "solvers"}, rooms
 beside = ("matplotlib", "xarray", "pandas", "h5py", "tomllib", "scipy.optimize")
 print(*(name for name in beside if name in sys.modules))
 """

@@ -18,7 +18,7 @@ from jaxball.programs import computation
 from jaxball.programs.native import choice
 from jaxball.programs.native.emit.rules import RULES
 from jaxball.programs.native.targets import machine
-from jaxball.programs.store import commands as module, current
+from jaxball.programs.store import current, folder_store as module
 from tests.support.precision import enable_x64
 
 TIMES = np.linspace(0.0, 2.0, 5)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxball import programs
-from jaxball.programs.store import commands as module, current
+from jaxball.programs.store import current, folder_store as module
 from jaxball.programs.store.folder import Folder
 from jaxball.programs.store.folder_store import FolderStore
 

@@ -23,7 +23,7 @@ from .names import OWN, NoNameError, is_known
 _PURE = frozenset(("concurrent", "difflib", "inspect", "json", "re", "threading", "warnings", "weakref", "zlib"))
 _PURE |= {"ml_dtypes", "scipy", "typing_extensions"}
 # What these read decides how a program is compiled, kept and interrupted, and what is said meanwhile; not its results.
-_PROGRAMS = "native", "store", "computation", "compiled", "operation", "program"
+_PROGRAMS = "native", "store", "identity.names", "computation", "compiled", "operation", "program"
 _MACHINERY = (f"{OWN}.cache", f"{OWN}.cpu", *(f"{OWN}.programs.{name}" for name in _PROGRAMS))
 _STORES = f"{OWN}.programs.store"
 SEEDED = ("default_rng", "Philox")  # generators of random numbers, which jaxball gives seeds
