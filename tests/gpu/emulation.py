@@ -12,23 +12,23 @@ from jaxball.programs import operation
 from jaxball.programs.computation import Computation
 from jaxball.programs.native.calls import grid
 from jaxball.programs.native.calls.table import NEXT, PARTS, ROWS
-from jaxball.programs.native.pipeline import Entry, written
+from jaxball.programs.native.pipeline import Emitted, emit, read_functions
 from jaxball.programs.native.targets.machine import Code, object_code
 from jaxball.programs.native.targets.processors import THREAD, Target
 
 
-def entry_of(computation: Computation, target: Target = THREAD) -> Entry:
+def emit_computation(computation: Computation, target: Target = THREAD) -> Emitted:
     """The program of a computation, written for the threads of a GPU."""
     module = computation.traced.for_cpu().compiler_ir("stablehlo")
-    return written(module, len(computation.takes), target=target)
+    return emit(read_functions(module, len(computation.takes)), target)
 
 
 class Grid:
     """The program of a computation as a GPU would run it, for rows of its arguments."""
 
     def __init__(self, computation: Computation, target: Target = THREAD):
-        self.entry = entry_of(computation, target)
-        text = grid.emulation(self.entry.takes, self.entry.gives, self.entry.workspace) + self.entry.body
+        self.emitted = emit_computation(computation, target)
+        text = grid.emulation(self.emitted.takes, self.emitted.gives, self.emitted.main.workspace) + self.emitted.main.body
         self._code = Code(object_code(text))
         kind = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)
         self._emulate = kind(self._code.address("emulate"))
@@ -38,11 +38,11 @@ class Grid:
         """The results of all rows, computed by this many threads."""
         arrays = [np.ascontiguousarray(array, dtype) for array, dtype in zip(arrays, self._types, strict=True)]
         rows = next((len(array) for array, many in zip(arrays, in_rows, strict=True) if many), 1)
-        results = [np.empty((rows, *shape), dtype) for _, shape, dtype in self.entry.results]
+        results = [np.empty((rows, *shape), dtype) for _, shape, dtype in self.emitted.main.results]
         steps = [array.nbytes // rows if many else 0 for array, many in zip(arrays, in_rows, strict=True)]
         steps += [result.nbytes // rows for result in results]
         addresses = [array.ctypes.data for array in (*arrays, *results)]
-        memory = np.empty(threads * self.entry.workspace + 64, np.uint8)
+        memory = np.empty(threads * self.emitted.main.workspace + 64, np.uint8)
         table = (ctypes.c_int64 * (PARTS // 8 + 2 * len(steps)))()
         table[NEXT // 8], table[ROWS // 8] = 0, rows
         table[grid.MEMORY // 8] = memory.ctypes.data + -memory.ctypes.data % 64

@@ -9,7 +9,7 @@ import pytest
 from jaxball.programs.native.pipeline import kernel_text
 from jaxball.programs.native.targets.machine import ptx
 
-from .emulation import entry_of, recorded
+from .emulation import emit_computation, recorded
 from .programs import PROGRAMS
 
 PTXAS = shutil.which("ptxas")
@@ -33,7 +33,7 @@ def test_kernels_are_accepted(place, name, tmp_path):
     """All architectures for one program; one for each of the others, of which the assembler may take a minute."""
     with recorded() as calls:
         PROGRAMS[name]()
-    text = ptx(kernel_text(entry_of(calls[-1][0])))
+    text = ptx(kernel_text(emit_computation(calls[-1][0])))
     # Without a rounding mode, the assembler may fuse a product and a sum, and round otherwise than a CPU.
     assert not re.search(r"\b(add|sub|mul)\.f(32|64)\b", text)
     source = tmp_path / "kernel.ptx"

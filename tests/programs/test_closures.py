@@ -9,7 +9,7 @@ import pytest
 import jaxball
 from jaxball import Contact, Disk, DiskState, Event, FunctionForce, programs, simulate
 from jaxball.programs.identity.closures import put_captures, take_captures
-from jaxball.programs.native.jitting import Lowered
+from jaxball.programs.native.tracing import Lowered
 
 X = jnp.asarray(2.0)
 

@@ -17,8 +17,8 @@ import pytest
 from jax import lax
 
 import jaxball
-from jaxball.programs.native.executable import Executable
-from jaxball.programs.native.pipeline import compiled
+from jaxball.programs.native.executable import Program
+from jaxball.programs.native.pipeline import compile_for_cpu
 
 from .comparison import native
 
@@ -120,10 +120,10 @@ def test_memory_does_not_grow(programs):
 
     The first ones do, as LLVM takes memory to work in, and so do pages that are not full yet, now and then.
     """
-    from jaxball.programs.native.emit import operations  # noqa: F401 (whose rules are entered)
 
     def made(k):
-        return Executable(compiled(module, 1))([np.full(100, float(k))])
+        gives = [((100,), np.dtype(float), False)]
+        return Program(compile_for_cpu(module, [np.dtype(float)], gives))([np.full(100, float(k))])
 
     module = jax.jit(lambda x: lax.fori_loop(0, 3, lambda i, x: jnp.sin(x) + x[::-1], x)).lower(np.ones(100))
     module = module.compiler_ir("stablehlo")

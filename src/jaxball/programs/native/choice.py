@@ -1,15 +1,29 @@
-"""The choice of compiler: ``native``, this package's own, or ``xla``."""
+"""The choice of compiler: ``native``, this package's own, or ``xla``; and where ``native`` is possible."""
 
 import contextlib
 import os
-from collections.abc import Iterator
-from typing import Literal, TypeAlias, get_args
+import warnings
+from collections.abc import Iterator, Sequence
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
+
+import jax
+
+from ...compat import trace_context
+from . import gpu
+from .arguments import are_numbers, some_traced
+from .targets import machine
 
 Compiler: TypeAlias = Literal["native", "xla"]
 VARIABLE = "JAXBALL_COMPILER"
 DEFAULT: Compiler = "native"
 
 _asked_for: list[Compiler] = []
+
+
+class Refusal(NamedTuple):
+    """Why a program is not compiled natively: the subject of the sentence "… is not compiled natively"."""
+
+    reason: str
 
 
 @contextlib.contextmanager
@@ -60,3 +74,54 @@ def _checked(name: str, what: str) -> Compiler:
         if name == known:
             return known
     raise ValueError(f"{what} must be 'native' or 'xla', but it is {name!r}.")
+
+
+def warn_if_asked_for(refusal: Refusal, name: str) -> None:
+    """Warns why XLA compiles the program with this name, if the native compiler was chosen by name."""
+    if asked_for() == "native":
+        message = f"{refusal.reason} is not compiled natively: XLA compiles the program `{name}`."
+        warnings.warn(message, stacklevel=4)
+
+
+def allowed() -> bool:
+    """Whether programs are compiled natively at all."""
+    return machine.is_present() and on_one_cpu()
+
+
+def allowed_on_gpu() -> bool:
+    """Whether programs are compiled natively for NVIDIA's GPUs."""
+    if not machine.is_present() or _is_debugging():
+        return False
+    return gpu.why_not() is None
+
+
+def identity_on_gpu() -> list[str]:
+    """What, besides its text, determines the code of a program for a GPU."""
+    return gpu.identity()
+
+
+def usable(leaves: Sequence[Any]) -> bool:
+    """Whether programs can be compiled natively for such arguments: on the one device of a CPU, and with numbers."""
+    return allowed() and not some_traced(leaves) and are_numbers(leaves)
+
+
+def on_one_cpu() -> bool:
+    """Whether programs run on the one device of a CPU, and without settings that are for debugging."""
+    config: Any = jax.config
+    if _is_debugging():
+        return False
+    if not jax.sharding.get_abstract_mesh().empty or jax.default_backend() != "cpu" or jax.device_count() != 1:
+        return False
+    return config.jax_default_device in (None, "cpu", jax.devices()[0])
+
+
+def _is_debugging() -> bool:
+    config: Any = jax.config
+    return config.jax_debug_nans or config.jax_debug_infs or config.jax_disable_jit
+
+
+def settings() -> Any:
+    """The settings of JAX that determine, within a process, which program is run."""
+    config: Any = jax.config
+    debugging = config.jax_debug_nans, config.jax_debug_infs, config.jax_disable_jit
+    return trace_context(), config.jax_default_device, debugging

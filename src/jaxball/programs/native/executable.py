@@ -1,16 +1,18 @@
 """Calls of a compiled program: arrays in, arrays out, and a workspace for each running call."""
 
 import ctypes
+import functools
 import hashlib
 import itertools
 import threading
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import jax
 import numpy as np
 
-from ...compat import put
+from ...compat import array_type, put
+from .arguments import is_of_numpy
 from .ir.module import ALIGNMENT
 from .targets.machine import Code
 
@@ -19,73 +21,97 @@ _targets: dict[str, Code] = {}  # the programs that XLA may call at any time
 _lock = threading.Lock()
 
 
+Given: TypeAlias = tuple[tuple[int, ...], np.dtype, bool]  # shape, type, and whether the type is weak, of a result
+
+
 class Form(NamedTuple):
-    """A compiled program as plain data, of which an :class:`Executable` is made, in this process or in another one.
+    """A compiled program as plain data, of which a :class:`Program` is made, in this process or in another one.
 
     Nothing here needs the compiler, which a process that finds its programs in a store never imports.
 
-    - ``code``: the machine code from :func:`~.machine.object_code`.
-    - ``results``: offset in bytes, shape and type of each result in the array in which all of them lie.
-    - ``size``: the bytes of that array; ``workspace``: those of the memory to work in.
-    - ``takes``: how many arrays it takes; ``routines``: those of libraries that the code calls.
+    - ``code``: the machine code from :func:`~.machine.object_code`; ``routines``: those of libraries that it calls.
+    - ``takes``: the types of the arrays that it takes; ``gives``: the arrays that it gives.
+    - ``offsets``: in bytes, of each result in the array in which all of them lie; ``size``: the bytes of that array.
+    - ``workspace``: the bytes of the memory to work in.
     - ``refuses``: whether it may stop at a callback of Python.
     - ``block``: how many rows it computes at once; 0 if it computes a single one, without an axis of rows.
     """
 
     code: bytes
-    results: tuple[tuple[int, tuple[int, ...], np.dtype], ...]
+    routines: tuple[tuple[str, str], ...]
+    takes: tuple[np.dtype, ...]
+    gives: tuple[Given, ...]
+    offsets: tuple[int, ...]
     size: int
     workspace: int
-    takes: int
-    routines: tuple[tuple[str, str], ...]
     refuses: bool
     block: int
 
 
-class Executable:
-    """A program: called with the arrays of its arguments, it returns those of its results.
+class CallbackReachedError(Exception):
+    """A native run reached a callback in a branch, such as an error to be raised: XLA runs it, from the beginning."""
+
+
+class Program:
+    """A program for arrays of certain types: called with such arrays, it returns JAX arrays.
 
     It holds Python's lock only while it checks for signals, so that several threads can run it at once, and Ctrl-C
     raises ``KeyboardInterrupt`` from within.
+
+    **Raises:** :class:`CallbackReachedError`.
     """
 
     def __init__(self, form: Form):
-        self._form = form
+        self.form = form
         self._code = Code(form.code, form.routines)
         # Of the kind that looks, after the call, for an exception; the code releases Python's lock itself.
         kind = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
         self._run = kind(self._code.address("run"))
         self._run_rows = ctypes.PYFUNCTYPE(None, ctypes.c_void_p)(self._code.address("rows"))
-        self._addresses = ctypes.c_void_p * form.takes
-        self._results, self._size, self._workspace = form.results, form.size, form.workspace
+        self._addresses = ctypes.c_void_p * len(form.takes)
+        self._places = [
+            (offset, shape, dtype) for offset, (shape, dtype, _) in zip(form.offsets, form.gives, strict=True)
+        ]
+        self._size, self._workspace = form.size, form.workspace
+        self._as_jax = _AsJax([array_type(*given) for given in form.gives])
 
-    def __call__(self, arguments: Sequence[np.ndarray | jax.Array]) -> list[np.ndarray] | None:
-        """The results; None if the program reached a callback. The arguments have the compiled types, row by row."""
+    def __call__(self, arrays: Sequence[Any]) -> list[jax.Array]:
+        arguments = self._as_taken(arrays)
         addresses = self._addresses(*map(_address, arguments))
         block = np.empty(self._size + ALIGNMENT, np.uint8)
         outputs = _address(block)
         start = -outputs % ALIGNMENT
-        workspace = _taken(self._workspace)
+        workspace = _take_workspace(self._workspace)
         try:
             refused = self._run(addresses, outputs + start, workspace.start)
         finally:
-            _given_back(workspace)
+            _give_back(workspace)
         if refused:
-            return None
-        return [np.ndarray(shape, dtype, block, start + offset) for offset, shape, dtype in self._results]
+            raise CallbackReachedError
+        return self._as_jax([np.ndarray(shape, dtype, block, start + place) for place, shape, dtype in self._places])
+
+    def _as_taken(self, arrays: Sequence[Any]) -> list[np.ndarray | jax.Array]:
+        """Returns the arrays with the compiled types, row by row in memory."""
+        return [
+            np.asarray(array, dtype, order="C") if is_of_numpy(type(array)) else array
+            for array, dtype in zip(arrays, self.form.takes, strict=True)
+        ]
 
     def of_rows(
-        self, arguments: Sequence[np.ndarray | jax.Array], in_rows: Sequence[bool], threads: int
-    ) -> list[np.ndarray]:
-        """The results of all rows, computed in ``threads`` threads, which changes none of their bits.
+        self, arrays: Sequence[Any], in_rows: Sequence[bool], weak: Sequence[bool], threads: int
+    ) -> list[jax.Array]:
+        """Computes the results of all rows in ``threads`` threads, which changes none of their bits.
 
-        - ``in_rows``: which arguments have rows as leading axis.
+        Only a program with a :attr:`target` has this. Ctrl-C ends it.
+
+        - ``in_rows``: which arrays have rows as leading axis; ``weak``: which results have a weak type.
         """
+        arguments = self._as_taken(arrays)
         rows = next(len(array) for array, many in zip(arguments, in_rows, strict=True) if many)
         results = [
-            _aligned((rows, *(shape[1:] if self._form.block else shape)), dtype) for _, shape, dtype in self._results
+            _empty((rows, *(shape[1:] if self.form.block else shape)), dtype) for _, shape, dtype in self._places
         ]
-        blocks = -(-rows // max(self._form.block, 1))
+        blocks = -(-rows // max(self.form.block, 1))
         parts = [
             (_address(array), array.nbytes // rows if many else 0)
             for array, many in zip(arguments, in_rows, strict=True)
@@ -105,16 +131,18 @@ class Executable:
         finally:
             for thread in others:
                 thread.join()
-        return results
+        avals = [array_type(array.shape, array.dtype, is_weak) for array, is_weak in zip(results, weak, strict=True)]
+        return _AsJax(avals)(results)
 
+    @functools.cached_property
     def target(self) -> str | None:
-        """The name under which XLA finds the program, for as long as the process lives; None if it may refuse to run.
+        """The name by which XLA calls the program, while the process lives; None if it may stop at a callback.
 
         The name is that of the code, so that what JAX itself keeps of a compiled function calls the same code later.
         """
-        if self._form.refuses:
+        if self.form.refuses:
             return None
-        described = self._form.code, repr(self._form.routines).encode()
+        described = self.form.code, repr(self.form.routines).encode()
         name = f"jaxball_{hashlib.blake2b(b''.join(described), digest_size=16).hexdigest()}"
         with _lock:
             if name not in _targets:
@@ -133,7 +161,7 @@ def _address(array: np.ndarray | jax.Array) -> int:
         return array.__array_interface__["data"][0]  # which takes three times as long
 
 
-def _aligned(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
+def _empty(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
     """Room for an array that JAX takes without a copy."""
     size = int(np.prod(shape, dtype=int)) * dtype.itemsize
     memory = np.empty(size + ALIGNMENT, np.uint8)
@@ -150,18 +178,18 @@ class _Workspace:
         self.start = -(-_address(self._memory) // ALIGNMENT) * ALIGNMENT
 
 
-def _taken(size: int) -> _Workspace:
+def _take_workspace(size: int) -> _Workspace:
     """Memory to work in, which the thread keeps: a handler of signals may run another program meanwhile."""
     workspace = getattr(_spare, "workspace", None)
     _spare.workspace = None
     return _Workspace(size) if workspace is None or workspace.size < size else workspace
 
 
-def _given_back(workspace: _Workspace) -> None:
+def _give_back(workspace: _Workspace) -> None:
     _spare.workspace = workspace
 
 
-class Results:
+class _AsJax:
     """Makes JAX arrays of the given types, copied only if necessary."""
 
     def __init__(self, avals: Sequence[Any]):

@@ -1,0 +1,164 @@
+"""Functions traced for arguments, from which a program is made by either compiler."""
+
+import contextlib
+import copy
+import functools
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from ...compat import same_mesh, setting_of_traces, without_locations
+from .arguments import type_of
+from .choice import Refusal
+from .collecting import seldom_collected
+from .executable import Given, Program
+from .gpu import GridProgram
+from .ir.elements import UnsupportedError
+
+_natively = setting_of_traces(False)
+_asked: set[int] = set()  # the threads in which `traced_natively` was true since they last began to trace
+
+
+def traced_natively() -> bool:
+    """Whether what is being traced is to be compiled natively.
+
+    Then a map of long computations is best a ``jax.lax.map``, whose turns are computed side by side. XLA would compute
+    one after the other, and is best given ``jax.vmap``.
+    """
+    if _natively.value:
+        _asked.add(threading.get_ident())
+    return _natively.value
+
+
+class Lowered:
+    """A function of a list of arrays, traced for arrays of certain types, to be compiled by either compiler.
+
+    **Arguments:**
+
+    - ``function``: of a list of arrays, and returns one.
+    - ``arrays``: such arrays, or what ``jax.eval_shape`` gives of such.
+    - ``natively``: whether it is traced for the native compiler; if XLA compiles it in the end, it may be traced again.
+    - ``context``: in which it is traced, too.
+    """
+
+    def __init__(
+        self,
+        function: Callable[[list[Any]], list[Any]],
+        arrays: Sequence[Any],
+        name: str,
+        natively: bool = True,
+        context: Callable[[], contextlib.AbstractContextManager[Any]] = contextlib.nullcontext,
+    ):
+        def traced(arrays: list[Any]) -> list[Any]:
+            return function(arrays)
+
+        self.name = traced.__name__ = traced.__qualname__ = name
+        self.function = jax.jit(traced, keep_unused=True)
+        self.takes, self._natively = list(map(type_of, arrays)), natively
+        self._depends, self._context = False, context
+
+    @functools.cached_property
+    def traced(self) -> Any:
+        """The trace."""
+        _asked.discard(threading.get_ident())
+        with self.as_traced():
+            traced = self.function.trace(self.takes)
+        self._depends = threading.get_ident() in _asked
+        return traced
+
+    @functools.cached_property
+    def lowered(self) -> Any:
+        """The trace, lowered to StableHLO for the device that JAX computes on."""
+        return self._lower()
+
+    def for_cpu(self) -> Any:
+        """The trace, lowered to StableHLO for a CPU, without calls of libraries that only other devices have."""
+        return self.lowered if jax.default_backend() == "cpu" else self._lower("cpu")
+
+    def _lower(self, *platforms: str) -> Any:
+        traced = self.traced
+        with self.as_traced(), without_locations():
+            return traced.lower(lowering_platforms=platforms or None)
+
+    @contextlib.contextmanager
+    def as_traced(self) -> Iterator[None]:
+        """The context in which it is traced, in which JAX finds the trace again."""
+        with seldom_collected(), _natively(self._natively), self._context(), same_mesh():
+            yield
+
+    @property
+    def gives(self) -> list[Any]:
+        """The types of the results."""
+        return [type_of(aval) for aval in self.traced.jaxpr.out_avals]
+
+    def natively(self, large: bool = True, quickly: bool = False, rows: Any = None) -> Program | Refusal:
+        """The program; a refusal if it contains something unsupported.
+
+        - ``large``: whether it is compiled even if its loops are over large arrays, which XLA runs faster.
+        - ``quickly``: whether LLVM optimises it less.
+        - ``rows``: what it computes at once, see :class:`~.table.Rows`.
+        """
+        from .pipeline import compile_for_cpu
+
+        try:
+            with seldom_collected():
+                takes, gives = _types_in(self.traced.jaxpr.in_avals), _given(self.traced.jaxpr.out_avals)
+                module = self.for_cpu().compiler_ir("stablehlo")
+                return Program(compile_for_cpu(module, takes, gives, large=large, quickly=quickly, rows=rows))
+        except UnsupportedError as error:
+            return Refusal(str(error))
+
+    def for_gpu(self, large: bool) -> GridProgram | Refusal:
+        """The program of a GPU's threads, each of which computes a row; otherwise like :meth:`natively`.
+
+        **Raises:** :class:`~.cuda.CudaError` where the driver cannot compile it.
+        """
+        from .pipeline import compile_for_gpu
+
+        try:
+            with seldom_collected():
+                gives = _given(self.traced.jaxpr.out_avals)
+                module = self.for_cpu().compiler_ir("stablehlo")
+                return GridProgram(compile_for_gpu(module, len(self.takes), gives, large))
+        except UnsupportedError as error:
+            return Refusal(str(error))
+
+    def as_text(self) -> str:
+        """The program as LLVM's IR.
+
+        **Raises:** :class:`~.elements.UnsupportedError` if it contains something unsupported.
+        """
+        from .pipeline import cpu_text, emit, read_functions
+
+        return cpu_text(emit(read_functions(self.lowered.compiler_ir("stablehlo"), len(self.takes))))
+
+    def by_xla(self) -> Callable[[list[Any]], list[Any]]:
+        """The program."""
+        return self.for_xla().lowered.compile()
+
+    def for_xla(self) -> "Lowered":
+        """The same, traced for XLA; this one, where that does not matter."""
+        if self.traced and not self._depends:
+            return self
+        again = copy.copy(self)
+        again._natively = False
+        for name in ("traced", "lowered"):
+            vars(again).pop(name, None)
+        return again
+
+
+def _types_in(avals: Sequence[Any]) -> list[np.dtype]:
+    return [_numpy_type(aval) for aval in avals]
+
+
+def _given(avals: Sequence[Any]) -> list[Given]:
+    return [(aval.shape, _numpy_type(aval), aval.weak_type) for aval in avals]
+
+
+def _numpy_type(aval: Any) -> np.dtype:
+    if not isinstance(aval.dtype, np.dtype):  # such as random keys
+        raise UnsupportedError(f"An array of {aval.dtype}")
+    return aval.dtype
