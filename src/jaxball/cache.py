@@ -113,7 +113,7 @@ def of_a_command(arguments: Sequence[str]) -> Iterator[None]:
         return
     _silence()
     store = FolderStore(_folder(None), arguments)
-    with current.kept_in(store):
+    with current.keep_within(store):
         try:
             yield
         finally:

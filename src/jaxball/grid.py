@@ -11,7 +11,7 @@ from .cpu import cores
 from .interface.arguments import require, whole_number
 from .interface.status import Status
 from .numerics.arrays import Numbers, to_array, to_numpy
-from .programs.batches import in_threads, unpadded
+from .programs.batches import in_threads, join_batches
 from .programs.operation import in_threads as rows_in_threads
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class Grid(NamedTuple):
             workers,
             progress=progress,
         )
-        return unpadded(results, len(cells))
+        return join_batches(results, len(cells))
 
     def dataset(
         self, variables: Mapping[str, tuple[Any, str, str]], attributes: Mapping[str, Any] | None = None

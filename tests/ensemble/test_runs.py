@@ -23,7 +23,7 @@ from jaxball import (
 )
 from jaxball.classical import FreeRigidBody
 from jaxball.ensemble import Maximum, simulate_ensemble
-from jaxball.programs.native import chosen
+from jaxball.programs.native import current_choice
 from jaxball.solvers import NDF, Adams, Gauss, RadauIIA
 
 RUNS = 40
@@ -176,7 +176,7 @@ def test_every_method_steps_as_in_a_run_of_its_own(solver):
     system, state = disks(np.linspace(0.5, 2.0, 5))
     found = simulate_ensemble(system, TIMES, state, solver=solver, rtol=1e-6, atol=1e-6)
     # Natively, runs whose steps make matrices are solved one by one, as single ones are.
-    alone = chosen() == "native" and isinstance(solver, RadauIIA)
+    alone = current_choice() == "native" and isinstance(solver, RadauIIA)
     for k in (0, 3):
         # Where a method chooses its order, or when to stop iterating, rounding may decide; then within the tolerance.
         bound = 0.0 if alone else 1e-12 if isinstance(solver, diffrax.AbstractERK) else 1e-6

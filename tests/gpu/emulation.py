@@ -28,7 +28,9 @@ class Grid:
 
     def __init__(self, computation: Computation, target: Target = THREAD):
         self.emitted = emit_computation(computation, target)
-        text = grid.emulation(self.emitted.takes, self.emitted.gives, self.emitted.main.workspace) + self.emitted.main.body
+        text = (
+            grid.emulation(self.emitted.takes, self.emitted.gives, self.emitted.main.workspace) + self.emitted.main.body
+        )
         self._code = Code(object_code(text))
         kind = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)
         self._emulate = kind(self._code.address("emulate"))

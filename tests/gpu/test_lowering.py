@@ -108,7 +108,7 @@ def test_kernels_are_kept_between_processes(driver):
     texts = []
     for _ in range(2):
         programs.forget()
-        with current.kept_in(Memory(contents)):
+        with current.keep_within(Memory(contents)):
             texts.append(lowered(jax.vmap(lambda r: run(r, rtol=1e-6).state.z), RADII))
     assert driver.compiled == 1
     assert texts[0] == texts[1]
@@ -128,7 +128,7 @@ def test_a_failure_of_the_driver_is_left_to_xla_and_not_kept(driver, monkeypatch
         raise CudaError("cuLinkComplete of the GPU's driver: out of memory (2).")
 
     contents = {}
-    with current.kept_in(Memory(contents)):
+    with current.keep_within(Memory(contents)):
         monkeypatch.setattr(driver, "compile", fail)
         assert "jaxball_gpu_" not in lowered(lambda r: run(r, rtol=1e-5).state.z, RADII[0])
         assert not contents
@@ -155,4 +155,4 @@ def test_gpus_of_several_kinds_get_ptx(driver):
 
 def test_a_cpu_in_the_same_process_is_not_changed(driver):
     np.testing.assert_array_equal(jax.jit(jax.vmap(height))(RADII), jax.vmap(height)(RADII))
-    assert native.allowed()
+    assert native.is_allowed()

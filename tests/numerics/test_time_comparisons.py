@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.numerics.time_comparisons import MOST_TIMES, compared_times
+from jaxball.numerics.time_comparisons import MOST_TIMES, find_compared_times
 
 P = 0.7
 TABLE = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
@@ -88,7 +88,7 @@ RESOLVED = {
 
 def _found(function, p=P):
     t, p = jnp.zeros(()), jnp.asarray(p)
-    return compared_times(jax.make_jaxpr(function)(t, p), t, p)
+    return find_compared_times(jax.make_jaxpr(function)(t, p), t, p)
 
 
 @pytest.mark.long
@@ -155,7 +155,7 @@ def test_guards_and_smooth_functions_are_not_taken_for_jumps(name):
 
 def _with_state(function):
     t, p, x = jnp.zeros(()), jnp.asarray(P), jnp.zeros(2)
-    return compared_times(jax.make_jaxpr(function)(t, p, x), t, p)
+    return find_compared_times(jax.make_jaxpr(function)(t, p, x), t, p)
 
 
 def test_a_state_is_compared_without_a_time():
@@ -182,7 +182,7 @@ def test_the_time_is_where_rounding_puts_the_change(comparison):
     def beside(shift, parameter, scale):
         p = jnp.stack([shift, (parameter - shift) / scale, scale])
         t = jnp.zeros(())
-        (time,) = compared_times(jax.make_jaxpr(changed)(t, p), t, p).times
+        (time,) = find_compared_times(jax.make_jaxpr(changed)(t, p), t, p).times
         return time, changed(jnp.nextafter(time, -jnp.inf), p), changed(jnp.nextafter(time, jnp.inf), p)
 
     for scale in (1.0, 0.7):

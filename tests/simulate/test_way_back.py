@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.programs.derivatives.reverse_rules import pulled_by_forward_mode, put, put_while
+from jaxball.programs.derivatives.reverse_rules import pull_by_forward_mode, put, put_while
 from jaxball.simulation.adjoint import Parts, Recorded, while_loop
 
 STEPS, ROOM = 11, 16
@@ -143,8 +143,8 @@ def test_parts_with_loops_of_any_length_are_pulled_back_by_forward_mode():
     def end(x, y):
         def advance(carry, counts):
             k, value = carry
-            value, times = often(product, pulled_by_forward_mode(product), (value, x, k))
-            value, _ = once(product, pulled_by_forward_mode(product), (value, y, jnp.ones_like(k)))
+            value, times = often(product, pull_by_forward_mode(product), (value, x, k))
+            value, _ = once(product, pull_by_forward_mode(product), (value, y, jnp.ones_like(k)))
             return times + 1, value
 
         start = jnp.asarray(0), jnp.asarray(1.0)

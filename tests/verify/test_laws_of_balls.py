@@ -124,7 +124,7 @@ def thousandth_wrong(monkeypatch):
     monkeypatch.setattr(locked, "contact_momentum_rate", rate)
     # Programs that were compiled from right equations are set aside.
     monkeypatch.setattr(simulation, "_compiled", functools.cache(simulation._compiled.__wrapped__))
-    with current.kept_in(None):
+    with current.keep_within(None):
         yield
 
 

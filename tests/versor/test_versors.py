@@ -110,4 +110,4 @@ def test_the_derivative_turns_at_the_body_angular_velocity(q, Omega):
 
 
 def test_normalisation():
-    close(versor.normalized(jnp.asarray([3.0, 0.0, -4.0, 0.0])), [0.6, 0, -0.8, 0])
+    close(versor.normalize(jnp.asarray([3.0, 0.0, -4.0, 0.0])), [0.6, 0, -0.8, 0])

@@ -19,7 +19,7 @@ def installation() -> dict[str, Any]:
     import jax  # here, because --version alone does without
 
     from ..programs.native import gpu
-    from ..programs.native.choice import chosen
+    from ..programs.native.choice import current_choice
     from ..programs.native.targets import machine
 
     return {
@@ -29,7 +29,7 @@ def installation() -> dict[str, Any]:
         "processor": machine.processor_name() if machine.is_present() else platform.processor(),
         "cores": os.cpu_count(),
         "packages": {name: _version(name) for name in PACKAGES},
-        "compiler": chosen(),
+        "compiler": current_choice(),
         "backend": jax.default_backend(),
         "devices": [device.device_kind for device in jax.devices()],
         "gpu": gpu.why_not() or "available",

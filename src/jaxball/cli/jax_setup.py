@@ -82,6 +82,6 @@ def compiled_for(scenario: "Scenario") -> AbstractContextManager[None]:
 
     Up to that many, an optimised program seldom saves the time that optimising it takes.
     """
-    from ..programs.program import compiled_quickly
+    from ..programs.program import compile_quickly
 
-    return compiled_quickly(scenario.max_steps <= type(scenario).max_steps)
+    return compile_quickly(scenario.max_steps <= type(scenario).max_steps)

@@ -14,7 +14,7 @@ from .. import programs
 from ..interface.arguments import require
 from ..interface.html import repr_html
 from ..numerics.arrays import to_numpy
-from ..numerics.fitting import Residuals, determined, fitted, where_finite
+from ..numerics.fitting import Residuals, find_determined, fit_unknowns, where_finite
 from ..physics.body import Disk
 from .problem.plane import places
 from .problem.run import Run, Solve, run_of
@@ -113,7 +113,7 @@ def identify(
         raise DesignError(
             "The scenario must be simulated to its end at the start of the identification, but it is not."
         )
-    y, converged = fitted(evaluate, space.start)
+    y, converged = fit_unknowns(evaluate, space.start)
     return _identified(space, y, *evaluate(tuple(y)), converged)
 
 
@@ -159,7 +159,7 @@ def _identified(space: DesignSpace, y: np.ndarray, r: np.ndarray, J: np.ndarray,
     """The estimates at the unknowns y, with their errors from the Jacobian J."""
     times = space.scenario.times.size
     _, s, Vt = np.linalg.svd(J, full_matrices=False)
-    seen = determined(s)
+    seen = find_determined(s)
     of_each_time = np.abs(J.reshape(times, -1, len(y)))
     rows = int(np.sum(np.any(of_each_time > 0, axis=(0, 2)))) * times
     noise = float(np.sqrt(r @ r / max(rows - int(np.sum(seen)), 1)))

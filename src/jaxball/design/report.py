@@ -41,7 +41,7 @@ SAVES_DRAWN = 601
 BRANCH = ("first weight", "last weight")  # of the paths that are drawn; "before" is the given scenario
 
 
-@programs.compiled_quickly()
+@programs.compile_quickly()
 def write_report(design: Design, title: str, folder: Path, source: Source | None = None) -> Path:
     """Writes ``design.toml``, ``report.md`` and its figures into ``folder``; the path of the report.
 
@@ -65,7 +65,7 @@ def write_report(design: Design, title: str, folder: Path, source: Source | None
     return _written(folder, [*parts, *provenance(source, design.progress.elapsed, resumed=design.check is None)])
 
 
-@programs.compiled_quickly()
+@programs.compile_quickly()
 def write_control_report(
     controlled: Controlled, title: str, saves: int, folder: Path, source: Source | None = None
 ) -> Path:

@@ -78,7 +78,7 @@ def _compiled(settings: Settings) -> programs.Program:
 
 def _together(settings: Settings) -> int:
     """How many runs wait for the longest of them."""
-    if native.chosen() == "native" and native.allowed():
+    if native.current_choice() == "native" and native.is_allowed():
         return 1 if fills_vectors(settings.method.solver) else native.LANES
     return settings.lanes
 

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from ..interface.arguments import require_flags
 from ..interface.printing import Printed
-from ..numerics.arrays import concatenated
+from ..numerics.arrays import join_arrays
 from ..numerics.vectors import apply, cross, sine_cosine
 from ..physics.body import System
 from ..physics.mechanisms import Hinge, Mechanism
@@ -86,7 +86,7 @@ class ObservedState(AbstractObservation):
         if self.masses:
             rows = _masses(moment)
             parts.append(jnp.ravel(rows[..., ::2] if is_disk else rows))
-        return concatenated(parts), memory
+        return join_arrays(parts), memory
 
 
 def _of_joints(moment: Moment) -> list[Float[Array, " numbers"]]:
@@ -173,7 +173,7 @@ class ObservedSensors(AbstractObservation):
             bias = jnp.broadcast_to(errors.bias, exact.shape)
             lost = jax.random.uniform(of_losses, (), exact.dtype) < errors.missing
             last[name] = jnp.where(lost, last[name], exact + bias + wandered[name] + white)
-        return concatenated([last[name] for name in sorted(last)]), (wandered, last)
+        return join_arrays([last[name] for name in sorted(last)]), (wandered, last)
 
 
 def observation_of(given: Mapping[str, AbstractSensor] | AbstractObservation) -> AbstractObservation:

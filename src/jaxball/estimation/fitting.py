@@ -24,7 +24,7 @@ from ..interface.arguments import refusal, require
 from ..interface.html import repr_html
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, default_dtype, to_array, to_numpy
-from ..numerics.fitting import determined, fitted, where_finite
+from ..numerics.fitting import find_determined, fit_unknowns, where_finite
 from ..physics.body import Ball, Disk, System
 from ..physics.state import PlacedState
 from ..physics.system import require_one_state
@@ -209,7 +209,7 @@ def fit(
             "Argument `parameters` must make a robot that can be simulated from `start` to the end of the log, but it "
             "cannot; give other guesses."
         )
-    y, converged = fitted(residuals, y0)
+    y, converged = fit_unknowns(residuals, y0)
     return _fit(problem, jnp.asarray(scale * y), scale, converged)
 
 
@@ -325,7 +325,7 @@ def _fit(problem: _Problem, x: Float[Array, " n"], scale: Float[np.ndarray, " n"
     r, J, found = _evaluated(problem, state, x.at[p : p + k].set(0.0))
     r, J = np.asarray(r), np.asarray(J) * scale
     _, s, Vt = np.linalg.svd(J, full_matrices=False)
-    seen = determined(s)
+    seen = find_determined(s)
     covariance = (Vt[seen].T / s[seen] ** 2) @ Vt[seen] * np.outer(scale, scale)
     lost = np.any(np.abs(Vt[~seen]) > UNDETERMINED_SHARE, axis=0)
     covariance = np.where(np.logical_or.outer(lost, lost), 0.0, covariance)

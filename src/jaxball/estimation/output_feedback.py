@@ -14,7 +14,7 @@ from ..control.history import until_end
 from ..control.loop import plant_of
 from ..control.sampled import SampledSystem
 from ..interface.arguments import require
-from ..numerics.arrays import Numbers, default_dtype, selected
+from ..numerics.arrays import Numbers, default_dtype, select_tree
 from ..physics.body import System
 from ..sensors import AbstractSensor
 from ..sensors.errors import with_errors
@@ -183,12 +183,12 @@ class OutputFeedback(AbstractFeedback):
         def step(belief: Belief, at: Any) -> tuple[Belief, Any]:
             i, u, y, arrived = at
             ahead = known.predicted(self._time(i - 1), belief, u)[0]
-            ahead = selected(i > 0, ahead, belief)
+            ahead = select_tree(i > 0, ahead, belief)
             there = arrived & jnp.isfinite(y)
             with_reading, innovation, S = known.updated(
                 self._time(i), ahead, u, Reading(jnp.where(there, y, 0.0), there)
             )
-            after = selected(i >= 0, with_reading, ahead)
+            after = select_tree(i >= 0, with_reading, ahead)
             return after, (after, innovation @ jnp.linalg.solve(S, innovation), jnp.sum(there))
 
         rows = k - late + jnp.arange(late + 1), memory.u, y, jnp.asarray(arrived)

@@ -71,19 +71,19 @@ def to_numpy(x: Numbers, name: str = "x") -> Float[np.ndarray, "..."]:
         raise refusal(name, "numbers", x) from None
 
 
-def concatenated(parts: Sequence[Float[Array, "_"]]) -> Float[Array, " n"]:
+def join_arrays(parts: Sequence[Float[Array, "_"]]) -> Float[Array, " n"]:
     """The parts one after the other; an empty array of the default type where there are none."""
     return jnp.concatenate(parts) if parts else jnp.zeros((0,), dtype=default_dtype())
 
 
-def stacked(parts: Sequence[Float[Array, "..."]], shape: tuple[int, ...] = ()) -> Float[Array, "n ..."]:
+def stack_arrays(parts: Sequence[Float[Array, "..."]], shape: tuple[int, ...] = ()) -> Float[Array, "n ..."]:
     """The parts, each of this shape, side by side; an empty array of the default type where there are none."""
     if not parts:
         return jnp.zeros((0, *shape), default_dtype())
     return jnp.stack(parts) if any(map(is_traced, parts)) else jnp.asarray(np.stack(parts))  # NumPy compiles nothing
 
 
-def selected(condition: Bool[Array, "..."], first: T, second: T) -> T:
+def select_tree(condition: Bool[Array, "..."], first: T, second: T) -> T:
     """A PyTree of the arrays of ``first`` where the condition holds, else of those of ``second``.
 
     As by ``jnp.where``, but a single condition is not repeated for each element, and then an array that is the same in

@@ -42,13 +42,13 @@ def step(
 
     def stage(slopes: Float[Array, "stages n"], at: tuple[Array, Array]) -> tuple[Float[Array, "stages n"], None]:
         place, row = at
-        return slopes.at[place].set(slope(x + h * _weighted(row, slopes))), None
+        return slopes.at[place].set(slope(x + h * _add_weighted(row, slopes))), None
 
     # A loop, so that the slope is traced and compiled once.
     nothing = jnp.zeros((count, *x.shape), x.dtype)
     slopes, _ = jax.lax.scan(stage, nothing, (jnp.arange(count), jnp.asarray(rows, x.dtype)))
-    return x + h * _weighted(jnp.asarray(WEIGHTS, x.dtype), slopes)
+    return x + h * _add_weighted(jnp.asarray(WEIGHTS, x.dtype), slopes)
 
 
-def _weighted(weights: Float[Array, " stages"], slopes: Float[Array, "stages n"]) -> Float[Array, " n"]:
+def _add_weighted(weights: Float[Array, " stages"], slopes: Float[Array, "stages n"]) -> Float[Array, " n"]:
     return jnp.sum(weights[:, None] * slopes, axis=0)

@@ -81,7 +81,7 @@ def unit(sigma: Float[Array, "2"]) -> Float[Array, "2"]:
     return sigma / jnp.sqrt(jnp.where(square > 0, square, 1.0))
 
 
-def left(sigma: Float[Array, "2"]) -> Float[Array, "2"]:
+def turn_left(sigma: Float[Array, "2"]) -> Float[Array, "2"]:
     """σ turned by a right angle."""
     return jnp.stack([-sigma[1], sigma[0]])
 

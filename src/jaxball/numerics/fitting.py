@@ -18,7 +18,7 @@ GAIN, SHORT_FIT_STEP, EVALUATIONS = 1e-9, 1e-9, 60
 Residuals = Callable[[tuple[float, ...]], tuple[Float[np.ndarray, " residuals"], Float[np.ndarray, "residuals n"]]]
 
 
-def determined(singular_values: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+def find_determined(singular_values: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     """Which directions of a Jacobian with these singular values the data determine."""
     return singular_values > UNSEEN * singular_values[0]
 
@@ -34,23 +34,23 @@ def where_finite(residuals: Residuals) -> Residuals:
     return evaluate
 
 
-def fitted(residuals: Residuals, start: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], bool]:
+def fit_unknowns(residuals: Residuals, start: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], bool]:
     """The unknowns with the least sum of squares near ``start``, and whether the last step was negligible.
 
     By Levenberg's and Marquardt's method as in SciPy, which shortens a step to where residuals are NaN. No step is
     taken along directions that the data do not determine.
     """
 
-    def determined_jacobian(y: Float[np.ndarray, " n"]) -> Float[np.ndarray, "residuals n"]:
+    def jacobian_of_determined(y: Float[np.ndarray, " n"]) -> Float[np.ndarray, "residuals n"]:
         U, s, Vt = np.linalg.svd(residuals(tuple(y))[1], full_matrices=False)
-        known = (U * np.where(determined(s), s, 0.0)) @ Vt
+        known = (U * np.where(find_determined(s), s, 0.0)) @ Vt
         # SciPy scales unknowns by their columns, and would take the rounding in an empty one for a sensitivity.
         return np.where(np.abs(known) > ROUNDING_OF_FIT * s[0], known, 0.0)
 
     fit = least_squares(
         lambda y: residuals(tuple(y))[0],
         start,
-        determined_jacobian,  # pyright: ignore[reportArgumentType]
+        jacobian_of_determined,  # pyright: ignore[reportArgumentType]
         x_scale="jac",
         ftol=GAIN,
         xtol=SHORT_FIT_STEP,

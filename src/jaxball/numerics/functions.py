@@ -174,7 +174,7 @@ def periodic_cubic_spline(
     return _hermite_pieces(values, chord, bend, jnp.roll(bend, -1, axis=0), step)
 
 
-def clamped_cubic_spline(
+def cubic_spline_with_slopes(
     knots: Float[Array, " n"],
     values: Float[Array, "n *shape"],
     end_slopes: Float[Array, "2 *shape"],

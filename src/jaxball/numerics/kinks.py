@@ -14,8 +14,8 @@ from jaxtyping import Array, Float
 
 from ..interface.printing import is_array
 from ..interface.warning import warn_of_kinks
-from .arrays import concatenated, default_dtype
-from .time_comparisons import compared_times
+from .arrays import join_arrays, default_dtype
+from .time_comparisons import find_compared_times
 
 CLOSE_KINKS = 100  # roundings within which two times are the same: a kink and the end of a run, or two kinks
 
@@ -45,7 +45,7 @@ def kinks_of_functions(
 ) -> Float[Array, " kinks"]:
     """The same of a ``part`` with several functions, whose ``kink_times`` are ``declared``."""
     remedy = None if declared.size else "give the times in `kink_times`"
-    seen = concatenated([_times_seen(part, one.evaluate, one.others, one.function, remedy) for one in functions])
+    seen = join_arrays([_times_seen(part, one.evaluate, one.others, one.function, remedy) for one in functions])
     if not (seen.size and declared.size):
         return declared if declared.size else seen
     near = CLOSE_KINKS * jnp.finfo(seen.dtype).eps * jnp.abs(seen)
@@ -78,7 +78,7 @@ def _times_seen(
         program = jax.make_jaxpr(function)(t, parameters, *others)
     except Exception:  # what is wrong with a user's function is said where it is evaluated
         return jnp.zeros_like(t, shape=(0,))
-    seen = compared_times(program, t, parameters)
+    seen = find_compared_times(program, t, parameters)
     if seen.unresolved and remedy is not None:
         warn_of_kinks(of, seen.unresolved, remedy)
     return seen.times

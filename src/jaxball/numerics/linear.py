@@ -27,7 +27,7 @@ def inverses(matrices: Float[Array, "k n n"]) -> Float[Array, "k n n"]:
     """The inverses of matrices; that of a singular one has entries that are not finite."""
     if matrices.shape[1] > LARGEST_SMALL:
         return jnp.linalg.inv(matrices)
-    return _eliminated((matrices,))[0]
+    return _invert_by_elimination((matrices,))[0]
 
 
 @jax.custom_jvp
@@ -52,7 +52,7 @@ def complex_inverses(
     if real.shape[1] > LARGEST_SMALL:
         inverse = jnp.linalg.inv(jax.lax.complex(real, imaginary))
         return inverse.real, inverse.imag
-    inverse = _eliminated((real, imaginary))
+    inverse = _invert_by_elimination((real, imaginary))
     return inverse[0], inverse[1]
 
 
@@ -60,7 +60,7 @@ def complex_inverses(
 _Parts: TypeAlias = tuple[Array, ...]
 
 
-def _eliminated(matrices: _Parts) -> _Parts:
+def _invert_by_elimination(matrices: _Parts) -> _Parts:
     """The inverses by Gauss–Jordan elimination with partial pivoting, in place and without a library call.
 
     Each turn eliminates the first column by the first row, and moves both to the end, so that every index is known
@@ -72,7 +72,7 @@ def _eliminated(matrices: _Parts) -> _Parts:
     def eliminate(turn, carry):
         size = sum(part[:, :, 0] * part[:, :, 0] for part in carry[0])
         pivot = jnp.argmax(jnp.where(index < n - turn, size, -1.0), axis=1)
-        B, rows = _if_any(pivot > 0, _exchanged, carry, pivot)
+        B, rows = _if_any(pivot > 0, _exchange, carry, pivot)
         first = _reciprocal(tuple(part[:, :1, 0] for part in B))
         row = _product(tuple(part[:, 0, 1:] for part in B), first)
         row = tuple(jnp.concatenate([part, last], axis=1) for part, last in zip(row, first, strict=True))
@@ -97,7 +97,7 @@ def _if_any(needed: Bool[Array, "..."], change: Callable[..., Any], before: Any,
     return jax.lax.cond(jnp.any(needed), change, lambda before, *others: before, before, *others)
 
 
-def _exchanged(carry: tuple[_Parts, Int[Array, "k n"]], pivot: Int[Array, " k"]) -> tuple[_Parts, Int[Array, "k n"]]:
+def _exchange(carry: tuple[_Parts, Int[Array, "k n"]], pivot: Int[Array, " k"]) -> tuple[_Parts, Int[Array, "k n"]]:
     """The matrices and the numbers of their rows, with the row ``pivot`` as the first, and that one in its place."""
     here = pivot[:, None] == jnp.arange(carry[1].shape[1])[None]
 
@@ -185,7 +185,7 @@ class Factors(NamedTuple):
         return jnp.stack(rows)
 
 
-def factored(A: Float[Array, "k k"]) -> Factors:
+def factor_symmetric(A: Float[Array, "k k"]) -> Factors:
     """The factors of a symmetric matrix, of which only the lower half is read; not finite where it is singular."""
     k = A.shape[0]
     zero, one = jnp.zeros_like(A[0, 0]), jnp.ones_like(A[0, 0])

@@ -18,12 +18,12 @@ from .time_dependence import (
     Piece,
     Piecewise,
     Value,
-    fixed,
+    fix_value,
     is_linear,
-    joined,
+    join_dependences,
     pieces_of,
+    read_literal,
     through,
-    written,
 )
 
 MOST_TIMES = 64  # of one comparison: steps end at each of them
@@ -52,16 +52,16 @@ class TimeComparisons(NamedTuple):
     unresolved: tuple[str, ...]
 
 
-def compared_times(program: Program, t: Float[Array, ""], parameters: Any) -> TimeComparisons:
+def find_compared_times(program: Program, t: Float[Array, ""], parameters: Any) -> TimeComparisons:
     """The times with which a function of (t, parameters, others) compares ``t``, from the program that it is traced to.
 
     - ``t``: any time; only its type matters.
     - ``parameters``: arrays in a PyTree, by which the times are differentiable. Of the others nothing is known.
     """
-    known = [fixed(value) for value in jax.tree.leaves(parameters)]
+    known = [fix_value(value) for value in jax.tree.leaves(parameters)]
     unknown = [Dependent(False, True)] * (len(program.jaxpr.invars) - 1 - len(known))
     trace = _Trace()
-    trace.follow(program, list(map(fixed, program.consts)), [_the_time(t), *known, *unknown])
+    trace.follow(program, list(map(fix_value, program.consts)), [_the_time(t), *known, *unknown])
     times = [jnp.ravel(time).astype(t.dtype) for time in trace.times]
     return TimeComparisons(
         jnp.concatenate(times) if times else jnp.zeros((0,), t.dtype), tuple(dict.fromkeys(trace.unresolved))
@@ -87,13 +87,13 @@ class _Trace:
         values = dict(zip(jaxpr.constvars, constants, strict=True)) | dict(zip(jaxpr.invars, operands, strict=True))
 
         def read(variable: Any) -> Value:
-            return written(variable) if isinstance(variable, Literal) else values[variable]
+            return read_literal(variable) if isinstance(variable, Literal) else values[variable]
 
         for equation in jaxpr.eqns:
             given = list(map(read, equation.invars))
             constant = [value for value in given if isinstance(value, Fixed)]
             results = (
-                _carried_out(equation, constant) if len(constant) == len(given) else self._results(equation, given)
+                _compute_known(equation, constant) if len(constant) == len(given) else self._results(equation, given)
             )
             values |= dict(zip(equation.outvars, results, strict=True))
         return list(map(read, jaxpr.outvars))
@@ -104,7 +104,7 @@ class _Trace:
             return self._of_call(equation, inner, given)
         if name == "cond":
             which, *operands = given
-            each = [self.follow(branch, list(map(fixed, branch.consts)), operands) for branch in branches(equation)]
+            each = [self.follow(branch, list(map(fix_value, branch.consts)), operands) for branch in branches(equation)]
             return [_chosen(which, cases) for cases in zip(*each, strict=True)]
         if name == "scan":
             return self._of_scan(equation, given)
@@ -113,28 +113,28 @@ class _Trace:
         if is_linear(name, equation, given):
             return [through(equation, given)]
         rule = _RULES.get(name)
-        result = rule(self, equation, given) if rule is not None else _joined_by(name, equation, given)
+        result = rule(self, equation, given) if rule is not None else _join(name, equation, given)
         return [result] * len(equation.outvars)
 
     def _of_call(self, equation: Any, inner: Program, given: list[Value]) -> Sequence[Value]:
         name = str(equation.params.get("name", ""))
         primitives = {within.primitive.name for within in inner.jaxpr.eqns}
         if _hides_comparisons(name, primitives):
-            return [joined(given)] * len(equation.outvars)
+            return [join_dependences(given)] * len(equation.outvars)
         if name.startswith("_searchsorted"):
             # In any order of operands: the table is the only sequence that no time changes.
             tables = [value for value, variable in zip(given, equation.invars, strict=True) if variable.aval.ndim == 1]
             queries = [value for value in given if not isinstance(value, Fixed)]
             if len(tables) == len(queries) == 1 and isinstance(tables[0], Fixed) and isinstance(queries[0], Piecewise):
-                return [self._looked_up(tables[0], queries[0])] * len(equation.outvars)
+                return [self._look_up(tables[0], queries[0])] * len(equation.outvars)
         before = self.tables_are_smooth
         self.tables_are_smooth = before or name == "_interp"
         try:
-            return self.follow(inner, list(map(fixed, inner.consts)), given)
+            return self.follow(inner, list(map(fix_value, inner.consts)), given)
         finally:
             self.tables_are_smooth = before
 
-    def _looked_up(self, table: Fixed, query: Piecewise) -> Value:
+    def _look_up(self, table: Fixed, query: Piecewise) -> Value:
         """The row of a table of times in which a time is."""
         if jnp.size(table.value()) <= MOST_TIMES:
             self._take(query.to_each(), table)
@@ -145,10 +145,10 @@ class _Trace:
     def _of_scan(self, equation: Any, given: list[Value]) -> Sequence[Value]:
         scan = loop(equation)
         constants, carried = given[: scan.constants], given[scan.constants : scan.constants + scan.carried]
-        sequences, own = given[scan.constants + scan.carried :], list(map(fixed, scan.body.consts))
+        sequences, own = given[scan.constants + scan.carried :], list(map(fix_value, scan.body.consts))
         if scan.length * len(scan.body.jaxpr.eqns) > MOST_EQUATIONS:
             self._follow_any_turn(scan.body, constants, carried, sequences)
-            return [joined(given)] * len(equation.outvars)
+            return [join_dependences(given)] * len(equation.outvars)
         turns, rows = range(scan.length), []
         for turn in reversed(turns) if scan.backwards else turns:
             elements = [_element(sequence, turn) for sequence in sequences]
@@ -156,9 +156,9 @@ class _Trace:
             carried = results[: scan.carried]
             rows.append(results[scan.carried :])
         return (
-            [*carried, *(joined(column) for column in zip(*rows, strict=True))]
+            [*carried, *(join_dependences(column) for column in zip(*rows, strict=True))]
             if rows
-            else [joined(given)] * len(equation.outvars)
+            else [join_dependences(given)] * len(equation.outvars)
         )
 
     def _of_while(self, equation: Any, given: list[Value]) -> Sequence[Value]:
@@ -166,19 +166,19 @@ class _Trace:
         start = first + argument(equation, "body_nconsts")
         # Whether there is another turn is no jump of the limit of an iteration.
         self._follow_any_turn(argument(equation, "body_jaxpr"), given[first:start], given[start:], [])
-        return [joined(given)] * len(equation.outvars)
+        return [join_dependences(given)] * len(equation.outvars)
 
     def _follow_any_turn(
         self, body: Program, constants: Sequence[Value], carried: Sequence[Value], sequences: Sequence[Value]
     ) -> None:
-        unknown = joined([*constants, *carried, *sequences])
+        unknown = join_dependences([*constants, *carried, *sequences])
         self.loops += 1
-        self.follow(body, list(map(fixed, body.consts)), [*constants, *[unknown] * (len(carried) + len(sequences))])
+        self.follow(body, list(map(fix_value, body.consts)), [*constants, *[unknown] * (len(carried) + len(sequences))])
         self.loops -= 1
 
     def _compare(self, symbol: str, comparison: Comparison, left: Value, right: Value) -> Value:
         """The result of a comparison, which changes at times that are taken if they are known."""
-        either = joined([left, right])
+        either = join_dependences([left, right])
         if isinstance(left, Fixed | Piecewise) and isinstance(right, Fixed | Piecewise):
             self._take(left, right, comparison)
             return Dependent(False, False)
@@ -259,9 +259,9 @@ def _hides_comparisons(name: str, primitives: set[str]) -> bool:
     return {"max", "exp", "log1p"} <= primitives or (name == "remainder" and "rem" in primitives)
 
 
-def _joined_by(name: str, equation: Any, given: list[Value]) -> Value:
+def _join(name: str, equation: Any, given: list[Value]) -> Value:
     """What an operation without a rule of its own does: its result depends on what its operands depend on."""
-    return joined(given)._replace(positive=_gives_positive(name, equation, given))
+    return join_dependences(given)._replace(positive=_gives_positive(name, equation, given))
 
 
 def _gives_positive(name: str, equation: Any, given: Sequence[Value]) -> bool:
@@ -289,26 +289,26 @@ def _is_guard(left: Value, right: Value) -> bool:
 
 
 def _is_linear_in_time(*values: Value) -> bool:
-    return any(isinstance(value, Piecewise) and joined([value]).time for value in values)
+    return any(isinstance(value, Piecewise) and join_dependences([value]).time for value in values)
 
 
 def _chosen(which: Value, cases: Sequence[Value]) -> Value:
     """One of several values, by an index."""
-    by = joined([which])
+    by = join_dependences([which])
     if not by.time and not by.state and all(isinstance(case, Fixed | Piecewise) for case in cases):
         pieces = tuple(dict.fromkeys(piece for case in cases for piece in pieces_of(case)))
         return Piecewise.of(pieces)
-    whole = joined([which, *cases])
+    whole = join_dependences([which, *cases])
     return whole._replace(positive=all(map(_is_positive, cases)))
 
 
 def _element(sequence: Value, turn: int) -> Value:
     if isinstance(sequence, Fixed):
         return Fixed(lambda: sequence.value()[turn])
-    return joined([sequence])
+    return join_dependences([sequence])
 
 
-def _carried_out(equation: Any, given: Sequence[Fixed]) -> Iterator[Fixed]:
+def _compute_known(equation: Any, given: Sequence[Fixed]) -> Iterator[Fixed]:
     """The results of an operation on numbers that depend on nothing but parameters, computed if they are needed."""
     results: list[Any] = []
 
@@ -328,7 +328,7 @@ def _carried_out(equation: Any, given: Sequence[Fixed]) -> Iterator[Fixed]:
 # What operations that jump or have kinks do. Each takes the trace, the equation and its operands, and gives its result.
 
 
-def _compared(trace: _Trace, equation: Any, given: list[Value]) -> Value:
+def _compare(trace: _Trace, equation: Any, given: list[Value]) -> Value:
     return trace._compare(COMPARISONS[equation.primitive.name], function_of(equation), *given)
 
 
@@ -337,10 +337,10 @@ def _of_larger_or_smaller(trace: _Trace, equation: Any, given: list[Value]) -> V
         left, right = given
         trace._take(left, right)
         return Piecewise.of(tuple(piece for value in given for piece in pieces_of(value)))
-    return _joined_by(equation.primitive.name, equation, given)
+    return _join(equation.primitive.name, equation, given)
 
 
-def _clamped(trace: _Trace, equation: Any, given: list[Value]) -> Value:
+def _clamp(trace: _Trace, equation: Any, given: list[Value]) -> Value:
     lowest, value, highest = given
     return _of_larger_or_smaller(trace, equation, [_of_larger_or_smaller(trace, equation, [lowest, value]), highest])
 
@@ -349,8 +349,8 @@ def _magnitude(trace: _Trace, equation: Any, given: list[Value]) -> Value:
     (value,) = given
     if isinstance(value, Piecewise):
         trace._take(value, _zero(equation))
-        return Piecewise.of(tuple(piece for both in value.pieces for piece in (both, both.transformed(jnp.negative))))
-    return _joined_by("abs", equation, given)
+        return Piecewise.of(tuple(piece for both in value.pieces for piece in (both, both.transform(jnp.negative))))
+    return _join("abs", equation, given)
 
 
 def _sign(trace: _Trace, equation: Any, given: list[Value]) -> Value:
@@ -362,36 +362,36 @@ def _zero(equation: Any) -> Fixed:
     return Fixed(lambda: jnp.zeros(of.shape, of.dtype), 0.0)
 
 
-def _rounded(trace: _Trace, equation: Any, given: list[Value]) -> Value:
-    whole = joined(given)
+def _round(trace: _Trace, equation: Any, given: list[Value]) -> Value:
+    whole = join_dependences(given)
     if whole.time and not trace.loops:
         trace.unresolved.append(name if (name := equation.primitive.name) in STEP_FUNCTIONS else "astype(int)")
     return Dependent(False, whole.state)
 
 
-def _converted(trace: _Trace, equation: Any, given: list[Value]) -> Value:
+def _convert(trace: _Trace, equation: Any, given: list[Value]) -> Value:
     was, becomes = equation.invars[0].aval.dtype, equation.outvars[0].aval.dtype
     if jnp.issubdtype(was, jnp.floating) and jnp.issubdtype(becomes, jnp.integer):
-        return _rounded(trace, equation, given)
-    return _joined_by("convert_element_type", equation, given)
+        return _round(trace, equation, given)
+    return _join("convert_element_type", equation, given)
 
 
 def _equal(trace: _Trace, equation: Any, given: list[Value]) -> Value:
-    return Dependent(False, joined(given).state)  # at single instants, which no integral notices
+    return Dependent(False, join_dependences(given).state)  # at single instants, which no integral notices
 
 
-def _selected(trace: _Trace, equation: Any, given: list[Value]) -> Value:
+def _select(trace: _Trace, equation: Any, given: list[Value]) -> Value:
     return _chosen(given[0], given[1:])
 
 
 _RULES: dict[str, Callable[[_Trace, Any, list[Value]], Value]] = {
-    **dict.fromkeys(COMPARISONS, _compared),
-    **dict.fromkeys(STEP_FUNCTIONS, _rounded),
+    **dict.fromkeys(COMPARISONS, _compare),
+    **dict.fromkeys(STEP_FUNCTIONS, _round),
     **dict.fromkeys(("eq", "ne", "eq_to", "is_finite"), _equal),
     **dict.fromkeys(("max", "min"), _of_larger_or_smaller),
-    "clamp": _clamped,
+    "clamp": _clamp,
     "abs": _magnitude,
     "sign": _sign,
-    "convert_element_type": _converted,
-    "select_n": _selected,
+    "convert_element_type": _convert,
+    "select_n": _select,
 }

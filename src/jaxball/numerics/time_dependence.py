@@ -61,7 +61,7 @@ class Piece(NamedTuple):
     def constant(cls, value: Lazy) -> "Piece":
         return cls(None, value, lambda t: value(), True)
 
-    def transformed(self, transform: Callable[[Array], Array]) -> "Piece":
+    def transform(self, transform: Callable[[Array], Array]) -> "Piece":
         """What a linear transformation without rounding makes of it."""
         slope = self.slope
         return Piece(
@@ -98,18 +98,18 @@ class Piecewise(NamedTuple):
 
     def to_each(self) -> "Piecewise":
         """The same value with an axis of length 1 after its own, to be compared with each row of a table."""
-        return Piecewise(tuple(piece.transformed(lambda x: x[..., None]) for piece in self.pieces))
+        return Piecewise(tuple(piece.transform(lambda x: x[..., None]) for piece in self.pieces))
 
 
 Value = Fixed | Piecewise | Dependent
 
 
-def fixed(value: Any) -> Fixed:
+def fix_value(value: Any) -> Fixed:
     """A value that no time changes."""
     return Fixed(lambda: value)
 
 
-def written(literal: Any) -> Fixed:
+def read_literal(literal: Any) -> Fixed:
     """A number that is written in the function."""
     value = np.asarray(literal.val, literal.aval.dtype)
     known = float(value) if value.ndim == 0 and np.isrealobj(value) else None
@@ -124,7 +124,7 @@ def pieces_of(value: Value) -> tuple[Piece, ...]:
     return (Piece.constant(value.value),)
 
 
-def joined(values: Sequence[Value]) -> Dependent:
+def join_dependences(values: Sequence[Value]) -> Dependent:
     """What a function of several values depends on."""
     each = [_dependence(value) for value in values]
     return Dependent(any(value.time for value in each), any(value.state for value in each))

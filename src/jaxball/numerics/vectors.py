@@ -135,7 +135,7 @@ def sine_cosine(x: Float[Array, "*shape"]) -> tuple[Float[Array, "*shape"], Floa
     return sine, cosine
 
 
-def written_out(x: Float[Array, "*shape"]) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"]]:
+def sine_cosine_of_jax(x: Float[Array, "*shape"]) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"]]:
     """What :func:`sine_cosine` computes, by operations of JAX."""
     if x.dtype != jnp.float64:
         return jnp.sin(x), jnp.cos(x)
@@ -163,5 +163,5 @@ def _jvp(primals, tangents):
 
 
 # A primitive, so that its derivatives are sines and cosines, not those of the polynomials.
-sine_cosine_p = primitive("sine_cosine", written_out, results=2)
+sine_cosine_p = primitive("sine_cosine", sine_cosine_of_jax, results=2)
 differentiate_by(sine_cosine_p, _jvp)

@@ -30,7 +30,7 @@ def conjugate(q: Float[Array, "4"]) -> Float[Array, "4"]:
     return jnp.concatenate([q[:1], -q[1:]])
 
 
-def normalized(q: Float[Array, "4"]) -> Float[Array, "4"]:
+def normalize(q: Float[Array, "4"]) -> Float[Array, "4"]:
     """q / |q|."""
     return q / jnp.sqrt(jnp.sum(q * q))
 
@@ -78,7 +78,7 @@ def from_rotation_matrix(Lambda: Float[Array, "3 3"]) -> Float[Array, "4"]:
             jnp.stack([a[1, 0] - a[0, 1], a[0, 2] + a[2, 0], a[1, 2] + a[2, 1], 1 - a[0, 0] - a[1, 1] + a[2, 2]]),
         ]
     )
-    return normalized(columns[jnp.argmax(jnp.diagonal(columns))])
+    return normalize(columns[jnp.argmax(jnp.diagonal(columns))])
 
 
 @jax.jit

@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from .. import programs
 from ..interface.printing import is_array
 from ..interface.wording import all_of, counted
-from ..numerics.arrays import AnyArray, Numbers, concatenated, default_dtype, namespace_of, to_array
+from ..numerics.arrays import AnyArray, Numbers, join_arrays, default_dtype, namespace_of, to_array
 from .breaches import breaches, in_plane
 from .conditions import Condition, ExplainedCondition, Problem, all_hold, positive, positive_inertia, real_inertia
 from .confinement import clearance, confined, is_off_plane, time_of_leaving
@@ -153,7 +153,7 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
         """The unsorted times at which χ̈ of a prescribed motion jumps or has a kink; none with dry friction."""
-        return concatenated([] if self._is_dry else self._prescribed_kinks())
+        return join_arrays([] if self._is_dry else self._prescribed_kinks())
 
     def driving_kinks(self) -> Float[Array, " kinks"]:
         """The unsorted times at which a law, a force or the ground's motion jumps or has a kink.
@@ -169,7 +169,7 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
             jnp.ravel(eqx.filter_vmap(lambda mechanism: mechanism.driving_kinks(state))(group))
             for group in self.mechanism_groups
         ]
-        return concatenated([*times, *self._prescribed_kinks()] if self._is_dry else times)
+        return join_arrays([*times, *self._prescribed_kinks()] if self._is_dry else times)
 
     @property
     def _is_dry(self) -> bool:

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..numerics.linear import Factors, factored
+from ..numerics.linear import Factors, factor_symmetric
 from ..numerics.vectors import apply, cross, inverse
 from .conditions import Condition
 from .footing import contact_normal
@@ -60,11 +60,11 @@ class Inertia(NamedTuple):
             H.append(block)
         return Inertia(self.B, c, H)
 
-    def factored(self) -> "FactoredInertia":
+    def factor(self) -> "FactoredInertia":
         """The same, ready to be solved with many right-hand sides."""
         rest, eliminated = self.B, []
         for c, H in zip(self.c, self.H, strict=True):
-            factors = jax.vmap(factored)(H)
+            factors = jax.vmap(factor_symmetric)(H)
             reduced = jax.vmap(Factors.reduced)(factors, c)
             divided = jax.vmap(Factors.divided)(factors, reduced)
             rest = rest - jnp.sum(reduced[..., :, None] * divided[..., None, :], axis=(0, 1))
@@ -159,7 +159,7 @@ def moved_masses(system: BodyParameters, t: Float[Array, ""], state: State) -> I
     """
     for link in with_free_joints(linkages(system, t, (state.theta, state.thetadot, state.thetadot))):
         H = inertia(jnp.eye(3, dtype=link.m.dtype), system.radius, contact_normal(system, t, state), [link]).H[0]
-        pivots, alone = jax.vmap(factored)(H).pivots, jnp.diagonal(H, axis1=1, axis2=2)
+        pivots, alone = jax.vmap(factor_symmetric)(H).pivots, jnp.diagonal(H, axis1=1, axis2=2)
         least = SINGULAR**2 * jnp.sum(link.m, axis=1, keepdims=True) * system.radius**2
         names = tuple(system.coordinates[slot] for slot in link.slots.ravel())
         holds = jnp.ravel((pivots > SINGULAR * alone) & (alone > least))

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
-from ..numerics.arrays import selected
+from ..numerics.arrays import select_tree
 from ..numerics.directions import unit
 from ..numerics.vectors import apply, root
 from ..programs.derivatives.differentiation import without_derivatives
@@ -309,7 +309,7 @@ class DryRolling(AbstractSystem[DryRollingState]):
         decided = jax.jit(type(self)._decided)  # compiled on its own, it is traced once
         after = jax.lax.cond(decides, decided, lambda system, t, state, given: state, self, t, before, given)
         if not self.body.planar:
-            begun = selected(decides, after.begun, Beginning.none(t))
+            begun = select_tree(decides, after.begun, Beginning.none(t))
             after = eqx.tree_at(lambda x: x.begun, after, begun)
         return Transition(
             t=t,
@@ -340,7 +340,7 @@ class DryRolling(AbstractSystem[DryRollingState]):
             spin = apply(stopped.body.Lambda, stopped.body.Omega)[2]
             at_rest = stopped.body.with_Omega(apply(stopped.body.Lambda.T, jnp.stack([0 * spin, 0 * spin, spin])))
             stopped = eqx.tree_at(lambda x: x.body, stopped, at_rest)
-            return (*selected(ends, (t + end.time, stopped), (t, state)), ends)
+            return (*select_tree(ends, (t + end.time, stopped), (t, state)), ends)
 
         return jax.lax.cond(stops, lambda: follow(t, state), lambda: (t, state, jnp.asarray(False)))
 

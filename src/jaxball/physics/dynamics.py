@@ -119,7 +119,7 @@ def equations(system: BodyParameters, t: Float[Array, ""], state: State) -> Equa
     apparent = cross(Omega, cross(Omega, at.p) + 2 * at.pdot) + at.pddot
     whole = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links)
     which = [held(link.group) for link in with_free_joints(links)]
-    return Equations(Omega, Gamma, angles, links, at, apparent, whole, which, whole.holding(which).factored())
+    return Equations(Omega, Gamma, angles, links, at, apparent, whole, which, whole.holding(which).factor())
 
 
 def accelerations(
@@ -204,7 +204,7 @@ def solvable_friction(system: BodyParameters, t: Float[Array, ""], state: State)
     r, Omega, Gamma = system.radius, state.Omega, contact_normal(system, t, state)
     links = linkages(system, t, (state.theta, state.thetadot, state.thetadot))  # no rates are used
     at = velocity_moments(system, t, (state.theta, state.thetadot), links)
-    matrix = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links).factored()
+    matrix = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links).factor()
     dry = system.resistance.dry_torque(r, Omega, Gamma)
     assert dry is not None
     *_, slope = _dry_friction(at, Gamma, with_free_joints(links), matrix, dry)

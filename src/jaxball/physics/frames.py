@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from ..interface.printing import Printed
 from ..numerics.arrays import is_traced, numbers
-from ..numerics.versor import normalized, rotation_matrix
+from ..numerics.versor import normalize, rotation_matrix
 
 
 def frisvad(n: Float[Array, "3"]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
@@ -95,7 +95,7 @@ class VersorFrame(AbstractFrame):
     q: Float[Array, "*group 4"] = eqx.field(converter=numbers("q", (4,)))
 
     def matrix(self) -> Float[Array, "3 3"]:
-        return rotation_matrix(normalized(self.q))
+        return rotation_matrix(normalize(self.q))
 
 
 class SphericalFrame(AbstractFrame):

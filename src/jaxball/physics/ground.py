@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from ..interface.arguments import described, require
 from ..interface.printing import Printed
-from ..numerics.arrays import concatenated, namespace_of, numbers
+from ..numerics.arrays import join_arrays, namespace_of, numbers
 from ..numerics.vectors import sine_cosine
 from .conditions import Condition
 from .motion import AbstractPrescribedMotion
@@ -180,7 +180,7 @@ class Ground(AbstractGround):
     def kinks(self) -> Float[Array, " kinks"]:
         """The times at which Ẍ or Ẇ jumps or has a kink."""
         sources = [self.motion, None if self.turntable is None else self.turntable.turning]
-        return concatenated([source.kinks() for source in sources if source is not None])
+        return join_arrays([source.kinks() for source in sources if source is not None])
 
     def prepare(self) -> "Ground":
         motion = None if self.motion is None else self.motion.prepare()

@@ -50,7 +50,7 @@ def locked_field(system: BodyParameters, t: Float[Array, ""], packed: AnyState) 
     free = with_free_joints(links)
     locked = [link.own(packed.thetadot) for link in free]
     matrix = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links)
-    factors = matrix.factored()
+    factors = matrix.factor()
     excess = factors.solve(*_given_momenta(t, at, r, Gamma, free))
     state = _with_velocities(packed, links, -1.0, *excess)
     Omega, angles = W - excess[0], given_angles(system, t, state)
@@ -85,7 +85,7 @@ def inertia_about_contact_rate(
 def _moved(system: BodyParameters, t: Float[Array, ""], state: AnyState, sign: float) -> AnyState:
     at, links = _stopped(system, t, state)
     r, Gamma = system.radius, contact_normal(system, t, state)
-    factors = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links).factored()
+    factors = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links).factor()
     momenta = _given_momenta(t, at, r, Gamma, with_free_joints(links))
     return _with_velocities(state, links, sign, *factors.solve(*momenta))
 

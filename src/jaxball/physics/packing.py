@@ -15,7 +15,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics.arrays import default_dtype
-from ..programs.derivatives.differentiation import differentiated_where, known_or_nothing
+from ..programs.derivatives.differentiation import differentiate_where, keep_if_known
 from .body import System
 from .dae import algebraic_component, constrained, mass_diagonal
 from .state import State
@@ -45,8 +45,8 @@ class Packing(eqx.Module, Generic[AnySystem, AnyState]):
 
     def unpack_where(self, used: Bool[Array, ""], t: Float[Array, ""], x: Float[Array, " size"]) -> AnyState:
         """The state of a vector; NaN, and nothing that has derivatives, where it is not ``used``."""
-        packing, t, x = differentiated_where(used, (self, t, x))
-        return jax.tree.map(lambda leaf: known_or_nothing(used, leaf), packing.unpack(t, x))
+        packing, t, x = differentiate_where(used, (self, t, x))
+        return jax.tree.map(lambda leaf: keep_if_known(used, leaf), packing.unpack(t, x))
 
     def rates(self, t: Float[Array, ""], x: Float[Array, " size"]) -> AnyState:
         """The rates of the variables in the vector, not yet packed."""

@@ -10,7 +10,7 @@ from ..interface.arguments import require_function
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, a_number, numbers, to_array
 from ..numerics.calculus import two_derivatives
-from ..numerics.functions import HarmonicSeries, OfFunction, PiecewisePolynomial, clamped_cubic_spline
+from ..numerics.functions import HarmonicSeries, OfFunction, PiecewisePolynomial, cubic_spline_with_slopes
 from ..numerics.kinks import kinks_of_function, kinks_seen
 
 
@@ -341,7 +341,7 @@ class Waypoints(AbstractPiecewise):
             )
 
     def prepare(self) -> PiecewiseSchedule:
-        inner = clamped_cubic_spline(self.times, self.angles, self.end_rates)
+        inner = cubic_spline_with_slopes(self.times, self.angles, self.end_rates)
         still = jnp.zeros((2,), dtype=self.angles.dtype)
         first = jnp.concatenate([jnp.stack([self.angles[0], self.end_rates[0]]), still])
         last = jnp.concatenate([jnp.stack([self.angles[-1], self.end_rates[1]]), still])

@@ -23,7 +23,7 @@ from ..interface.printing import Printed, is_array
 from ..interface.status import Status
 from ..numerics.arrays import AnyArray, Numbers, default_dtype, to_array
 from ..numerics.kinks import kinks_seen
-from ..programs.derivatives.differentiation import differentiated_where
+from ..programs.derivatives.differentiation import differentiate_where
 from .conditions import Condition, ExplainedCondition, Problem, unit
 from .hybrid import (
     NO_HISTORY,
@@ -331,7 +331,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
         """What happens at an event: the state is reset, or, at the ``START`` of a run, left as it is."""
         starts = event == START
         t, before, slope = at_zero(lambda system, *at: system.guards(*at), self, t, state, event)
-        system, t_of_reset, given = differentiated_where(~starts, (self, t, before))
+        system, t_of_reset, given = differentiate_where(~starts, (self, t, before))
         after = system.reset(t_of_reset, given, event)
         if jax.tree.structure(after) != jax.tree.structure(before):
             kind = type(self).__name__

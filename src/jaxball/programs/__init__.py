@@ -22,7 +22,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from .program import (
         Program as Program,
-        compiled_quickly as compiled_quickly,
+        compile_quickly as compile_quickly,
         filter_jit as filter_jit,
         forget as forget,
         jit as jit,

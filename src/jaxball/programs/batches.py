@@ -24,7 +24,7 @@ def batches(rows: int, size: int) -> list[Int[np.ndarray, " size"]]:
     return [np.minimum(np.arange(start, start + size), rows - 1) for start in range(0, rows, size)]
 
 
-def unpadded(results: Sequence[Any], rows: int) -> Any:
+def join_batches(results: Sequence[Any], rows: int) -> Any:
     """The results of all batches one after the other: PyTrees of arrays that have the rows as leading axis."""
     return jax.tree.map(lambda *parts: np.concatenate(parts)[:rows], *results)
 
@@ -33,7 +33,7 @@ def in_batches(function: Callable[[Any], Any], rows: Any, size: int) -> Any:
     """``function`` of a PyTree of NumPy arrays that have the rows as leading axis, ``size`` of them at a time."""
     count = len(jax.tree.leaves(rows)[0])
     parts = (jax.tree.map(lambda leaf, batch=batch: leaf[batch], rows) for batch in batches(count, size))
-    return unpadded([jax.tree.map(np.asarray, function(part)) for part in parts], count)
+    return join_batches([jax.tree.map(np.asarray, function(part)) for part in parts], count)
 
 
 def in_threads(
@@ -82,7 +82,7 @@ def map_rows(function: Callable[..., Any], *rows: Any) -> Any:
     rows at once would be a loop for each of its operations: for the observables of a run the native compiler takes a
     third of the time, and its program half. Where XLA compiles for a GPU, all rows at once.
     """
-    if native.traced_natively() or jax.default_backend() == "cpu":
+    if native.is_traced_natively() or jax.default_backend() == "cpu":
         return jax.lax.map(lambda row: function(*row), rows)
     return jax.vmap(function)(*rows)
 
@@ -127,7 +127,7 @@ def in_lanes(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _side_by_side(function: Callable[..., Any], rows: tuple[Any, ...]) -> Any:
-    if native.traced_natively():
+    if native.is_traced_natively():
         return jax.lax.map(lambda row: function(*row), rows)
     return jax.vmap(function)(*rows)
 
@@ -137,7 +137,7 @@ def fill_vectors(function: Callable[[Any], Any], rows: Any) -> Any:
 
     For short computations within a step, such as the tangents of a field in many directions.
     """
-    many = len(jax.tree.leaves(rows)[0]) > native.LANES and native.traced_natively()
+    many = len(jax.tree.leaves(rows)[0]) > native.LANES and native.is_traced_natively()
     return map_batches(function, rows, native.LANES) if many else jax.vmap(function)(rows)
 
 

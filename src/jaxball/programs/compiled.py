@@ -36,7 +36,7 @@ class Rest(NamedTuple):
     dynamic: tuple[bool, ...] = ()
     keys: tuple[Any, ...] = ()
 
-    def joined(self, arrays: Sequence[Any]) -> Any:
+    def with_keys(self, arrays: Sequence[Any]) -> Any:
         """The arguments or the result, with random keys made of their numbers."""
         if self.keys:
             arrays = native.as_keys(arrays, self.keys)
@@ -87,27 +87,27 @@ class Place(NamedTuple):
         """The place of the same program, compiled quickly."""
         return self._replace(key=fingerprint(self.fingerprint.digest, QUICKLY).digest)
 
-    def found(self) -> Compiled | native.Refusal | None:
+    def find(self) -> Compiled | native.Refusal | None:
         """The program; None if there is none."""
-        return self._as_kept(self.store.early(self.key)) or self._loaded(self.store.read(self.key))
+        return self._as_kept(self.store.early(self.key)) or self._load(self.store.read(self.key))
 
     def obtain(self, compiled: Callable[[], Compiled | native.Refusal], takes: int) -> Compiled | native.Refusal:
         """The program that takes ``count`` arrays: loaded, or compiled and written."""
-        program = self.found()
+        program = self.find()
         if program is not None:
             return program
         if not self._is_pure():
             return compiled()
         with self.store.alone(self.key) as written:
-            program = self._loaded(written)
+            program = self._load(written)
             if program is None:
                 program = compiled()
                 self._write(self._content(program, takes))
         return program
 
-    def _loaded(self, content: bytes | None) -> Compiled | native.Refusal | None:
+    def _load(self, content: bytes | None) -> Compiled | native.Refusal | None:
         """The program of this content; None if there is none."""
-        return self._as_kept(executables.loaded(content))
+        return self._as_kept(executables.load_program(content))
 
     def _is_pure(self) -> bool:
         """Whether users' functions in it use nothing of jaxball that reads files and the like.
@@ -158,7 +158,7 @@ def place_in(store: Store | None, *described: Any) -> Place | None:
     return name and Place(store, name, identified, key=name.digest)
 
 
-def kept_by_jax() -> bool:
+def is_kept_by_jax() -> bool:
     """Whether JAX keeps XLA's programs itself: programs loaded from there cannot be written again."""
     config: Any = jax.config
     return bool(config.jax_enable_compilation_cache and config.jax_compilation_cache_dir)

@@ -16,9 +16,9 @@ import numpy as np
 from ..compat import Program, captures, evaluate, setting_of_traces, settings
 from ..interface.compilation import compiling
 from . import native
-from .compiled import QUICKLY, Compiled, Place, Rest, kept_by_jax, place_in
-from .derivatives.differentiation import differentiated_forward, without_captured_derivatives
-from .derivatives.reverse_rules import chosen, pulled_by_forward_mode, replaced
+from .compiled import QUICKLY, Compiled, Place, Rest, is_kept_by_jax, place_in
+from .derivatives.differentiation import differentiate_forward, without_captured_derivatives
+from .derivatives.reverse_rules import chosen, pull_by_forward_mode, replace_chosen
 from .store import current
 from .store.current import Store
 
@@ -44,12 +44,12 @@ def call_with(
     function: Callable[..., Any], is_dynamic: Callable[[Any], bool] | None, rest: Rest, arrays: list[Any]
 ) -> Result:
     """The result of a function of PyTrees, of the arrays of its arguments and their ``rest``."""
-    args, kwargs = rest.joined(arrays)
-    result, arrays = parted(*jax.tree.flatten(function(*args, **kwargs)), is_dynamic)
+    args, kwargs = rest.with_keys(arrays)
+    result, arrays = take_arrays(*jax.tree.flatten(function(*args, **kwargs)), is_dynamic)
     return Result([jnp.asarray(native.numbers(array)) for array in arrays], result)
 
 
-def parted(leaves: list[Any], structure: Any, is_dynamic: Callable[[Any], bool] | None) -> tuple[Rest, list[Any]]:
+def take_arrays(leaves: list[Any], structure: Any, is_dynamic: Callable[[Any], bool] | None) -> tuple[Rest, list[Any]]:
     """A flattened PyTree as its arrays, which are all leaves if there is no ``is_dynamic``, and the rest."""
     if is_dynamic is None or not leaves:
         return Rest(structure, keys=_keys(leaves)), leaves
@@ -104,7 +104,7 @@ class Computation:
         self._results: list[Rest] = []
         self.linear = (False,) * len(arrays)
         self.traced = native.Lowered(
-            self._of_arrays, arrays, name, native.chosen() == "native", lambda: _within(self.opaque)
+            self._of_arrays, arrays, name, native.current_choice() == "native", lambda: _within(self.opaque)
         )
         self.takes = self.traced.takes
         self._made: dict[Any, Any] = {}
@@ -155,12 +155,12 @@ class Computation:
 
         It is traced here in both forms, because captures cannot be used when the trace around it has ended.
         """
-        with differentiated_forward(), self.traced.as_traced():
+        with differentiate_forward(), self.traced.as_traced():
             forms = [self.traced.traced, self.traced.function.trace(self.takes)]
         captured = {id(array): array for traced in forms for array in captures(traced)}
         functions = [_OfCaptures(traced, list(captured), self.opaque) for traced in forms]
         passed = [*captured.values(), *arrays]
-        made = self._made_of(functions[0], list(map(native.type_of, passed)), self.gives)
+        made = self._from_callable(functions[0], list(map(native.type_of, passed)), self.gives)
         made.smooth = functions[1]
         return made, passed
 
@@ -179,7 +179,7 @@ class Computation:
 
     def here(self, arrays: Sequence[Any]) -> list[Any]:
         """The results, written into what is being traced."""
-        traced = self.traced if native.traced_natively() else self.traced.for_xla()
+        traced = self.traced if native.is_traced_natively() else self.traced.for_xla()
         with traced.as_traced():
             return traced.function(list(arrays))
 
@@ -208,44 +208,44 @@ class Computation:
 
         - ``compiles``: whether it is compiled if it is not in the store.
         """
-        if native.chosen() != "native" or not native.allowed():
+        if native.current_choice() != "native" or not native.is_allowed():
             return None
         return self._once(("native", store), lambda: self._natively(store, compiles))
 
     def _once(self, which: Any, make: Callable[[], Any]) -> Any:
         """What ``make`` returns, kept for the present settings unless it is None."""
-        key = which, native.asked_for(), native.settings(), settings()[QUICKLY]
+        key = which, native.explicit_choice(), native.settings(), settings()[QUICKLY]
         if self._made.get(key) is None:
             self._made[key] = make()
         return self._made[key]
 
     def _natively(self, store: Store | None, compiles: bool) -> Compiled | native.Refusal | None:
-        large = self.large or native.asked_for() == "native"
+        large = self.large or native.explicit_choice() == "native"
         quickly = settings()[QUICKLY] and not large  # Vectors would take several times the stack, which threads lack.
-        place = place_in(store, self._described(), "native", large, *native.identity())
+        place = place_in(store, self._describe(), "native", large, *native.identity())
         known = None
         if place is not None and quickly:
-            known, place = place.found(), place.of_quick_code()
+            known, place = place.find(), place.of_quick_code()
         if not compiles:
-            return known or (place and place.found())
-        program = known or self._obtained(place, lambda: self.traced.natively(large, quickly, self.rows))
+            return known or (place and place.find())
+        program = known or self._obtain(place, lambda: self.traced.natively(large, quickly, self.rows))
         if isinstance(program, native.Refusal):
-            native.warn_if_asked_for(program, self.name)
+            native.warn_if_chosen_by_name(program, self.name)
         return program
 
     def _by_xla(self, store: Store | None, natively: Any) -> Compiled | None:
-        place = None if kept_by_jax() else place_in(store, self._described(), "xla", settings()[QUICKLY])
+        place = None if is_kept_by_jax() else place_in(store, self._describe(), "xla", settings()[QUICKLY])
         if place is None and natively is None:
             return None
-        program = self._obtained(place, self.traced.by_xla)
+        program = self._obtain(place, self.traced.by_xla)
         return program if isinstance(program, Compiled) else None
 
-    def _described(self) -> list[Any]:
+    def _describe(self) -> list[Any]:
         """What determines its programs, besides the compiler."""
         takes = [(one.shape, one.dtype, one.weak_type) for one in self.takes]
         return [self.function, self.opaque, self.rows, takes]
 
-    def _obtained(self, place: Place | None, make: Callable[[], Any]) -> Compiled | native.Refusal:
+    def _obtain(self, place: Place | None, make: Callable[[], Any]) -> Compiled | native.Refusal:
         """The program: loaded from the store, or compiled and written there."""
 
         def compiled() -> Compiled | native.Refusal:
@@ -271,21 +271,21 @@ class Computation:
 
     def on_gpu(self, store: Store | None, compiles: bool = True) -> Compiled | native.Refusal | None:
         """The program by which a GPU computes rows, each in a thread; otherwise like :meth:`natively`."""
-        if native.chosen() != "native" or not native.allowed_on_gpu():
+        if native.current_choice() != "native" or not native.is_allowed_on_gpu():
             return None
         return self._once(("gpu", store), lambda: self._on_gpu(store, compiles))
 
     def _on_gpu(self, store: Store | None, compiles: bool) -> Compiled | native.Refusal | None:
-        large = self.large or native.asked_for() == "native"
-        place = place_in(store, self._described(), "gpu", large, *native.identity_on_gpu())
+        large = self.large or native.explicit_choice() == "native"
+        place = place_in(store, self._describe(), "gpu", large, *native.identity_on_gpu())
         if not compiles:
-            return place and place.found()
+            return place and place.find()
         try:
-            program = self._obtained(place, lambda: self.traced.for_gpu(large))
+            program = self._obtain(place, lambda: self.traced.for_gpu(large))
         except native.CudaError as error:  # which need not come again, so that no store keeps it
             program = native.Refusal(str(error))
         if isinstance(program, native.Refusal):
-            native.warn_if_asked_for(program, self.name)
+            native.warn_if_chosen_by_name(program, self.name)
         return program
 
     # Computations that follow from it
@@ -299,7 +299,7 @@ class Computation:
             self._followers.setdefault(key, make())
         return self._followers[key]
 
-    def _made_of(self, function: Callable[[list[Any]], Any], arrays: Sequence[Any], gives: Sequence[Any]) -> Any:
+    def _from_callable(self, function: Callable[[list[Any]], Any], arrays: Sequence[Any], gives: Sequence[Any]) -> Any:
         made = Computation(
             function,
             arrays,
@@ -319,7 +319,7 @@ class Computation:
         def make() -> Computation:
             function = functools.partial(_tangents, self.smooth, which)
             moving = chosen(self.takes, which)
-            made = self._made_of(function, [*self.takes, *moving], list(filter(_has_tangents, self.gives)))
+            made = self._from_callable(function, [*self.takes, *moving], list(filter(_has_tangents, self.gives)))
             made.linear, made.is_derivative = (False,) * len(which) + (True,) * len(moving), True
             return made
 
@@ -336,7 +336,7 @@ class Computation:
             going_back = functools.partial(_cotangents, _Traced(self), which, of)
             given = chosen(list(filter(_has_tangents, self.gives)), of)
             function = by_tangents if self.is_derivative else going_back
-            made = self._made_of(function, [*self.takes, *given], chosen(self.takes, which))
+            made = self._from_callable(function, [*self.takes, *given], chosen(self.takes, which))
             made.smooth = by_tangents
             made.linear, made.is_derivative = (False,) * len(which) + (True,) * len(given), True
             return made
@@ -349,7 +349,7 @@ class Computation:
         def make() -> Computation:
             function, smooth = (functools.partial(_in_directions, f, mapped) for f in (_Traced(self), self.smooth))
             takes = [in_rows(one, count) if many else one for one, many in zip(self.takes, mapped, strict=True)]
-            made = self._made_of(function, takes, [in_rows(one, count) for one in self.gives])
+            made = self._from_callable(function, takes, [in_rows(one, count) for one in self.gives])
             made.smooth, made.linear = smooth, self.linear
             return made
 
@@ -361,7 +361,7 @@ class Computation:
         def make() -> Computation:
             takes = [in_rows(one, ROWS_OF_BLOCK) if many else one for one, many in zip(self.takes, taken, strict=True)]
             function = functools.partial(_of_each_row, _Traced(self), taken)
-            made = self._made_of(function, takes, [in_rows(one, ROWS_OF_BLOCK) for one in self.gives])
+            made = self._from_callable(function, takes, [in_rows(one, ROWS_OF_BLOCK) for one in self.gives])
             made.rows, made.large = native.Rows(ROWS_OF_BLOCK, taken), True
             return made
 
@@ -411,9 +411,9 @@ def _tangents(function: Callable, which: tuple[bool, ...], arrays: list[Any]) ->
     primals, tangents = arrays[: len(which)], arrays[len(which) :]
 
     def of_moving(*moving: Any) -> list[Any]:
-        return list(filter(_has_tangents, _arrays(function(replaced(primals, which, moving)))))
+        return list(filter(_has_tangents, _arrays(function(replace_chosen(primals, which, moving)))))
 
-    with differentiated_forward():
+    with differentiate_forward():
         return jax.jvp(of_moving, chosen(primals, which), tangents)[1]
 
 
@@ -421,7 +421,7 @@ def _cotangents(function: Callable, which: tuple[bool, ...], of: tuple[bool, ...
     primals, cotangents = arrays[: len(which)], arrays[len(which) :]
 
     def of_moving(*moving: Any) -> list[Any]:
-        results = _arrays(function(replaced(primals, which, moving)))
+        results = _arrays(function(replace_chosen(primals, which, moving)))
         return chosen(list(filter(_has_tangents, results)), of)
 
     return list(jax.vjp(of_moving, *chosen(primals, which))[1](cotangents))
@@ -435,8 +435,8 @@ def _cotangents_by_tangents(
     def results(primals: list[Any]) -> list[Any]:
         return chosen(list(filter(_has_tangents, _arrays(function(primals)))), of)
 
-    with differentiated_forward():
-        pull = pulled_by_forward_mode(results)
+    with differentiate_forward():
+        pull = pull_by_forward_mode(results)
         return chosen(pull((primals, None), cotangents, list(which)), which)
 
 
@@ -448,7 +448,7 @@ def _in_directions(function: Callable, mapped: tuple[bool, ...], arrays: list[An
 
 def _of_each_row(function: Callable, taken: tuple[bool, ...], arrays: list[Any]) -> list[Any]:
     def of_row(row: list[Any]) -> list[Any]:
-        return _arrays(function(replaced(arrays, taken, row)))
+        return _arrays(function(replace_chosen(arrays, taken, row)))
 
     return jax.lax.map(of_row, chosen(arrays, taken))
 

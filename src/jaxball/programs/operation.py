@@ -85,22 +85,22 @@ def _compute(*arrays: Any, computation: Computation, rows: Which) -> list[Any]:
     """Computes it of arrays that are not traced."""
     if not rows:
         return computation(arrays)
-    if native.chosen() == "native" and native.allowed():
+    if native.current_choice() == "native" and native.is_allowed():
         from ..cpu import cores  # which a single run does without
 
         program = computation.program_of_rows(rows, _count(rows, arrays))
         if program is not None:
             weak = [bool(one.weak_type) for one in computation.gives]
             return program.of_rows(arrays, rows, weak, _limit.threads or cores())
-    return _compiled(computation, rows)(*arrays)
+    return _compile(computation, rows)(*arrays)
 
 
 @functools.lru_cache(maxsize=1024)
-def _compiled(computation: Computation, rows: Which) -> Any:
+def _compile(computation: Computation, rows: Which) -> Any:
     return jax.jit(functools.partial(run.bind, computation=computation, rows=rows))
 
 
-def _written_here(*arrays: Any, computation: Computation, rows: Which) -> list[Any]:
+def _write_here(*arrays: Any, computation: Computation, rows: Which) -> list[Any]:
     """Writes the function into what is being traced."""
     if not rows:
         return computation.here(arrays)
@@ -113,7 +113,7 @@ def _written_here(*arrays: Any, computation: Computation, rows: Which) -> list[A
         return computation.here([next(following) if many else one for one, many in zip(whole, rows, strict=True)])
 
     leading = chosen(whole, rows)
-    if native.traced_natively():
+    if native.is_traced_natively():
         return jax.lax.map(of_row, leading)
     if jax.default_backend() != "cpu":
         return jax.vmap(of_row)(leading)
@@ -122,7 +122,7 @@ def _written_here(*arrays: Any, computation: Computation, rows: Which) -> list[A
 
 def _target(platform: str, context: Any, types: Sequence[Any], computation: Computation, rows: Which) -> str | None:
     """The name by which XLA calls the native program; None where there is none, or the function must be written out."""
-    if native.traced_natively() or is_for_export(context) or native.chosen() != "native":
+    if native.is_traced_natively() or is_for_export(context) or native.current_choice() != "native":
         return None
     count = _count(rows, types) if rows else 1
     if platform == "cuda":
@@ -133,7 +133,7 @@ def _target(platform: str, context: Any, types: Sequence[Any], computation: Comp
         if not isinstance(on_gpu, Compiled) or (not rows and on_gpu.made.form.longest_map > MOST_BY_ONE_THREAD):
             return None
         return on_gpu.target
-    program = computation.program_of_rows(rows, count) if native.allowed() else None
+    program = computation.program_of_rows(rows, count) if native.is_allowed() else None
     return None if program is None else program.target
 
 
@@ -168,14 +168,15 @@ def _batch(arrays: Sequence[Any], axes: Sequence[Any], *, computation: Computati
         return results, [0] * len(results)
     of_each = _count(rows, [x[0] if many else x for x, many in zip(first, mapped, strict=True)])
     merged = [
-        _merged(array, outer, inner, count, of_each) for array, outer, inner in zip(first, mapped, rows, strict=True)
+        _merge_rows(array, outer, inner, count, of_each)
+        for array, outer, inner in zip(first, mapped, rows, strict=True)
     ]
     both = tuple(outer or inner for outer, inner in zip(mapped, rows, strict=True))
     results = run.bind(*merged, computation=computation, rows=both)
     return [one.reshape(count, of_each, *one.shape[1:]) for one in results], [0] * len(results)
 
 
-def _merged(array: Any, outer: bool, inner: bool, count: int, of_each: int) -> Any:
+def _merge_rows(array: Any, outer: bool, inner: bool, count: int, of_each: int) -> Any:
     """The rows of rows as rows."""
     if not (outer or inner):
         return array
@@ -234,10 +235,10 @@ def _transpose_tangents(
 def _of_tangents(rule: Any) -> Any:
     """A rule of ``run``, for ``tangents``."""
 
-    def applied(*given: Any, computation: Computation, which: Which, rows: Which) -> Any:
+    def apply(*given: Any, computation: Computation, which: Which, rows: Which) -> Any:
         return rule(*given, **_as_run(computation, which, rows))
 
-    return applied
+    return apply
 
 
 def _target_of_tangents(
@@ -251,7 +252,7 @@ run: Any = new_primitive(
     Rules(
         compute=_compute,
         types=lambda *arrays, computation, rows: _types(computation, rows, arrays),
-        write=_written_here,
+        write=_write_here,
         target=_target,
         differentiate=_differentiate,
         batch=_batch,
@@ -263,7 +264,7 @@ tangents_of_run: Any = new_primitive(
     Rules(
         compute=_of_tangents(_compute),
         types=_of_tangents(lambda *arrays, computation, rows: _types(computation, rows, arrays)),
-        write=_of_tangents(_written_here),
+        write=_of_tangents(_write_here),
         target=_target_of_tangents,
         differentiate=_differentiate_tangents,
         batch=_of_tangents(_batch),

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 
 from ..compat import is_within_trace, settings
 from . import native
-from .computation import QUICKLY, ROWS_OF_XLA, Compiled, Computation, Rest, call_with, parted, within_a_computation
+from .computation import QUICKLY, ROWS_OF_XLA, Compiled, Computation, Rest, call_with, take_arrays, within_a_computation
 from .identity.closures import put_captures, take_captures
 from .operation import may_be_an_operation, operation
 from .store import current
@@ -55,7 +55,7 @@ def filter_jit(function: Callable[P, T], *, large: bool = False) -> Callable[P, 
 
 
 @contextlib.contextmanager
-def compiled_quickly(wanted: bool = True) -> Iterator[None]:
+def compile_quickly(wanted: bool = True) -> Iterator[None]:
     """Programs that are first compiled in this block are compiled in less time, but run longer.
 
     For programs that run once. Native ones, but for ensembles, compile in four fifths of the time and run up to twice
@@ -105,7 +105,7 @@ class Program:
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         leaves, structure = jax.tree.flatten((args, kwargs))
-        rest, arrays = parted(leaves, structure, self._is_dynamic)
+        rest, arrays = take_arrays(leaves, structure, self._is_dynamic)
         if self._how["opaque"] and not within_a_computation() and not self._is_closed(rest):
             given = self._function, args, kwargs
             opened, captures = take_captures(given, local=True)
@@ -115,7 +115,7 @@ class Program:
             self._closed.add(rest)
         program = _PART_OF_TRACE if native.some_traced(leaves) else self._program_for(rest, arrays)
         if program is _PART_OF_TRACE:
-            result = self._traced(rest, arrays)
+            result = self._join_trace(rest, arrays)
             return self._compiled(*args, **kwargs) if result is None else result[0]
         if program is not None:
             with contextlib.suppress(native.CallbackReachedError):
@@ -156,7 +156,7 @@ class Program:
         for kept in (self._programs, self._computations, self._open, self._closed):
             kept.clear()
 
-    def _traced(self, rest: Rest, arrays: list[Any]) -> tuple[Any] | None:
+    def _join_trace(self, rest: Rest, arrays: list[Any]) -> tuple[Any] | None:
         """The result of the call as one operation of the traced program; None where it has to be written out."""
         if within_a_computation() or not may_be_an_operation():
             return None
@@ -173,7 +173,7 @@ class Program:
             computation, numbers = computation.of_captures(numbers)
         if not computation.is_pure():
             return None
-        return (result.joined(operation(computation, numbers)),)
+        return (result.with_keys(operation(computation, numbers)),)
 
     def _program_for(self, rest: Rest, arrays: list[Any]) -> Any:
         """The program for such arguments; None if JAX compiles it as usual.
@@ -182,7 +182,7 @@ class Program:
         """
         self._follow_store()
         kinds = tuple(map(native.kind, arrays))
-        key = (native.asked_for(), rest, tuple(map(type, rest.static)), kinds, native.settings())
+        key = (native.explicit_choice(), rest, tuple(map(type, rest.static)), kinds, native.settings())
         try:
             found = self._programs.get(key, _MISSING)
         except TypeError:  # something has no hash
@@ -194,12 +194,12 @@ class Program:
             key = key, QUICKLY
             found = self._programs.get(key, _MISSING)
         if found is _MISSING:
-            found = self._made_for(rest, arrays)
+            found = self._make_for(rest, arrays)
             if found is not _PART_OF_TRACE:  # which is not kept: it will not be called again
                 found = self._programs.setdefault(key, found)
         return found
 
-    def _made_for(self, rest: Rest, arrays: list[Any]) -> Any:
+    def _make_for(self, rest: Rest, arrays: list[Any]) -> Any:
         if not native.are_numbers(arrays):
             return None
         computation = self._computation(rest, [native.type_of(native.numbers(array)) for array in arrays])
@@ -217,7 +217,7 @@ class Program:
     def _computation(self, rest: Rest, numbers: list[Any]) -> Computation | None:
         """The function of arrays of such types; None if something has no hash."""
         described = tuple((one.shape, one.dtype, one.weak_type) for one in numbers)
-        key = native.asked_for(), rest, tuple(map(type, rest.static)), described, native.settings()
+        key = native.explicit_choice(), rest, tuple(map(type, rest.static)), described, native.settings()
         try:
             found = self._computations.get(key)
         except TypeError:
@@ -238,4 +238,4 @@ def _with_captures(function: Any, captures: list[Any], args: Any, kwargs: Any) -
 
 def _run(program: Compiled, rest: Rest, arrays: list[Any]) -> Any:
     """The result of arguments that may be random keys."""
-    return program.result.joined(program.numbers(list(map(native.numbers, arrays)) if rest.keys else arrays))
+    return program.result.with_keys(program.numbers(list(map(native.numbers, arrays)) if rest.keys else arrays))

@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from ..compat import Program, argument, evaluate, unvmap_any
-from ..programs.derivatives.dependence import evaluated, varying_in_loop
-from ..programs.derivatives.reverse_rules import added, chosen, or_zeros, replaced, with_rule
+from ..programs.derivatives.dependence import evaluate_chosen, varying_in_loop
+from ..programs.derivatives.reverse_rules import add_arrays, chosen, or_zeros, replace_chosen, with_rule
 from ..programs.native.emit.uninitialised import uninitialised
 
 Carry = TypeVar("Carry")
@@ -221,7 +221,7 @@ class _Loop:
             seen.extend(results)
             return results
 
-        new = evaluated(self.step, constants, leaves, [True] * len(leaves), noted)
+        new = evaluate_chosen(self.step, constants, leaves, [True] * len(leaves), noted)
         return new, self.packing.packed([*chosen(leaves, self.is_carried), *seen])
 
     def recalled(self, equation: Any, known: list[Array]) -> tuple[Recorded | None, list[Array]]:
@@ -289,21 +289,21 @@ class _WayBack:
             arrays = self.loop.packing.unpacked([row[k - 1] for row in rows])
             carried = sum(self.loop.is_carried)
             cotangents, new = self.pulled(self.with_buffers(arrays[:carried]), arrays[carried:], cotangents)
-            return k - 1, (cotangents, [added(*both) for both in zip(summed, new, strict=True)])
+            return k - 1, (cotangents, [add_arrays(*both) for both in zip(summed, new, strict=True)])
 
         return jax.lax.while_loop(lambda at: at[0] > 0, step, (count, at))[1]
 
     def with_buffers(self, carried: list[Array]) -> list[Array]:
         """All that a step begins with: buffers are empty, because no step reads them."""
         avals = self.loop.step.in_avals
-        return replaced([jnp.zeros(aval.shape, aval.dtype) for aval in avals], self.loop.is_carried, carried)
+        return replace_chosen([jnp.zeros(aval.shape, aval.dtype) for aval in avals], self.loop.is_carried, carried)
 
     def pulled(self, leaves: list[Array], known: list[Array], cotangents: list[Array]) -> tuple[Any, Any]:
         """The cotangents at a step's beginning and of the values that all steps read, from those at its end."""
         loop = self.loop
 
         def following(moving: list[Array], constants: list[Array], arrays: list[Array]) -> list[Array]:
-            arrays = replaced(self.kept.arrays, self.of_arrays, arrays)
+            arrays = replace_chosen(self.kept.arrays, self.of_arrays, arrays)
 
             def recalled(equation: Any, operands: list[Any]) -> list[Array] | None:
                 part, results = loop.recalled(equation, known)
@@ -317,8 +317,10 @@ class _WayBack:
                     ]
                 return part.known(operands, results)
 
-            constants = replaced(self.constants, self.of_constants, constants)
-            return evaluated(loop.step, constants, replaced(leaves, self.which, moving), self.which, recalled)
+            constants = replace_chosen(self.constants, self.of_constants, constants)
+            return evaluate_chosen(
+                loop.step, constants, replace_chosen(leaves, self.which, moving), self.which, recalled
+            )
 
         given = (
             chosen(leaves, self.which),
@@ -332,14 +334,14 @@ class _WayBack:
     def results(self, cotangents: list[Array], summed: list[list[Array]]) -> Any:
         """Those of all arrays that the loop was given; None where there are none."""
         loop, (constants, arrays) = self.loop, summed
-        all_constants: list[Any] = replaced([None] * len(self.of_constants), self.of_constants, constants)
+        all_constants: list[Any] = replace_chosen([None] * len(self.of_constants), self.of_constants, constants)
         if loop.place is not None and loop.parts is not None:
             whole, all_constants[loop.place] = all_constants[loop.place], ()
             if whole is not None:
                 _, pull = jax.vjp(loop.parts.join, self.kept.arrays)
-                arrays = added(arrays, chosen(pull(whole)[0], self.of_arrays))
-        of_arrays = replaced([None] * len(self.of_arrays), self.of_arrays, arrays)
-        of_leaves = replaced([None] * len(self.which), self.which, cotangents)
+                arrays = add_arrays(arrays, chosen(pull(whole)[0], self.of_arrays))
+        of_arrays = replace_chosen([None] * len(self.of_arrays), self.of_arrays, arrays)
+        of_leaves = replace_chosen([None] * len(self.which), self.which, cotangents)
         return all_constants, of_arrays, [None] * len(self.of_conditions), of_leaves
 
 

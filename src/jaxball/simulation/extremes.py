@@ -15,7 +15,7 @@ from ..interface.status import Status
 from ..numerics.calculus import with_derivatives
 from ..physics.packing import Packing
 from ..physics.rolling import AbstractRollingSystem, Reaction
-from ..programs.derivatives.differentiation import differentiated_where, once
+from ..programs.derivatives.differentiation import differentiate_where, once
 from ..solvers.dense.maxima import maxima, moved
 from ..solvers.dense.steps import Steps
 from .trajectory import Interpolant, Trajectory, always_rolls
@@ -132,7 +132,7 @@ def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
 @programs.filter_jit
 def _extremes(interpolant: Interpolant, reached: Float[Array, ""], status: Array) -> ContactExtremes:
     started = status != Status.IMPOSSIBLE
-    interpolant, reached = differentiated_where(started, (interpolant, reached))
+    interpolant, reached = differentiate_where(started, (interpolant, reached))
     packing, steps = interpolant.packing, Steps.of(interpolant.solution, reached)
 
     def forces_and_rates(t, x):

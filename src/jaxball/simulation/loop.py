@@ -17,11 +17,11 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from ..numerics.arrays import selected
+from ..numerics.arrays import select_tree
 from ..physics.system import AbstractSystem
 from ..programs.batches import fill_vectors
 from ..programs.derivatives.reverse_rules import CarryOut, at_once, put, put_while
-from ..programs.native import traced_natively
+from ..programs.native import is_traced_natively
 from ..solvers import StepToKinks
 from ..solvers.dense.continuous import DenseOutput, has_one_tableau
 from ..solvers.dense.pauses import AfterPauses, Pause
@@ -169,7 +169,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
         because a recomputed step rounds differently. So where modes end, all steps are kept, up to a limit.
         """
         if self.checkpoints is None and self.switching.jumps:
-            return min(max_steps, MOST_NATIVELY if traced_natively() else MOST_CHECKPOINTS)
+            return min(max_steps, MOST_NATIVELY if is_traced_natively() else MOST_CHECKPOINTS)
         return self.checkpoints
 
     def save_states(
@@ -309,7 +309,7 @@ class _Solve(NamedTuple):
         tprev = jnp.minimum(tprev, self.t1)
         almost = self.t1 - CLOSE_TO_END * float(jnp.finfo(self.t1.dtype).eps) * jnp.abs(self.t1)
         end = jnp.where(keep, self.t1, tprev + 0.5 * (self.t1 - tprev))
-        y, solver_state = selected(keep, (y, solver_state), (state.y, state.solver_state))
+        y, solver_state = select_tree(keep, (y, solver_state), (state.y, state.solver_state))
         result = RESULTS.where(keep, step_result, RESULTS.successful)
         share = (tprev - self.t0) / (self.t1 - self.t0)
         state = dataclasses.replace(

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..numerics.arrays import selected
+from ..numerics.arrays import select_tree
 from ..numerics.bracketing import Sample, between, other_end
 from ..physics.hybrid import NONE, entry
 from ..solvers.dense.steps import sampling
@@ -103,9 +103,9 @@ def bracketed(
     tries = jnp.where(at_target, bracket.tries + 1, 0)
     found = first.on & another & (tries < MOST_TRIES)
     again = first._replace(x=end, f=value, size=bracket.size, tries=tries)
-    searched = selected(behind, again, bracket.narrowed(start, end, value, next_end))
+    searched = select_tree(behind, again, bracket.narrowed(start, end, value, next_end))
     rejected = found | at_target & ~met
-    return rejected, selected(rejected, selected(found, first._replace(tries=tries), searched), none)
+    return rejected, select_tree(rejected, select_tree(found, first._replace(tries=tries), searched), none)
 
 
 def _first_zero(

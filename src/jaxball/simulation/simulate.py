@@ -25,9 +25,9 @@ from ..physics.state import State
 from ..physics.system import AbstractState, AbstractSystem, require_system
 from ..physics.validity import possible_start
 from ..programs.derivatives.differentiation import (
-    differentiated_where,
+    differentiate_where,
     forward_only,
-    known_rows,
+    keep_known_rows,
     reverse_only,
     with_unknown_derivatives,
 )
@@ -243,7 +243,7 @@ def solve(
         )
     state = system.start(times[0], state)
     startable, given = _startable(system, times, state, method.inside), (system, times, state)
-    where_startable = functools.partial(differentiated_where, startable)
+    where_startable = functools.partial(differentiate_where, startable)
     system, times, state, events = change_with_captures(where_startable, (system, times, state, events))
     packing, initial = _packed(system, times[0], state)
     if method.inside and packing.system.clearance(times[0], state) is not None:
@@ -286,7 +286,7 @@ def solve(
         unravel_shown = ravelled(system.shown_state(packing.unpack(times[0], initial)))[1]
         occurrences = occurrences_of(cast(Any, solution.stats["watched"]), events, unravel_shown, startable)
         reached, status = end_by_events(occurrences, events, reached, status)
-        saved = jax.tree.map(lambda leaf: known_rows(times <= reached, leaf), saved)
+        saved = jax.tree.map(lambda leaf: keep_known_rows(times <= reached, leaf), saved)
     status, record = switching.outcome(cast(Any, solution.stats["switching"]), status, packing)
     if method.inside:
         left = occurrences.pop(LEAVING).times[0] if LEAVING in occurrences else None
@@ -392,7 +392,7 @@ def _unpacked(packing: Packing[Any, Any], known: Array, times: Array, states: Ar
         return packing.unpack(t, packing.projected(t, x) if projects else x)
 
     unpacked = jax.lax.map(unpack, (times, states))
-    return jax.tree.map(functools.partial(known_rows, known), unpacked)
+    return jax.tree.map(functools.partial(keep_known_rows, known), unpacked)
 
 
 _simulated_filtered = programs.filter_jit(simulated)

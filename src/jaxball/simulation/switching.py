@@ -16,11 +16,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
-from ..numerics.arrays import selected
+from ..numerics.arrays import select_tree
 from ..numerics.kinks import before_kink
 from ..physics.hybrid import NONE, START, Accuracy, GuardedStep, Record, Transition
 from ..physics.packing import Packing
-from ..programs.derivatives.reverse_rules import CarryOut, pulled_by_forward_mode, put
+from ..programs.derivatives.reverse_rules import CarryOut, pull_by_forward_mode, put
 from ..solvers.dense.steps import sampling
 from .mode_ends import LEAST_LENGTH, RootBracket, bracketed
 
@@ -229,7 +229,7 @@ class Switching(AbstractSwitching):
     def apply_reset(self, carry, step, y, run, args, carry_out):
         happened, transition = carry.event != NONE, functools.partial(_transition, self.unpack)
         given = step.start, y, args, carry.event, self.accuracy
-        done = Transition(*carry_out(transition, pulled_by_forward_mode(transition), given))
+        done = Transition(*carry_out(transition, pull_by_forward_mode(transition), given))
 
         def reset(carry: HybridCarry) -> _AfterReset:
             return self._reset(carry, done, run[1] - run[0], args)
@@ -291,7 +291,7 @@ class Switching(AbstractSwitching):
             keep=proposed.keep & ~rejected,
             start=start,
             end=jnp.where(rejected, target, end),
-            memory=selected(rejected, taken.memory, proposed.memory),
+            memory=select_tree(rejected, taken.memory, proposed.memory),
             exact=rejected,
         )
         return found._replace(rows=carry.rows), following

@@ -31,7 +31,7 @@ from ..physics.state import BallState, DiskState, ReducedState, State
 from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import find_problems, not_numbers
 from ..programs.batches import map_rows
-from ..programs.derivatives.differentiation import differentiated_where, with_unknown_derivatives
+from ..programs.derivatives.differentiation import differentiate_where, with_unknown_derivatives
 from .events import Occurrences
 
 if TYPE_CHECKING:
@@ -473,7 +473,7 @@ def _at_each(function: Callable[..., Any], system: Any, times: Array, state: Any
 
     def one(t, x):
         known = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(x)]))
-        return with_unknown_derivatives(function(*differentiated_where(known, (prepared, t, x))), x)
+        return with_unknown_derivatives(function(*differentiate_where(known, (prepared, t, x))), x)
 
     return map_rows(one, times_looked_at(system, times, reached), state)
 

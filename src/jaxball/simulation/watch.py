@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics.calculus import with_derivatives
 from ..physics.packing import Packing
-from ..programs.derivatives.differentiation import known_or_nothing, known_rows, once, without_derivatives
+from ..programs.derivatives.differentiation import keep_if_known, keep_known_rows, once, without_derivatives
 from ..programs.derivatives.reverse_rules import put_while
 from ..solvers.dense.crossings import Glance, Kinds, Log, Span, glance, scan
 from ..solvers.dense.steps import last_within
@@ -160,8 +160,8 @@ def occurrences_of(
         own = rows[part]
         occurrences[name] = Occurrences(
             count=jnp.where(started, log.total[k], 0),
-            times=known_or_nothing(known, own[:, 0]),
-            state=jax.tree.map(functools.partial(known_rows, known), jax.vmap(unravel)(own[:, 1:])),
+            times=keep_if_known(known, own[:, 0]),
+            state=jax.tree.map(functools.partial(keep_known_rows, known), jax.vmap(unravel)(own[:, 1:])),
             least=log.least[k],
             largest=log.largest[k],
             unresolved=log.unresolved[k],

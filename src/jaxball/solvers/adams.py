@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
-from ..numerics.arrays import selected
+from ..numerics.arrays import select_tree
 from .base import RESULTS, FlatProblem, at_limit, flat_problem
 from .differences import Points, error_constants, folded, sums, unfolded
 from .interpolation import AdamsPolynomial
@@ -227,7 +227,7 @@ def _begun(state: AdamsState, first: Bool[Array, ""], h: Float[Array, ""]) -> Ad
         equal=jnp.zeros_like(state.equal),
         rising=jnp.ones_like(state.rising),
     )
-    return selected(first, fresh, state)
+    return select_tree(first, fresh, state)
 
 
 def _attempted(
@@ -303,4 +303,4 @@ def _after(
     # Differences of two points so close to each other would be rounding errors only, so the end is not added.
     stayed = state._replace(past=state.past + h)
     tiny = ~first & (h < SHORT_ADAMS_STEP * spacing) & (state.past[0] == 0)
-    return selected(tiny, stayed, moved), following
+    return select_tree(tiny, stayed, moved), following

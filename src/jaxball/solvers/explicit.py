@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..compat import is_traced
-from ..programs.derivatives.reverse_rules import CarryOut, added, chosen, or_zeros, replaced
+from ..programs.derivatives.reverse_rules import CarryOut, add_arrays, chosen, or_zeros, replace_chosen
 from .wrapping import AbstractWrappingSolver
 
 
@@ -111,7 +111,7 @@ class _Stages(NamedTuple):
             i, (of_k, of_y, summed) = count - 1 - turn, at
             cotangents = jnp.where(i == count - 1, of_last, 0.0), of_k[i]
             of_stage, new = self.pulled_from(matrix[i], nodes[i], control, cotangents)
-            return of_k + matrix[i][:, None] * of_stage[None], of_y + of_stage, added(summed, new)
+            return of_k + matrix[i][:, None] * of_stage[None], of_y + of_stage, add_arrays(summed, new)
 
         start = of_k, of_y, [jnp.zeros_like(x) for x in [*times, *chosen(jax.tree.leaves(self.args), self.which)]]
         given = jnp.asarray(0) if self.fresh is None else jnp.where(self.fresh, 0, 1)  # stages that are not evaluated
@@ -122,7 +122,7 @@ class _Stages(NamedTuple):
             of_slope, of_control = jax.vjp(self.terms.prod, self.slope, control)[1](of_k[0])
             of_slope = jnp.where(self.fresh, 0.0, of_slope)
             times = [*times[:2], times[2] + jnp.where(self.fresh, 0.0, of_control)] if times else times
-        leaves = replaced([None] * len(self.which), self.which, own)
+        leaves = replace_chosen([None] * len(self.which), self.which, own)
         return *self.of_times(times), of_y, jax.tree.structure(self.args).unflatten(leaves), of_slope
 
     @property
@@ -145,7 +145,7 @@ class _Stages(NamedTuple):
         t = jnp.where(node == 1, self.t1, self.t0 + node * (self.t1 - self.t0))
 
         def slope_and_increment(y: Array, own: list[Array], t: Array = t, control: Any = control) -> Any:
-            slope = self.terms.vf(t, y, structure.unflatten(replaced(leaves, self.which, own)))
+            slope = self.terms.vf(t, y, structure.unflatten(replace_chosen(leaves, self.which, own)))
             return slope, self.terms.prod(slope, control)
 
         given = (y, chosen(leaves, self.which), *((t, control) if self.timed else ()))

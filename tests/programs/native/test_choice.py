@@ -31,7 +31,7 @@ def compiled_natively(monkeypatch):
 
     monkeypatch.setattr(native.Lowered, "natively", noted)
     programs.forget()
-    with current.kept_in(None):
+    with current.keep_within(None):
         yield names
 
 

@@ -17,7 +17,7 @@ def without_the_folders_of_all_tests(monkeypatch):
     jax.config.update("jax_disable_most_optimizations", False)
     jax.config.update("jax_compilation_cache_dir", None)
     reset_cache()
-    with current.kept_in(None):
+    with current.keep_within(None):
         yield
     jax.config.update("jax_disable_most_optimizations", unoptimised)
     jax.config.update("jax_compilation_cache_dir", folder)

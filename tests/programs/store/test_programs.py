@@ -66,7 +66,7 @@ def in_process(contents):
 
     def call(function, *args, surroundings="here", **kwargs):
         store = Memory(contents, surroundings)
-        with current.kept_in(store):
+        with current.keep_within(store):
             return function(*args, **kwargs), store
 
     return call
@@ -90,12 +90,12 @@ def test_programs_are_compiled_quickly_within_a_block_alone(in_process, contents
     try:
         jax.config.update(name, False)
         in_process(cross, A, B)
-        with programs.compiled_quickly(False):
+        with programs.compile_quickly(False):
             assert not jax.config.values[name]
-        with programs.compiled_quickly():
+        with programs.compile_quickly():
             assert jax.config.values[name]
             in_process(cross, A, B)
-            with programs.compiled_quickly(False):
+            with programs.compile_quickly(False):
                 assert jax.config.values[name]
         assert not jax.config.values[name]
         assert len(contents) == {"native": 1, "xla": 2}[compiler]
@@ -111,7 +111,7 @@ def test_code_made_quickly_gives_the_same_bits_and_is_used_until_there_is_optimi
     def run():
         return in_process(simulate, disk, TIMES, DiskState(phidot=1.0))
 
-    with programs.compiled_quickly():
+    with programs.compile_quickly():
         quick, _ = run()
         again, store = run()
     assert (len(contents), len(store.found)) == (1, 1)
@@ -119,7 +119,7 @@ def test_code_made_quickly_gives_the_same_bits_and_is_used_until_there_is_optimi
     optimised, store = run()
     assert (len(contents), store.found) == (2, [])
     same_bits(quick.state, optimised.state)
-    with programs.compiled_quickly():
+    with programs.compile_quickly():
         _, store = run()
     assert (len(contents), len(store.found), store.missed) == (2, 1, [])
 
@@ -133,7 +133,7 @@ def test_a_program_is_compiled_once_and_found_by_the_next_process(in_process, co
     same_bits(first, second)
     np.testing.assert_allclose(second, np.cross(A, B), rtol=4e-16)  # products and sums may be rounded together
     # Within the process it is not looked for again.
-    with current.kept_in(store):
+    with current.keep_within(store):
         same_bits(cross(A, -B), -second)
     assert len(store.found) == 1
 
@@ -169,7 +169,7 @@ def test_weak_types_and_strong_ones_are_told_apart(in_process, contents):
 def test_static_numbers_of_other_kinds_are_told_apart(in_process, contents):
     full = programs.filter_jit(jnp.full)
     values = [1, 1.0, True, np.True_, 1 + 0j]
-    with current.kept_in(Memory(contents)):
+    with current.keep_within(Memory(contents)):
         results = [full((2,), value) for value in values]
     assert [result.dtype for result in results] == [jnp.full((2,), value).dtype for value in values]
     assert len(contents) == len(values)
@@ -184,7 +184,7 @@ def test_settings_are_told_apart(in_process, contents):
     assert len(contents) == 3
     assert single.dtype == jnp.float32
     # Also within a process.
-    with current.kept_in(Memory(contents)):
+    with current.keep_within(Memory(contents)):
         assert cross(A, B).dtype == jnp.float64
         with enable_x64(False):
             assert cross(A, B).dtype == jnp.float32

@@ -21,7 +21,7 @@ def command(tmp_path):
 
     def run(function, *arguments):
         store = FolderStore(Folder(tmp_path / "programs"), arguments)
-        with current.kept_in(store):
+        with current.keep_within(store):
             store.begin()
             result = function()
             store.end()

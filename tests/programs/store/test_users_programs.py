@@ -212,7 +212,7 @@ def in_process(monkeypatch):
 
     def call(function, *args):
         traced.clear()
-        with current.kept_in(Memory(contents)):
+        with current.keep_within(Memory(contents)):
             return function(*args), len(traced)
 
     return call

@@ -119,7 +119,7 @@ def _motion(options: argparse.Namespace, document: dict[str, Any], period: float
     import jax
     import numpy as np
 
-    from ...programs.program import compiled_quickly
+    from ...programs.program import compile_quickly
     from ...scenario.body import rolling_state
     from ...scenario.checks import message_in_keys
     from ...stability import periodic_motion
@@ -142,7 +142,7 @@ def _motion(options: argparse.Namespace, document: dict[str, Any], period: float
     if isinstance(period, str):
         period = 2 * math.pi / float(value_at(document, period))
     try:
-        with working(options, "searching for a periodic motion"), compiled_quickly():
+        with working(options, "searching for a periodic motion"), compile_quickly():
             motion = periodic_motion(
                 scenario.system,
                 state,

@@ -29,11 +29,11 @@ def run(options: argparse.Namespace) -> int:
     refuse_document(options.saved)
     check_saved(options.saved)
     set_up_jax()
-    from ...programs.program import compiled_quickly
+    from ...programs.program import compile_quickly
     from ...results import load_run, saved_scenario
     from ..files import draw_figures
 
-    with working(options, "drawing"), compiled_quickly():
+    with working(options, "drawing"), compile_quickly():
         run = load_run(options.saved)
         written = draw_figures(options, run, options.out, options.format, saved_scenario(options.saved), options.saved)
     say(options, run, written_line([written]))

@@ -43,12 +43,12 @@ def run(options: argparse.Namespace) -> int:
         raise BadInputError("Argument `--turning` is for the scenario's initial state; give --initial with it.")
     document = scenario_document(options)
     set_up_jax()
-    from ...programs.program import compiled_quickly
+    from ...programs.program import compile_quickly
     from ..files import motion_content, report, save_motions
 
     scenario = scenario_of(document, options.scenario)
     try:
-        with working(options, "searching for steady motions"), compiled_quickly():
+        with working(options, "searching for steady motions"), compile_quickly():
             motions = _motions(options, scenario)
     except (ValueError, TypeError) as error:
         raise ScenarioError(str(error)) from None

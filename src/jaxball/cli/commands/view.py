@@ -85,10 +85,10 @@ def _rows(text: str) -> tuple[int, ...]:
 def _of_run(options: argparse.Namespace) -> int:
     """Writes the view of a saved run, and prints a summary of the run."""
     from ... import plot
-    from ...programs.program import compiled_quickly
+    from ...programs.program import compile_quickly
     from ...results import load_run, saved_scenario
 
-    with working(options, "writing the view"), compiled_quickly():
+    with working(options, "writing the view"), compile_quickly():
         run = load_run(options.saved)
         _check(options, run, f'The run "{options.saved}"')
         title = saved_scenario(options.saved).title

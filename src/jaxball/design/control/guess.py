@@ -30,7 +30,7 @@ TIMES_OF_GUESS = 10
 CORRECTIONS, DAMPING = 3, 1e-4
 
 
-@programs.compiled_quickly()
+@programs.compile_quickly()
 def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stages: int = 3) -> Path:
     """A guess with the geometric centre on the desired path, and the masses where gravity turns the ball accordingly.
 
@@ -64,7 +64,7 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
     return Path(mesh, x(mesh), x(nodes), u.reshape(*nodes.shape, -1))
 
 
-@programs.compiled_quickly()
+@programs.compile_quickly()
 def driving(
     problem: Rolling, times: Float[np.ndarray, " k"], states: Float[np.ndarray, "k n"], rates: Float[np.ndarray, "k n"]
 ) -> Float[np.ndarray, "k m"]:

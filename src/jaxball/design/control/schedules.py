@@ -76,7 +76,7 @@ def system_of(solution: Solution) -> System:
     return rolling(solution.problem).with_schedules(schedules_of(solution), signals_of(solution))
 
 
-@programs.compiled_quickly()
+@programs.compile_quickly()
 def scenario_of(solution: Solution, title: str = "", saves: int = 201) -> Scenario:
     """The scenario with the motion of a solution, for ``jaxball simulate``.
 
@@ -113,7 +113,7 @@ class Resimulated(NamedTuple):
     violations: dict[str, float]
 
 
-@programs.compiled_quickly()
+@programs.compile_quickly()
 def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 1e-11) -> Resimulated:
     """The solution's schedules simulated by a solver of another kind.
 

@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ... import programs
 from ...numerics.arrays import Numbers, numbers, require_shape, to_array
-from ...numerics.functions import PiecewisePolynomial, clamped_cubic_spline
+from ...numerics.functions import PiecewisePolynomial, cubic_spline_with_slopes
 from .space import DesignError
 
 SAMPLES_OF_OUTLINE = 200
@@ -180,5 +180,5 @@ class Through(AbstractCurve):
         steps = jnp.diff(self.through, axis=0) * (n - 1)
         # Slopes at the ends by the parabola through three points.
         ends = (1.5 * steps[0] - 0.5 * steps[1], 1.5 * steps[-1] - 0.5 * steps[-2]) if n > 2 else (steps[0], steps[0])
-        pieces = clamped_cubic_spline(knots, self.through, jnp.stack(ends))
+        pieces = cubic_spline_with_slopes(knots, self.through, jnp.stack(ends))
         return PiecewisePolynomial(knots[1:-1], knots[:-1], pieces)(s)

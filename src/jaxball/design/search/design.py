@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ...interface.html import repr_html
 from ...interface.output import write_text
-from ...programs.program import compiled_quickly
+from ...programs.program import compile_quickly
 from ..problem.problem import Evaluation, Problem
 from .optimise import Merit, Optimiser, Progress, load_progress, save_progress
 from .program import Settings, Shooting
@@ -98,7 +98,7 @@ def design(
     progress of another problem.
     """
     settings = Settings() if settings is None else settings
-    with compiled_quickly(settings.evaluations_at_most <= FEW_EVALUATIONS):
+    with compile_quickly(settings.evaluations_at_most <= FEW_EVALUATIONS):
         return _designed(problem, settings, folder, identity, say)
 
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...programs.program import compiled_quickly
+from ...programs.program import compile_quickly
 from ...scenario.solvers import SOLVERS
 from ..constraints import NormalForce
 from ..objectives import FollowCurve, FollowTrajectory, ReachPlace
@@ -55,7 +55,7 @@ class Verified(NamedTuple):
         return worst([finer for _, finer in self.violations.values()])
 
 
-@compiled_quickly()
+@compile_quickly()
 def verify(problem: Problem, y: Float[np.ndarray, " n"]) -> Verified:
     """The design of ``problem`` with the unknowns ``y``, shape (n,), evaluated by other means.
 
@@ -114,7 +114,7 @@ def _finer(times: Float[jax.Array, " t"]) -> Float[jax.Array, " fine"]:
     return jnp.concatenate([jnp.ravel(between), times[-1:]])
 
 
-@compiled_quickly()
+@compile_quickly()
 def perturbed(problem: Problem, y: Float[np.ndarray, " n"], perturbations: Perturbations = AS_BUILT) -> Evaluation:
     """The design with manufacturing errors: each perturbed ball's objectives and violations, on a leading axis.
 
@@ -231,7 +231,7 @@ def require_good(check: GradientCheck) -> None:
         )
 
 
-@compiled_quickly()
+@compile_quickly()
 def _forward(
     optimiser: Optimiser, y: Float[Array, " n"], direction: Float[Array, " n"], multipliers: Multipliers
 ) -> float:

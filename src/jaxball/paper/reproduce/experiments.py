@@ -20,7 +20,7 @@ from jaxtyping import Float
 from ... import paper
 from ...interface.output import write_text
 from ...physics.body import System
-from ...programs.program import compiled_quickly
+from ...programs.program import compile_quickly
 from ...simulation.simulate import simulate
 from ...simulation.trajectory import Trajectory
 from ...solvers import AbstractMassTerm, AbstractWrappingSolver
@@ -219,7 +219,7 @@ def measure(experiment: Experiment, name: str, solver: diffrax.AbstractAdaptiveS
     first, trajectory = _timed(experiment, solver)
     warm = statistics.median(_timed(experiment, solver)[0] for _ in range(WARM_CALLS))
     counter = Counter()
-    with compiled_quickly():
+    with compile_quickly():
         counted = experiment.solve(CountingSolver(solver, counter))
     errors = experiment.errors(trajectory)
     return Measurement(

@@ -7,7 +7,7 @@ import numpy as np
 
 from ... import paper
 from ...interface.wording import counted
-from ...programs.program import compiled_quickly
+from ...programs.program import compile_quickly
 from ...simulation.simulate import simulate
 from .experiments import (
     EXPERIMENTS,
@@ -100,7 +100,7 @@ def reproduce(
     TABLE.write(out, measurements, conclusion)
     drawn = []
     if figures:
-        with compiled_quickly():
+        with compile_quickly():
             for experiment in experiments:
                 drawn += draw(experiment, out)
 

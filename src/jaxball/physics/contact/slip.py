@@ -27,9 +27,9 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
 from ...numerics import cooper_verner
-from ...numerics.arrays import selected
+from ...numerics.arrays import select_tree
 from ...numerics.calculus import with_derivatives
-from ...numerics.directions import across, left, unit
+from ...numerics.directions import across, turn_left, unit
 from ...numerics.linear import inverses, solutions
 from ...numerics.vectors import root
 from ...programs.derivatives.differentiation import without_derivatives
@@ -195,11 +195,11 @@ def end(pull: Callable[[Any, Float[Array, "2"]], Pull], about: Any, slip: Float[
         acting = pull(about, sigma)
         a = acting.acceleration
         rest = jnp.stack([jnp.sum(sigma * a), slower, acting.power * slower**2, acting.normal * slower])
-        return jnp.concatenate([across(sigma, a) * left(sigma), rest])
+        return jnp.concatenate([across(sigma, a) * turn_left(sigma), rest])
 
     def fastest(x: Float[Array, "6"]) -> Float[Array, ""]:
         sigma = unit(x[:2])
-        acting, turned = jax.jvp(lambda sigma: pull(still, sigma), (sigma,), (left(sigma),))
+        acting, turned = jax.jvp(lambda sigma: pull(still, sigma), (sigma,), (turn_left(sigma),))
         return root(jnp.sum(acting.acceleration**2)) + root(jnp.sum(turned.acceleration**2))
 
     def advanced(x: Float[Array, "6"], _: None) -> tuple[Float[Array, "6"], None]:
@@ -288,7 +288,7 @@ def beginning(
         again = done & ~found & (sweeps < MOST_SWEEPS)
         shorter = begun._replace(span=SHORTER_WINDOW * window.span, sweeps=sweeps)
         window = window._replace(tangents=tangents, sweeps=sweeps, found=done & found)
-        return selected(again, shorter, window)
+        return select_tree(again, shorter, window)
 
     window = jax.lax.while_loop(lambda window: ~window.found & (window.sweeps < MOST_SWEEPS), sweep, begun)
     tangents = with_derivatives(window.tangents, _Start.settled, given, window)
@@ -404,4 +404,4 @@ def _lobatto(dtype: np.dtype) -> _Lobatto:
 
 def _turned(sigma: Float[Array, "2"], tangent: Float[Array, ""]) -> Float[Array, "2"]:
     """σ turned by the angle with this tangent."""
-    return (sigma + tangent * left(sigma)) / jnp.sqrt(1 + tangent**2)
+    return (sigma + tangent * turn_left(sigma)) / jnp.sqrt(1 + tangent**2)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ...interface.status import Status
-from ...numerics.arrays import selected
+from ...numerics.arrays import select_tree
 from ...programs.derivatives.differentiation import without_derivatives
 from ..hybrid import START, Accuracy, Transition, at_zero
 from . import friction, slip as slips
@@ -96,7 +96,7 @@ def _ended(plane: "BodyOnPlane", done: "_Progress", tolerance: Float[Array, ""])
     stopped = _slowed(plane, done, found, halfway, end, 1.0)
     stopped = eqx.tree_at(lambda x: x.friction_loss, stopped, stopped.friction_loss + end.friction_loss)
     after = done._replace(t=t + end.time, before=stopped, state=stopped, still=jnp.asarray(True))
-    return selected(ends, after, done._replace(decides=jnp.asarray(False)))
+    return select_tree(ends, after, done._replace(decides=jnp.asarray(False)))
 
 
 def _end(
@@ -150,7 +150,7 @@ def _decided(plane: "BodyOnPlane", done: "_Progress", cause: Int[Array, ""]) -> 
     mode = jnp.where(flies, int(Mode.FLIGHT), jnp.where(rolls, int(Mode.ROLLING), int(Mode.SLIDING)))
     # The rest of a slip that ends is dissipated by friction; one without an end continues.
     stopped = with_slip(body, given, found, slip, jnp.zeros_like(slip))
-    state = selected(still & ~flies & (rolls | plane.slips_end), state.moved(stopped), state)
+    state = select_tree(still & ~flies & (rolls | plane.slips_end), state.moved(stopped), state)
     V = state.V.at[2].set(jnp.where(flies & (cause != int(Cause.LIFTS)), state.V[2], 0.0))
     begins = (mode == int(Mode.SLIDING)) & still
     begun = slips.Beginning.along(t, sigma)
@@ -172,7 +172,7 @@ def _begun(plane: "BodyOnPlane", done: "_Progress") -> ContactState:
             lambda: slips.beginning(slips.OnPlane(plane.body, plane.coefficient), t, state.released, sigma, longest),
             lambda: slips.Beginning.along(t + longest, sigma),
         )
-    return eqx.tree_at(lambda x: x.begun, state, selected(begins, begun, slips.Beginning.none(t)))
+    return eqx.tree_at(lambda x: x.begun, state, select_tree(begins, begun, slips.Beginning.none(t)))
 
 
 class _Progress(NamedTuple):

@@ -13,7 +13,7 @@ from ...interface.printing import Printed
 from ...numerics.arrays import (
     AnyArray,
     Numbers,
-    concatenated,
+    join_arrays,
     default_dtype,
     namespace_of,
     number_or_none,
@@ -127,17 +127,17 @@ class JointForces(AbstractJointForce):
         return sum((term.without_impulse(t, theta, thetadot, state) for term in self.terms), jnp.zeros_like(theta))
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
-        return concatenated([term.motion_kinks() for term in self.terms])
+        return join_arrays([term.motion_kinks() for term in self.terms])
 
     def conditions(self, name: str) -> Iterator[Condition]:
         for index, term in enumerate(self.terms):
             yield from term.conditions(f"{name}.terms[{index}]")
 
     def kinks(self) -> Float[Array, " kinks"]:
-        return concatenated([term.kinks() for term in self.terms])
+        return join_arrays([term.kinks() for term in self.terms])
 
     def kinks_with(self, state: State) -> Float[Array, " kinks"]:
-        return concatenated([term.kinks_with(state) for term in self.terms])
+        return join_arrays([term.kinks_with(state) for term in self.terms])
 
     @property
     def sticking(self) -> tuple[AbstractJointForce, ...]:

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, PyTree
 
 from ...interface.arguments import require_each, require_function
 from ...interface.printing import Printed
-from ...numerics.arrays import Numbers, concatenated, default_dtype, numbers, stacked
+from ...numerics.arrays import Numbers, join_arrays, default_dtype, numbers, stack_arrays
 from ...numerics.vectors import cross
 from ..conditions import Condition, positive
 from ..schedules import AbstractSchedule
@@ -167,11 +167,11 @@ class AbstractMechanism(Printed):
         """The times at which θ̈ of a schedule, or a force whose impulse is known, jumps or has a kink."""
         times = [drive.kinks() for drive in self.drives if isinstance(drive, AbstractSchedule)]
         times += [drive.motion_kinks() for drive in self.drives if isinstance(drive, AbstractJointForce)]
-        return concatenated(times)
+        return join_arrays(times)
 
     def driving_kinks(self, state: State) -> Float[Array, " kinks"]:
         """The times at which any other force jumps or has a kink, for such a state."""
-        return concatenated([drive.kinks_with(state) for drive in self.drives if isinstance(drive, AbstractJointForce)])
+        return join_arrays([drive.kinks_with(state) for drive in self.drives if isinstance(drive, AbstractJointForce)])
 
     @abc.abstractmethod
     def driven_by(self: AnyMechanism, drives: Sequence[Drive]) -> AnyMechanism:
@@ -236,8 +236,8 @@ class Mechanism(AbstractMechanism):
                     "carries it."
                 )
         self.carrier = tuple(_carrier(index, item.joint, len(joints)) for index, item in enumerate(masses))
-        self.mass = stacked([item.mass for item in masses])
-        self.place = stacked([item.place for item in masses], (3,))
+        self.mass = stack_arrays([item.mass for item in masses])
+        self.place = stack_arrays([item.place for item in masses], (3,))
         _require_moved(self)
 
     @property

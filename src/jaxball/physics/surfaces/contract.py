@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...interface.arguments import require
-from ...numerics.arrays import concatenated
+from ...numerics.arrays import join_arrays
 from ...numerics.vectors import cross, dot, root, unit_vector
 from ..conditions import Condition
 from ..ground import AbstractGround
@@ -104,7 +104,7 @@ class AbstractSurface(AbstractGround):
 
     def kinks(self) -> Float[Array, " kinks"]:
         """The times at which the acceleration of its matter jumps or has a kink; by default those of its motion."""
-        return concatenated([] if self.motion is None else [self.motion.kinks()])
+        return join_arrays([] if self.motion is None else [self.motion.kinks()])
 
     def prepare(self) -> "AbstractSurface":
         if self.motion is None:

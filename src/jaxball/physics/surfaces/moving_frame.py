@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 from ...interface.arguments import require, require_each
 from ...interface.printing import Printed
-from ...numerics.arrays import Numbers, concatenated, numbers
+from ...numerics.arrays import Numbers, join_arrays, numbers
 from ...numerics.vectors import apply, turn_about, unit_vector
 from ..conditions import Condition, a_direction
 from ..motion import AbstractPrescribedMotion
@@ -87,7 +87,7 @@ class MovingFrame(Printed):
     def kinks(self) -> Float[Array, " kinks"]:
         """The times at which an acceleration jumps or has a kink."""
         sources = [turn.angle for turn in self.turns]
-        return concatenated([source.kinks() for source in (*sources, self.displacement) if source is not None])
+        return join_arrays([source.kinks() for source in (*sources, self.displacement) if source is not None])
 
     def prepare(self) -> "MovingFrame":
         turns = tuple(Turn(turn.axis, turn.angle.prepare()) for turn in self.turns)

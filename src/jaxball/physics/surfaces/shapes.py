@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...interface.arguments import require, require_flags, require_function
-from ...numerics.arrays import AnyArray, a_number, concatenated, namespace_of, numbers
+from ...numerics.arrays import AnyArray, a_number, join_arrays, namespace_of, numbers
 from ...numerics.functions import OfKinkedFunctionOfState
 from ...numerics.vectors import cross, dot, sine_cosine, unit_vector
 from ..conditions import Condition, a_direction, positive
@@ -54,7 +54,7 @@ class HeightField(OfKinkedFunctionOfState, AbstractSurface):
         return jnp.stack([u1, u2, jnp.asarray(self.function(t, u1, u2, self.parameters), u1.dtype)])
 
     def kinks(self) -> Float[Array, " kinks"]:
-        return concatenated([self.kink_times, AbstractSurface.kinks(self)])
+        return join_arrays([self.kink_times, AbstractSurface.kinks(self)])
 
 
 class ParametricSurface(OfKinkedFunctionOfState, AbstractSurface):
@@ -93,7 +93,7 @@ class ParametricSurface(OfKinkedFunctionOfState, AbstractSurface):
         return self.function(t, u1, u2, self.parameters)
 
     def kinks(self) -> Float[Array, " kinks"]:
-        return concatenated([self.kink_times, AbstractSurface.kinks(self)])
+        return join_arrays([self.kink_times, AbstractSurface.kinks(self)])
 
 
 class Bowl(AbstractSurface):

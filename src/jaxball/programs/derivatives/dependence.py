@@ -44,7 +44,7 @@ def varying_in_loop(
         lasts = following
 
 
-def evaluated(
+def evaluate_chosen(
     program: Program,
     constants: Sequence[Any],
     operands: Sequence[Any],
@@ -62,7 +62,7 @@ def evaluated(
     def read(variable: Any) -> Any:
         return variable.val if isinstance(variable, Literal) else values[variable]
 
-    for equation in _needed(program, wanted):
+    for equation in _find_needed(program, wanted):
         given = list(map(read, equation.invars))
         results = instead(equation, given)
         if results is None:
@@ -102,7 +102,7 @@ def _after_a_loop(body: Program, constants: list[bool], carried: list[bool], seq
         carried = following
 
 
-def _needed(program: Program, wanted: Sequence[Any]) -> list[Any]:
+def _find_needed(program: Program, wanted: Sequence[Any]) -> list[Any]:
     """The equations that some variables of a program need."""
     needed, equations = {variable for variable in wanted if not isinstance(variable, Literal)}, []
     for equation in reversed(program.jaxpr.eqns):

@@ -51,7 +51,7 @@ NO_CAPTURED = (
 _forward = setting_of_traces(False)
 
 
-def differentiated_forward() -> contextlib.AbstractContextManager[Any]:
+def differentiate_forward() -> contextlib.AbstractContextManager[Any]:
     """The context in which what is traced is differentiated in forward mode."""
     return _forward(True)
 
@@ -131,7 +131,7 @@ differentiate_by(_tangent_of_found, _no_second_of)
 differentiate_by(_captured, _no_captured)
 
 
-def differentiated_where(used: Bool[Array, ""], tree: Tree) -> Tree:
+def differentiate_where(used: Bool[Array, ""], tree: Tree) -> Tree:
     """``tree`` unchanged, with derivatives only where it is ``used``.
 
     Values computed from an unused entry may have infinite derivatives. A mask on the result sends a zero back to them,
@@ -143,15 +143,15 @@ def differentiated_where(used: Bool[Array, ""], tree: Tree) -> Tree:
     return eqx.combine(masked, others)
 
 
-def known_or_nothing(known: Bool[Array, "*rows"], leaf: Array) -> Array:
+def keep_if_known(known: Bool[Array, "*rows"], leaf: Array) -> Array:
     """``leaf`` where it is known; elsewhere NaN, or −1 where it consists of integers."""
     nothing = jnp.nan if jnp.issubdtype(leaf.dtype, jnp.inexact) else -1
     return jnp.where(known, leaf, jnp.asarray(nothing, leaf.dtype))
 
 
-def known_rows(known: Bool[Array, " rows"], leaf: Array) -> Array:
-    """The rows of ``leaf`` that are known; the others as :func:`known_or_nothing` has them."""
-    return known_or_nothing(known.reshape(-1, *(1,) * (leaf.ndim - 1)), leaf)
+def keep_known_rows(known: Bool[Array, " rows"], leaf: Array) -> Array:
+    """The rows of ``leaf`` that are known; the others as :func:`keep_if_known` has them."""
+    return keep_if_known(known.reshape(-1, *(1,) * (leaf.ndim - 1)), leaf)
 
 
 def without_derivatives(tree: Tree) -> Tree:

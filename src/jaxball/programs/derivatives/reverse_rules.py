@@ -50,7 +50,7 @@ def with_rule(function: Callable[[Any], Any], forward: Forward, pull: Pull) -> C
     return ruled
 
 
-def pulled_by_forward_mode(function: Callable[[Any], Any]) -> Pull:
+def pull_by_forward_mode(function: Callable[[Any], Any]) -> Pull:
     """The pull of ``function``, of a PyTree of arrays, by forward mode; what is kept is the operands and the results.
 
     For a function of a few numbers that is long, or has loops of unknown length. It is computed, with its derivative in
@@ -63,7 +63,7 @@ def pulled_by_forward_mode(function: Callable[[Any], Any]) -> Pull:
         x, unravel = ravel_pytree(chosen(leaves, which))
 
         def results(x: Array) -> list[Array]:
-            return jax.tree.leaves(function(structure.unflatten(replaced(leaves, which, unravel(x)))))
+            return jax.tree.leaves(function(structure.unflatten(replace_chosen(leaves, which, unravel(x)))))
 
         def product(direction: Array) -> Array:
             rates = zip(cotangents, jax.jvp(results, (x,), (direction,))[1], strict=True)
@@ -76,7 +76,7 @@ def pulled_by_forward_mode(function: Callable[[Any], Any]) -> Pull:
         if not any(which):
             return structure.unflatten([None] * len(which))
         found = products(tuple(which), known[0], jax.tree.leaves(cotangents, is_leaf=lambda leaf: leaf is None))
-        return structure.unflatten(replaced([None] * len(which), which, found))
+        return structure.unflatten(replace_chosen([None] * len(which), which, found))
 
     return pull
 
@@ -94,7 +94,7 @@ def chosen(arrays: Sequence[Any], which: Sequence[bool]) -> list[Any]:
     return [array for array, is_chosen in zip(arrays, which, strict=True) if is_chosen]
 
 
-def replaced(arrays: Sequence[Any], which: Sequence[bool], by: Sequence[Any]) -> list[Any]:
+def replace_chosen(arrays: Sequence[Any], which: Sequence[bool], by: Sequence[Any]) -> list[Any]:
     """The arrays with others in the place of those that are chosen."""
     remaining = iter(by)
     return [next(remaining) if is_chosen else array for array, is_chosen in zip(arrays, which, strict=True)]
@@ -105,7 +105,7 @@ def or_zeros(cotangent: Array | None, like: Any) -> Array:
     return jnp.zeros(like.shape, like.dtype) if cotangent is None else cotangent
 
 
-def added(one: Sequence[Array], other: Sequence[Array]) -> list[Array]:
+def add_arrays(one: Sequence[Array], other: Sequence[Array]) -> list[Array]:
     """The sums of arrays one by one."""
     return [x + y for x, y in zip(one, other, strict=True)]
 
@@ -130,7 +130,7 @@ def put_while(
     - ``place_of``: where in the buffer the row with a number is; by default there.
     """
     if not reverse:
-        return _written(due, row_of, place_of, buffer, first)
+        return _write_rows(due, row_of, place_of, buffer, first)
     condition, row, place = (jax.make_jaxpr(function)(first) for function in (due, row_of, place_of))
 
     def forward(operands: tuple[list[Any], list[Any], list[Any], Array, Index]) -> tuple[Array, Index]:
@@ -142,7 +142,7 @@ def put_while(
         def place_of(k: Index) -> Array:
             return evaluate(place, places, [k])[0]
 
-        return _written(due, lambda k: evaluate(row, constants, [k])[0], place_of, buffer, first)
+        return _write_rows(due, lambda k: evaluate(row, constants, [k])[0], place_of, buffer, first)
 
     def kept(operands: tuple[list[Any], list[Any], list[Any], Array, Index]) -> tuple[Any, Any]:
         _, constants, places, _, first = operands
@@ -155,21 +155,23 @@ def put_while(
 
         def back(at: tuple[Index, list[Array]]) -> tuple[Index, list[Array]]:
             k, summed = at
-            _, pull = jax.vjp(lambda moving: evaluate(row, replaced(constants, which, moving), [k])[0], moving)
+            _, pull = jax.vjp(lambda moving: evaluate(row, replace_chosen(constants, which, moving), [k])[0], moving)
             of_row = cotangent[evaluate(place, places, [k])[0]]
-            return k + 1, added(summed, pull(jnp.where(k < stop, of_row, 0.0))[0])
+            return k + 1, add_arrays(summed, pull(jnp.where(k < stop, of_row, 0.0))[0])
 
         summed = [jnp.zeros_like(x) for x in moving]
         if cotangent is not None:
             _, summed = jax.lax.while_loop(lambda at: unvmap_any(at[0] < stop), back, (first, summed))
         nothing, nowhere = [None] * len(condition.consts), [None] * len(places)
-        return nothing, replaced([None] * len(constants), which, summed), nowhere, cotangent, None
+        return nothing, replace_chosen([None] * len(constants), which, summed), nowhere, cotangent, None
 
     operands = list(condition.consts), list(row.consts), list(place.consts), buffer, first
     return with_rule(forward, kept, pull)(operands)
 
 
-def _written(due: Callable, row_of: Callable, place_of: Callable, buffer: Array, first: Index) -> tuple[Array, Index]:
+def _write_rows(
+    due: Callable, row_of: Callable, place_of: Callable, buffer: Array, first: Index
+) -> tuple[Array, Index]:
     def write(at: tuple[Array, Index]) -> tuple[Array, Index]:
         buffer, k = at
         counts = due(k)

@@ -47,7 +47,7 @@ class OpenFunction:
         self.function, self.original = function, original
         self.__name__ = function.__name__
         held = [cell.cell_contents if _is_filled(cell) else _UNKNOWN for cell in function.__closure__ or ()]
-        held += [*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).items(), *_used(function)]
+        held += [*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).items(), *_find_used(function)]
         held += [_UNKNOWN] if vars(function) else []
         described = tuple(map(_description, held))
         own = _Itself(id(original)) if _UNKNOWN in described else None
@@ -89,7 +89,7 @@ def _is_of_known_library(value: Any) -> bool:
     return isinstance(value, types.FunctionType | types.BuiltinFunctionType | type) and home_of(value) is not None
 
 
-def _used(function: types.FunctionType) -> list[Any]:
+def _find_used(function: types.FunctionType) -> list[Any]:
     """The values of global names that a function uses."""
     names = {name for code in codes_in(function.__code__) for name in code.co_names}
     return [function.__globals__[name] for name in sorted(names & function.__globals__.keys())]

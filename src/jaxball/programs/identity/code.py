@@ -114,9 +114,9 @@ def of_function(function: types.FunctionType, used: Used) -> tuple[Any, ...]:
     for use in sorted({use for code in codes_in(function.__code__) for use in uses(code)}):
         if not use.is_held:
             value = function.__globals__.get(use.name, builtins.get(use.name, _MISSING))
-            named.append((use.name, _loaded(value, use.attributes, used)))
+            named.append((use.name, _load_attributes(value, use.attributes, used)))
         elif isinstance(held.get(use.name), types.ModuleType):
-            named.append((use.name, _loaded(held[use.name], use.attributes, used)))
+            named.append((use.name, _load_attributes(held[use.name], use.attributes, used)))
     kept = tuple(None if isinstance(value, types.ModuleType) else value for value in held.values())
     return function.__code__, given, kept, tuple(named)
 
@@ -158,7 +158,7 @@ def of_other(value: Any) -> tuple[Any, ...] | None:
         raise NoNameError(str(error)) from None
 
 
-def cached_names(of: type) -> frozenset[str]:
+def names_of_caches(of: type) -> frozenset[str]:
     """The names under which objects of a class keep what follows from the rest of them."""
     entries = ((name, entry) for base in of.__mro__ for name, entry in vars(base).items())
     cached = (name for name, entry in entries if isinstance(entry, functools.cached_property))
@@ -214,20 +214,20 @@ def names_in(code: types.CodeType) -> Iterator[str]:
         yield from (name for name in code.co_consts if isinstance(name, str))
 
 
-def _loaded(value: Any, attributes: tuple[str, ...], used: Used) -> Any:
+def _load_attributes(value: Any, attributes: tuple[str, ...], used: Used) -> Any:
     """The value of which these attributes are loaded; of a module, the first one that is not a module."""
     if not isinstance(value, types.ModuleType):
         return value
     if not is_known(value.__name__):
         if not attributes or attributes[0] not in vars(value):
             raise NoNameError(f"{value!r} is a module of which anything may be used.")
-        return attributes[0], _loaded(vars(value)[attributes[0]], attributes[1:], used)
+        return attributes[0], _load_attributes(vars(value)[attributes[0]], attributes[1:], used)
     if not attributes:
         return value
     require_pure(value.__name__, attributes[0])
     found = getattr(value, attributes[0], _MISSING)
     if isinstance(found, types.ModuleType):
-        return _loaded(found, attributes[1:], used)
+        return _load_attributes(found, attributes[1:], used)
     require_pure(getattr(found, "__module__", None) or "", getattr(found, "__qualname__", ""))
     used.add(found, value.__name__)
     # What a known module holds follows from its version, unless a user has put something else there.

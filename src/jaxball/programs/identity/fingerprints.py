@@ -82,70 +82,70 @@ class _Writer:
     def of(self, value: Any) -> bytes:
         """Tagged with the kind and, where it varies, preceded by the length, so that no two values have the same."""
         if isinstance(value, enum.Enum):
-            return _tagged("enum", self._class(type(value)), self._plain(value.name))
+            return _tag("enum", self._class(type(value)), self._plain(value.name))
         if value is None or isinstance(value, bool | int | float | complex | str | bytes):
             return self._plain(value)
         if isinstance(value, np.ndarray | np.generic | jax.Array):
             return self._array(value)
         if isinstance(value, np.dtype):
-            return _tagged("dtype", repr(value).encode())
+            return _tag("dtype", repr(value).encode())
         if isinstance(value, type):
             self._require_pure(value, _name(value) or "")
-            return _tagged("type", self._class(value))
+            return _tag("type", self._class(value))
         if isinstance(value, PyTreeDef):
             return self._structure(value)
         if isinstance(value, list | tuple | set | frozenset | Mapping) and type(value) is not types.MappingProxyType:
             return self._container(value)
         if isinstance(value, functools.partial):
             parts = value.func, value.args, value.keywords
-            return _tagged("partial", self._class(type(value)), *map(self.of, parts))
+            return _tag("partial", self._class(type(value)), *map(self.of, parts))
         if isinstance(value, types.MethodType):
-            return _tagged("method", *map(self.of, (value.__self__, value.__func__)))
-        return self._defined(value)
+            return _tag("method", *map(self.of, (value.__self__, value.__func__)))
+        return self._describe_definition(value)
 
     def _container(self, value: Any) -> bytes:
         if getattr(value, "__dict__", None):
             raise NoNameError(f"{type(value)} contains more than its items.")
         of = self._class(type(value))
         if isinstance(value, Mapping):
-            return _tagged("mapping", of, *map(self.of, value.items()), self.of(getattr(value, "default_factory", 0)))
+            return _tag("mapping", of, *map(self.of, value.items()), self.of(getattr(value, "default_factory", 0)))
         if isinstance(value, list | tuple):
-            return _tagged("sequence", of, *map(self.of, value))
+            return _tag("sequence", of, *map(self.of, value))
         # Each on its own, because their order is that of the process.
-        return _tagged("set", of, *sorted(_Writer(self.used, self._of_users).of(item) for item in value))
+        return _tag("set", of, *sorted(_Writer(self.used, self._of_users).of(item) for item in value))
 
-    def _defined(self, value: Any) -> bytes:
+    def _describe_definition(self, value: Any) -> bytes:
         """Functions, modules, objects."""
         if isinstance(value, types.ModuleType):
             if not is_known(value.__name__):
                 raise NoNameError(f"{value!r} may change without its name.")
             code.require_pure(value.__name__)
             self.used.add(value, value.__name__)
-            return _tagged("module", value.__name__.encode())
+            return _tag("module", value.__name__.encode())
         name = _name(value)
         if name is not None:
             self._require_pure(value, name)
-            return _tagged("named", name.encode())
+            return _tag("named", name.encode())
         if type(value) is object:  # which is only told from others
-            return _tagged("sentinel", self._once(value, lambda _: ()))
+            return _tag("sentinel", self._once(value, lambda _: ()))
         if isinstance(value, types.FunctionType):
-            return _tagged("function", self._once(value, lambda function: code.of_function(function, self.used)))
+            return _tag("function", self._once(value, lambda function: code.of_function(function, self.used)))
         parts = code.of_other(value)
         if parts is not None:
-            return _tagged("consists of", type(value).__name__.encode(), *map(self.of, parts))
+            return _tag("consists of", type(value).__name__.encode(), *map(self.of, parts))
         is_plain = hasattr(value, "__dict__") and type(value).__basicsize__ == _Plain.__basicsize__
         if isinstance(value, Primitive) or not is_plain:
             raise NoNameError(f"{value!r} may contain more than it shows.")
-        without = (*_WITHOUT_EFFECT, *code.cached_names(type(value)))
+        without = (*_WITHOUT_EFFECT, *code.names_of_caches(type(value)))
         fields = sorted((name, field) for name, field in vars(value).items() if name not in without)
-        return _tagged("object", self._class(type(value)), *map(self.of, fields))
+        return _tag("object", self._class(type(value)), *map(self.of, fields))
 
     def _plain(self, value: Any) -> bytes:
         if type(value) not in (type(None), bool, int, float, complex, str, bytes):
-            return _tagged("derived", self._class(type(value)), repr(value).encode())
+            return _tag("derived", self._class(type(value)), repr(value).encode())
         if isinstance(value, float | complex):
-            return _tagged(type(value).__name__, struct.pack("<dd", value.real, value.imag))
-        return _tagged(type(value).__name__, value if isinstance(value, bytes) else str(value).encode())
+            return _tag(type(value).__name__, struct.pack("<dd", value.real, value.imag))
+        return _tag(type(value).__name__, value if isinstance(value, bytes) else str(value).encode())
 
     def _array(self, value: Any) -> bytes:
         if is_traced(value):
@@ -157,13 +157,13 @@ class _Writer:
             raise NoNameError("An array holds objects.")
         weak = bool(getattr(value, "weak_type", False))
         kind = type(value).__name__ if isinstance(value, np.generic) else "array" if weak else "strong"
-        return _tagged(kind, repr(array.dtype).encode(), self.of(array.shape), array.tobytes())
+        return _tag(kind, repr(array.dtype).encode(), self.of(array.shape), array.tobytes())
 
     def _structure(self, structure: Any) -> bytes:
         node, children = node_of(structure), jax.tree_util.treedef_children(structure)
         if node is None or node[0] is type(None):
-            return _tagged("none" if node else "leaf")
-        return _tagged("node", self._class(node[0]), self.of(node[1]), *map(self._structure, children))
+            return _tag("none" if node else "leaf")
+        return _tag("node", self._class(node[0]), self.of(node[1]), *map(self._structure, children))
 
     def _class(self, of: type) -> bytes:
         name = _name(of)
@@ -181,11 +181,11 @@ class _Writer:
         """What it consists of; the place among those reached if it is among them, as where a function calls itself."""
         place = self._places.setdefault(id(value), len(self.reached))
         if place < len(self.reached):
-            return _tagged("again", str(place).encode())
+            return _tag("again", str(place).encode())
         self.reached.append(value)
         before, self._of_users = self._of_users, self._of_users or home_of(value) is None
         try:
-            return _tagged("of parts", *map(self.of, parts(value)))
+            return _tag("of parts", *map(self.of, parts(value)))
         finally:
             self._of_users = before
 
@@ -198,5 +198,5 @@ def _name(value: Any) -> str | None:
         return None
 
 
-def _tagged(kind: str, *parts: bytes) -> bytes:
+def _tag(kind: str, *parts: bytes) -> bytes:
     return b"".join(struct.pack("<q", len(part)) + part for part in (kind.encode(), *parts)) + b"."

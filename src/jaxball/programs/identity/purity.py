@@ -35,7 +35,7 @@ def require_pure(used: Used) -> None:
     """Raises a :class:`NoNameError` where something used reads more than its arguments."""
     reached = _Reached(used.names)
     for value in used.values.values():
-        value = _unwrapped(value)
+        value = _unwrap(value)
         if not isinstance(value, type) and _module_of(value).startswith(_MACHINERY):
             raise _reads(value, _module_of(value))
         reached.add(value)
@@ -59,7 +59,7 @@ class _Reached:
 
     def add(self, value: Any) -> None:
         """Puts a value in reach, unless it is of the machinery of programs."""
-        value = _unwrapped(value)
+        value = _unwrap(value)
         if isinstance(value, _DATA) or id(value) in self._values:
             return
         if isinstance(value, types.FunctionType | type) and _module_of(value).startswith(_MACHINERY):
@@ -217,7 +217,7 @@ def _reads(value: Any, what: str) -> NoNameError:
     return NoNameError(f"{getattr(value, '__qualname__', value)} may read more than its arguments, by {what}.")
 
 
-def _unwrapped(value: Any) -> Any:
+def _unwrap(value: Any) -> Any:
     """A function of jaxball without what others have put around it, as where types are checked at run time."""
     while isinstance(value, types.FunctionType) and not is_own(_module_of(value)) and hasattr(value, "__wrapped__"):
         value = vars(value)["__wrapped__"]

@@ -23,16 +23,16 @@ from .arguments import are_numbers, as_keys, implementation, kind, numbers, some
 from .calls.table import Rows
 from .choice import (
     Refusal,
-    allowed,
-    allowed_on_gpu,
-    asked_for,
-    chosen,
     compiler,
+    current_choice,
+    explicit_choice,
     identity_on_gpu,
+    is_allowed,
+    is_allowed_on_gpu,
+    is_usable,
     on_one_cpu,
     settings,
-    usable,
-    warn_if_asked_for,
+    warn_if_chosen_by_name,
 )
 from .executable import CallbackReachedError, Form, Program
 from .gpu import GridForm, GridProgram
@@ -40,7 +40,7 @@ from .ir.elements import LANES
 from .ir.lanes import FEWEST
 from .targets.cuda import CudaError
 from .targets.machine import identity
-from .tracing import Lowered, traced_natively
+from .tracing import Lowered, is_traced_natively
 
 __all__ = [
     "FEWEST",
@@ -54,23 +54,23 @@ __all__ = [
     "Program",
     "Refusal",
     "Rows",
-    "allowed",
-    "allowed_on_gpu",
     "are_numbers",
     "as_keys",
-    "asked_for",
-    "chosen",
     "compiler",
+    "current_choice",
+    "explicit_choice",
     "identity",
     "identity_on_gpu",
     "implementation",
+    "is_allowed",
+    "is_allowed_on_gpu",
+    "is_traced_natively",
+    "is_usable",
     "kind",
     "numbers",
     "on_one_cpu",
     "settings",
     "some_traced",
-    "traced_natively",
     "type_of",
-    "usable",
-    "warn_if_asked_for",
+    "warn_if_chosen_by_name",
 ]

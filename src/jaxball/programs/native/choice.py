@@ -46,14 +46,14 @@ def compiler(name: str) -> Iterator[None]:
     ...     print(jaxball.jit(lambda x: 2 * x)(jnp.arange(3)))
     [0 2 4]
     """
-    _asked_for.append(_checked(name, "Argument `name`"))
+    _asked_for.append(_check_name(name, "Argument `name`"))
     try:
         yield
     finally:
         _asked_for.pop()
 
 
-def asked_for() -> Compiler | None:
+def explicit_choice() -> Compiler | None:
     """The compiler chosen by name, if any.
 
     **Raises:** ``ValueError`` if the environment variable does not name one.
@@ -61,34 +61,34 @@ def asked_for() -> Compiler | None:
     if _asked_for:
         return _asked_for[-1]
     name = os.environ.get(VARIABLE)
-    return _checked(name, f"The environment variable {VARIABLE}") if name else None
+    return _check_name(name, f"The environment variable {VARIABLE}") if name else None
 
 
-def chosen() -> Compiler:
+def current_choice() -> Compiler:
     """The compiler of the library's own programs: the one chosen, or the default."""
-    return asked_for() or DEFAULT
+    return explicit_choice() or DEFAULT
 
 
-def _checked(name: str, what: str) -> Compiler:
+def _check_name(name: str, what: str) -> Compiler:
     for known in get_args(Compiler):
         if name == known:
             return known
     raise ValueError(f"{what} must be 'native' or 'xla', but it is {name!r}.")
 
 
-def warn_if_asked_for(refusal: Refusal, name: str) -> None:
+def warn_if_chosen_by_name(refusal: Refusal, name: str) -> None:
     """Warns why XLA compiles the program with this name, if the native compiler was chosen by name."""
-    if asked_for() == "native":
+    if explicit_choice() == "native":
         message = f"{refusal.reason} is not compiled natively: XLA compiles the program `{name}`."
         warnings.warn(message, stacklevel=4)
 
 
-def allowed() -> bool:
+def is_allowed() -> bool:
     """Whether programs are compiled natively at all."""
     return machine.is_present() and on_one_cpu()
 
 
-def allowed_on_gpu() -> bool:
+def is_allowed_on_gpu() -> bool:
     """Whether programs are compiled natively for NVIDIA's GPUs."""
     if not machine.is_present() or _is_debugging():
         return False
@@ -100,9 +100,9 @@ def identity_on_gpu() -> list[str]:
     return gpu.identity()
 
 
-def usable(leaves: Sequence[Any]) -> bool:
+def is_usable(leaves: Sequence[Any]) -> bool:
     """Whether programs can be compiled natively for such arguments: on the one device of a CPU, and with numbers."""
-    return allowed() and not some_traced(leaves) and are_numbers(leaves)
+    return is_allowed() and not some_traced(leaves) and are_numbers(leaves)
 
 
 def on_one_cpu() -> bool:

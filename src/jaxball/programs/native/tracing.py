@@ -22,7 +22,7 @@ _natively = setting_of_traces(False)
 _asked: set[int] = set()  # the threads in which `traced_natively` was true since they last began to trace
 
 
-def traced_natively() -> bool:
+def is_traced_natively() -> bool:
     """Whether what is being traced is to be compiled natively.
 
     Then a map of long computations is best a ``jax.lax.map``, whose turns are computed side by side. XLA would compute
@@ -105,7 +105,7 @@ class Lowered:
 
         try:
             with seldom_collected():
-                takes, gives = _types_in(self.traced.jaxpr.in_avals), _given(self.traced.jaxpr.out_avals)
+                takes, gives = _types_in(self.traced.jaxpr.in_avals), _describe_results(self.traced.jaxpr.out_avals)
                 module = self.for_cpu().compiler_ir("stablehlo")
                 return Program(compile_for_cpu(module, takes, gives, large=large, quickly=quickly, rows=rows))
         except UnsupportedError as error:
@@ -120,7 +120,7 @@ class Lowered:
 
         try:
             with seldom_collected():
-                gives = _given(self.traced.jaxpr.out_avals)
+                gives = _describe_results(self.traced.jaxpr.out_avals)
                 module = self.for_cpu().compiler_ir("stablehlo")
                 return GridProgram(compile_for_gpu(module, len(self.takes), gives, large))
         except UnsupportedError as error:
@@ -154,7 +154,7 @@ def _types_in(avals: Sequence[Any]) -> list[np.dtype]:
     return [_numpy_type(aval) for aval in avals]
 
 
-def _given(avals: Sequence[Any]) -> list[Given]:
+def _describe_results(avals: Sequence[Any]) -> list[Given]:
     return [(aval.shape, _numpy_type(aval), aval.weak_type) for aval in avals]
 
 

@@ -46,7 +46,7 @@ def keep_in(new: Store | None) -> Store | None:
 
 
 @contextlib.contextmanager
-def kept_in(new: Store | None) -> Iterator[None]:
+def keep_within(new: Store | None) -> Iterator[None]:
     """Keeps the programs of this block in a store, or in none."""
     before = keep_in(new)
     try:

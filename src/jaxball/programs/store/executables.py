@@ -54,7 +54,7 @@ def content_of_refusal(refusal: native.Refusal) -> bytes:
     return REFUSAL + refusal.reason.encode()
 
 
-def loaded(content: bytes | None) -> Loaded | native.Refusal | None:
+def load_program(content: bytes | None) -> Loaded | native.Refusal | None:
     """The program, or the note that it is refused; None if there is none or it cannot be loaded.
 
     Several threads may do this at once.

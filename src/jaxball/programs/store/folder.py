@@ -90,7 +90,7 @@ class Folder:
 
     def write(self, key: str, content: bytes) -> None:
         """Keeps the content, if there is room, and removes what exceeds the limit."""
-        if len(content) > self.limit or not self._made():
+        if len(content) > self.limit or not self._make():
             return
         # Imported here, because it would delay a command that is refused at once.
         from ...interface.output import atomic_write
@@ -105,10 +105,10 @@ class Folder:
     @contextlib.contextmanager
     def alone(self, key: str) -> Iterator[None]:
         """A block for this key that no other process enters, as long as none takes longer than a compilation."""
-        if not self._made():
+        if not self._make():
             yield
             return
-        with _held(self.path / f"{key}.lock", SECONDS_OF_A_COMPILATION):
+        with _hold_lock(self.path / f"{key}.lock", SECONDS_OF_A_COMPILATION):
             yield
 
     def entries(self) -> list[Entry]:
@@ -134,7 +134,7 @@ class Folder:
             entry.path.unlink(missing_ok=True)
         return removed
 
-    def _made(self) -> bool:
+    def _make(self) -> bool:
         """Creates the folder if it does not exist, and returns whether it can be used."""
         if self.objection() is not None:
             return False
@@ -207,7 +207,7 @@ def _obstacle(path: Path) -> str | None:
 
 
 @contextlib.contextmanager
-def _held(path: Path, patience: float) -> Iterator[None]:
+def _hold_lock(path: Path, patience: float) -> Iterator[None]:
     """Waits until no other process holds the lock file, ``patience`` seconds at most, and holds it in this block.
 
     The operating system releases it when a process ends in any way. Where files cannot be created or locked, it does

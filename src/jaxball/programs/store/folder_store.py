@@ -90,7 +90,7 @@ class FolderStore:
         names = self.folder.read(self._list())
         self._expected = [] if names is None else names[len(LIST) :].decode().split()
         for key in self._expected:
-            self._early[key] = self._thread.submit(lambda key=key: executables.loaded(self.folder.read(key)))
+            self._early[key] = self._thread.submit(lambda key=key: executables.load_program(self.folder.read(key)))
 
     def end(self) -> None:
         """Remembers what the command used."""

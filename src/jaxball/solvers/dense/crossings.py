@@ -29,7 +29,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from numpy.polynomial import chebyshev
 
-from ...numerics.arrays import selected
+from ...numerics.arrays import select_tree
 from ...programs.derivatives.reverse_rules import put
 
 # As many samples of a piece as fill a vector, its ends among them.
@@ -332,7 +332,7 @@ class _Search(NamedTuple):
         search = self._replace(bracket=bracket, window=jnp.where(between, near, bracket), tries=self.tries + 1)
         eps = float(jnp.finfo(gap.dtype).eps)
         done = (gap <= 2 * eps * jnp.maximum(jnp.abs(root), whole)) | (search.tries >= MOST_WINDOWS)
-        return selected(done, self._enter(root), search)
+        return select_tree(done, self._enter(root), search)
 
     def _enter(self, root: Float[Array, ""]) -> "_Search":
         """Enters the zero of the first pending function, and begins the search for the next one."""
@@ -374,7 +374,7 @@ def scan(functions: Functions, span: Span, seen: Glance, kinds: Kinds, log: Log,
         def seek(scan: _Scan) -> _Scan:
             search = scan.search.narrow(times, samples)
             noted = _add_zeros(scan.log, kinds, span, search.roots)
-            return scan._replace(search=search, log=selected(search.goes_on, scan.log, noted))
+            return scan._replace(search=search, log=select_tree(search.goes_on, scan.log, noted))
 
         return jax.lax.cond(seeks, seek, lambda scan: go_on(scan, times, samples), scan)
 
@@ -394,7 +394,7 @@ def scan(functions: Functions, span: Span, seen: Glance, kinds: Kinds, log: Log,
         # The next piece is twice as long, if one of that length begins here in the tree of halves.
         doubles = ~scan.enters & (halvings > 0) & (place & (2 * width - 1) == 0)
         passed = _Scan(place, jnp.asarray(False), log._replace(halvings=halvings - jnp.where(doubles, 1, 0)), search)
-        return selected(passes, passed, scan._replace(log=scan.log._replace(halvings=halvings + 1)))
+        return select_tree(passes, passed, scan._replace(log=scan.log._replace(halvings=halvings + 1)))
 
     signs = log.signs._replace(since=jnp.maximum(log.signs.since, span.start))
     none = jnp.zeros(signs.sign.shape, bool)

@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ...numerics.arrays import selected
+from ...numerics.arrays import select_tree
 from ...programs.batches import map_rows
-from ...programs.derivatives.differentiation import differentiated_where, without_derivatives
+from ...programs.derivatives.differentiation import differentiate_where, without_derivatives
 from .steps import FINENESS, NARROWER, Steps, Values, sampling
 
 # How many windows are examined in one turn.
@@ -71,7 +71,7 @@ def maxima(steps: Steps, values: Values, k: int) -> Largest:
     def look_again(r: Int[Array, ""], best: Largest) -> Largest:
         looking, lines = r < rounds, r == rounds + LINES
         whole, around = _whole(steps, r, width), _around(steps, best, shares[jnp.maximum(r - rounds, 0)], width)
-        here = selected(looking, whole, around)
+        here = select_tree(looking, whole, around)
 
         def evaluated(window: Int[Array, ""], t: Float[Array, ""]) -> tuple[Array, ...]:
             own = jnp.minimum(window, k - 1)
@@ -91,7 +91,7 @@ def maxima(steps: Steps, values: Values, k: int) -> Largest:
         found = found._replace(curvature=jnp.where(r == rounds + CURVATURE_ROUND, best.curvature, found.curvature))
         found = found._replace(least=least)
         exact = best._replace(time=_stationary(steps, best, here, samples[:k]))
-        return selected(lines, exact, found)
+        return select_tree(lines, exact, found)
 
     zero = jnp.zeros(k, steps.start.dtype)
     nothing = Largest(
@@ -190,7 +190,7 @@ def moved(
     the kink or the end.
     """
     taken = steps.taken[i]
-    step, (start, end), kinks = differentiated_where(taken, (steps.step(i), steps.ends(i), kinks))
+    step, (start, end), kinks = differentiate_where(taken, (steps.step(i), steps.ends(i), kinks))
     near = 16 * jnp.finfo(t.dtype).eps * jnp.maximum(jnp.abs(t), 1.0)
 
     def change(of: Array) -> Array:

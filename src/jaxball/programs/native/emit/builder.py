@@ -15,7 +15,7 @@ from ..ir.elements import (
     is_known,
     vector_type,
     width_of,
-    written,
+    write_element,
 )
 from ..ir.folding import COMPARED, FOLDED, simpler_float, simpler_integer, suffix
 from ..ir.module import ALIGNMENT, Module
@@ -39,17 +39,17 @@ class Builder(Instructions):
 
     # Numbers
 
-    def converted(self, operation: str, source: np.dtype, target: np.dtype, x: Element) -> Name:
+    def convert(self, operation: str, source: np.dtype, target: np.dtype, x: Element) -> Name:
         """An instruction that makes a number of another type."""
         wide = width_of(x)
         old, new = (vector_type(kind, wide) for kind in (source, target))
-        name = self.pure(f"{operation} {old} {written(x)} to {new}", wide)
+        name = self.pure(f"{operation} {old} {write_element(x)} to {new}", wide)
         bounds = self.range_of(x) if source.kind == "i" == target.kind else None
         if bounds and np.iinfo(target).min <= bounds[0] and bounds[1] <= np.iinfo(target).max:
-            self.bound(name, bounds)
+            self.note_bounds(name, bounds)
         return name
 
-    def bound(self, name: Name, bounds: tuple[int, int] | None) -> None:
+    def note_bounds(self, name: Name, bounds: tuple[int, int] | None) -> None:
         """Records the bounds of an integer, from here on; None: that they are no longer known."""
         if bounds is None:
             self._ranges.pop(name, None)
@@ -74,7 +74,7 @@ class Builder(Instructions):
                 product = self.apply("fmul", dtype, x, y)
                 self._products[product] = x, y
                 return product
-            return self._fused(operation, dtype, x, y) or self.apply(f"f{operation}", dtype, x, y)
+            return self._fuse(operation, dtype, x, y) or self.apply(f"f{operation}", dtype, x, y)
         simpler = simpler_integer(operation, dtype, x, y)
         if simpler is not None:
             return simpler
@@ -84,7 +84,7 @@ class Builder(Instructions):
         """−x of a float."""
         return -x if is_known(x) else self.apply("fneg", dtype, x)
 
-    def _fused(self, operation: str, dtype: np.dtype, x: Element, y: Element) -> Name | None:
+    def _fuse(self, operation: str, dtype: np.dtype, x: Element, y: Element) -> Name | None:
         """A sum or a difference with a product as one term, rounded once; None without such a term.
 
         LLVM may fuse them as well, but only when it optimises, and as what surrounds them suggests: written here, they
@@ -119,7 +119,7 @@ class Builder(Instructions):
         """x where the condition holds, else y; no complex numbers."""
         if is_known(condition):
             return x if condition else y
-        if written(x) == written(y):
+        if write_element(x) == write_element(y):
             return x
         wide = width_of(condition, x, y)
         kind = vector_type(dtype, wide)
@@ -127,7 +127,7 @@ class Builder(Instructions):
         first, second = (f"{kind} {self.operand(dtype, number, wide)}" for number in (x, y))
         name = self.pure(f"select {choice}, {first}, {second}", wide)
         if dtype.kind == "i" and (one := self.range_of(x)) and (other := self.range_of(y)):
-            self.bound(name, (min(one[0], other[0]), max(one[1], other[1])))
+            self.note_bounds(name, (min(one[0], other[0]), max(one[1], other[1])))
         return name
 
     def call(
@@ -148,7 +148,7 @@ class Builder(Instructions):
         if wide and not intrinsic:
             rows = ([self.lane(dtype, x, lane) for x in operands] for lane in range(wide))
             calls = [self.call(function, dtype, *row, to=to, attributes=attributes) for row in rows]
-            return self.gathered(result, calls, wide)
+            return self.gather(result, calls, wide)
         given, gives = (vector_type(kind, wide) for kind in (dtype, result))
         name = f"@{function}"
         if intrinsic:
@@ -184,7 +184,7 @@ class Builder(Instructions):
             return np.bool_(low <= i < high)  # type: ignore[operator]
         return self.apply("and", BOOL, self.apply("icmp sge", INDEX, i, low), self.apply("icmp slt", INDEX, i, high))
 
-    def clamped(self, i: Index, high: int) -> Index:
+    def clamp(self, i: Index, high: int) -> Index:
         """The index in [0, high] that is next to i."""
         if isinstance(i, int):
             return min(max(i, 0), high)
@@ -202,7 +202,7 @@ class Builder(Instructions):
             return int(element)
         if dtype.itemsize == 8:
             return element
-        return self.converted("zext" if dtype.kind in "ub" else "sext", dtype, INDEX, element)
+        return self.convert("zext" if dtype.kind in "ub" else "sext", dtype, INDEX, element)
 
     # Memory
 
@@ -212,7 +212,7 @@ class Builder(Instructions):
 
     def allocate(self, size: int) -> Name:
         """Memory of ``size`` bytes, which belongs to the function while it runs."""
-        name = self._unused()
+        name = self._drop_unused()
         if size <= self.module.target.most_on_stack:
             self._allocated.append(f"{name} = alloca [{size} x i8], align {ALIGNMENT}")
             return name
@@ -235,9 +235,9 @@ class Builder(Instructions):
         return self._scopes.scope()
 
     @contextlib.contextmanager
-    def looped(self) -> Iterator[None]:
+    def write_loop(self) -> Iterator[None]:
         """The instructions written in this Python block are a loop, preceded by its invariants."""
-        with self._scopes.looped(self.reserve()) as loop:
+        with self._scopes.write_loop(self.reserve()) as loop:
             yield
         self.fill(loop.place, "\n".join(loop.before))
 
@@ -254,7 +254,7 @@ class Builder(Instructions):
         self.write(f"br label %{label}")
 
     def branch(self, condition: Element, yes: str, no: str) -> None:
-        self.write(f"br i1 {written(condition)}, label %{yes}, label %{no}")
+        self.write(f"br i1 {write_element(condition)}, label %{yes}, label %{no}")
 
     def reserve(self) -> int:
         """A place for a line that is written later, by :meth:`fill`."""
@@ -273,7 +273,7 @@ class Builder(Instructions):
         """
         before, body, after = self.label, self.new_label("loop"), self.new_label("end")
         carried = tuple((dtype, first) for dtype, first in carried)
-        with self.looped(), self.scope():
+        with self.write_loop(), self.scope():
             self.jump(body)
             self.begin(body)
             turn = Turn(self.fresh(), [self.fresh(in_lanes(first)) for _, first in carried])
@@ -312,7 +312,7 @@ class Builder(Instructions):
             yield
             return
         if isinstance(condition, Lanes):
-            with self.masked(condition):
+            with self.mask_writes(condition):
                 yield
             return
         condition = "false" if is_known(condition) else condition
@@ -325,7 +325,7 @@ class Builder(Instructions):
         self.begin(after)
 
     @contextlib.contextmanager
-    def masked(self, condition: Lanes) -> Iterator[Lanes]:
+    def mask_writes(self, condition: Lanes) -> Iterator[Lanes]:
         """The instructions written in this Python block change older memory only in the lanes of the condition.
 
         Yields the lanes: those of the condition within those of the block around this one.
@@ -349,7 +349,7 @@ class Builder(Instructions):
         """The number that the block before this one gives; a vector where one of them is, and then so must all be that
         are not known.
         """
-        texts = [written(element) for element, _ in cases]
+        texts = [write_element(element) for element, _ in cases]
         if len(set(texts)) == 1 and all(is_known(element) for element, _ in cases):
             return cases[0][0]
         name, place = self.fresh(in_lanes(*(element for element, _ in cases))), self.reserve()

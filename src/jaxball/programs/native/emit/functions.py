@@ -9,7 +9,7 @@ from ..ir.elements import LANES, Element, Lanes, vector_type
 from ..ir.program import Block, Value
 from .builder import BOOL, Builder
 from .lowering import Function
-from .storage import joined, parts, parts_of
+from .storage import join_parts, parts, parts_of
 from .values import Array, Buffer, Memory, Registers, registers
 from .vectors import are_handed_on, in_vectors, number_of_vectors, one_by_one
 
@@ -43,10 +43,10 @@ class _Form(NamedTuple):
         """The array of these numbers."""
         if self.stacked:
             numbers = one_by_one(builder, value.dtype, value.shape, numbers)
-        return registers(value.dtype, joined([value.dtype] * value.size, numbers), value.shape)
+        return registers(value.dtype, join_parts([value.dtype] * value.size, numbers), value.shape)
 
 
-def _typed(builder: Builder, kind: tuple[np.dtype, bool], number: Element) -> str:
+def _with_type(builder: Builder, kind: tuple[np.dtype, bool], number: Element) -> str:
     dtype, wide = kind
     return f"{vector_type(dtype, LANES * wide)} {builder.operand(dtype, number, LANES * wide)}"
 
@@ -56,7 +56,7 @@ class Signature:
 
     - ``name``: its name, made of the function's and of the properties of its arguments.
     - ``arguments``, ``results``: the form of each.
-    - ``masked``: whether it is called in some lanes only, which are then its last argument in a register.
+    - ``mask_writes``: whether it is called in some lanes only, which are then its last argument in a register.
     """
 
     def __init__(self, function: Function, name: str, block: Block, varying: Sequence[bool]):
@@ -64,11 +64,11 @@ class Signature:
             small = function.compiler.in_registers(value)
             return _Form(small, own, small and function.uses_vectors and are_handed_on(value.shape, value.dtype))
 
-        self.masked = function.builder.mask is not None
+        self.mask_writes = function.builder.mask is not None
         results = function.varying().call(name, varying) if function.in_lanes else [False] * len(block.results)
         self.arguments = list(map(form, block.arguments, varying))
         self.results = list(map(form, block.results, results))
-        pattern = "".join("v" if own else "s" for own in varying) + ("m" if self.masked else "")
+        pattern = "".join("v" if own else "s" for own in varying) + ("m" if self.mask_writes else "")
         self.name = f"{name}.{pattern}" if function.in_lanes else name
         kinds = [vector_type(dtype, LANES * wide) for dtype, wide in self.returned(block)]
         self.type = f"{{ {', '.join(kinds)} }}" if kinds else "void"
@@ -103,10 +103,10 @@ def compile_function(caller: Function, name: str, varying: Sequence[bool]) -> Si
             name = b.effect(f"bitcast {kind} {name} to {kind}", LANES) if form.stacked else name
             numbers.append(Lanes(name) if wide else name)
         arguments.append(form.together(b, value, numbers))
-    if signature.masked:
+    if signature.mask_writes:
         given.append(f"{vector_type(BOOL)} %mask")
         b.mask, b.level = Lanes("%mask"), 1
-    with function.executed(block, arguments) as results:
+    with function.write_block(block, arguments) as results:
         returned = []
         for position, (array, form) in enumerate(zip(results, signature.results, strict=True)):
             if form.small:
@@ -117,7 +117,7 @@ def compile_function(caller: Function, name: str, varying: Sequence[bool]) -> Si
                 storage.fill(Memory(array.shape, array.dtype, target), array)
     result = "undef"
     for position, (kind, number) in enumerate(zip(signature.returned(block), returned, strict=True)):
-        result = b.effect(f"insertvalue {signature.type} {result}, {_typed(b, kind, number)}, {position}")
+        result = b.effect(f"insertvalue {signature.type} {result}, {_with_type(b, kind, number)}, {position}")
     b.write("ret void" if signature.type == "void" else f"ret {signature.type} {result}")
     compiler.module.functions.append(b.function(f"internal {signature.type} @{signature.name}({', '.join(given)})"))
     compiler.compiled[signature.name] = b.cost
@@ -132,10 +132,10 @@ def call_function(function: Function, name: str, block: Block, operands: Sequenc
     for value, array, form in zip(block.arguments, operands, signature.arguments, strict=True):
         if form.small:
             numbers = form.apart(b, storage.to_registers(array))
-            given += [_typed(b, kind, number) for kind, number in zip(form.kinds(value), numbers, strict=True)]
+            given += [_with_type(b, kind, number) for kind, number in zip(form.kinds(value), numbers, strict=True)]
         else:
             given.append(f"ptr {storage.to_memory(array).buffer.name}")
-    if signature.masked:
+    if signature.mask_writes:
         given.append(f"{vector_type(BOOL)} {b.mask}")
     memory: list[Array] = []
     for value, form in zip(block.results, signature.results, strict=True):

@@ -20,7 +20,7 @@ from ..ir.elements import (
     vector_type,
     width_of,
     with_lanes,
-    written,
+    write_element,
 )
 from ..ir.folding import read
 from ..ir.module import Module
@@ -67,7 +67,7 @@ class Instructions:
         self.write(f"{name} = {instruction}")
         return name
 
-    def loaded(self, kind: str, address: Name, wide: int = 0) -> Name:
+    def load(self, kind: str, address: Name, wide: int = 0) -> Name:
         """A number, or a vector, in memory."""
         name = self.effect(f"load {kind}, ptr {address}", wide)
         self._loaded.add(name)
@@ -80,10 +80,10 @@ class Instructions:
     def pure(self, instruction: str, wide: int = 0) -> Name:
         """A pure instruction, which cannot fail. ``wide``: its lanes, of a vector."""
         scopes = self._scopes
-        name = scopes.found(instruction)
+        name = scopes.find(instruction)
         if name is not None:
             return name
-        name = self._unused(wide)
+        name = self._drop_unused(wide)
         ahead_of = scopes.note(instruction, name)
         if ahead_of is None:
             self.write(f"{name} = {instruction}")
@@ -93,11 +93,11 @@ class Instructions:
         return name
 
     def fresh(self, wide: int = 0) -> Name:
-        name = self._unused(wide)
+        name = self._drop_unused(wide)
         self._scopes.name(name)
         return name
 
-    def _unused(self, wide: int = 0) -> Name:
+    def _drop_unused(self, wide: int = 0) -> Name:
         self._count += 1
         name = f"%v{self._count}"
         return Lanes(name, LANES if wide is True else wide) if wide else name
@@ -109,8 +109,8 @@ class Instructions:
         if isinstance(x, Lanes):
             return x
         if not wide:
-            return x if isinstance(x, str) else written(x)
-        return f"splat ({llvm_type(dtype)} {written(x)})" if is_known(x) else self.spread(dtype, x, wide)
+            return x if isinstance(x, str) else write_element(x)
+        return f"splat ({llvm_type(dtype)} {write_element(x)})" if is_known(x) else self.spread(dtype, x, wide)
 
     def spread(self, dtype: np.dtype, x: Element, width: int = LANES) -> Element:
         """A vector in which all lanes have the same number, or the vector that x is already."""
@@ -118,7 +118,7 @@ class Instructions:
             return x
         kind = vector_type(dtype, width)
         if is_known(x):
-            numbers = f"{kind} splat ({llvm_type(dtype)} {written(x)})"
+            numbers = f"{kind} splat ({llvm_type(dtype)} {write_element(x)})"
             return self.pure(f"select i1 true, {numbers}, {kind} poison", width)
         first = self.pure(f"insertelement {kind} poison, {llvm_type(dtype)} {x}, i64 0")
         return self.pure(f"shufflevector {kind} {first}, {kind} poison, <{width} x i32> zeroinitializer", width)
@@ -142,7 +142,7 @@ class Instructions:
         vector, _, lane = name.partition(".")
         return (Lanes(vector, self._vectors[vector][1]), int(lane)) if vector in self._vectors else (None, 0)
 
-    def shuffled(self, dtype: np.dtype, x: Lanes, y: Lanes | None, lanes: Sequence[int]) -> Lanes:
+    def shuffle(self, dtype: np.dtype, x: Lanes, y: Lanes | None, lanes: Sequence[int]) -> Lanes:
         """A vector of lanes of one vector, or of two, of which those of the second are numbered from its width on."""
         kind, places = vector_type(dtype, x.width), ", ".join(f"i32 {lane}" for lane in lanes)
         other = f"{kind} {'poison' if y is None else y}"
@@ -150,11 +150,11 @@ class Instructions:
             self.pure(f"shufflevector {kind} {x}, {other}, <{len(lanes)} x i32> <{places}>", len(lanes)), len(lanes)
         )
 
-    def gathered(self, dtype: np.dtype, numbers: Sequence[Element], width: int = LANES) -> Lanes:
+    def gather(self, dtype: np.dtype, numbers: Sequence[Element], width: int = LANES) -> Lanes:
         """A vector of the numbers of the lanes."""
         vector: Name = "poison"
         for lane, number in enumerate(numbers):
-            item = f"{llvm_type(dtype)} {written(number)}"
+            item = f"{llvm_type(dtype)} {write_element(number)}"
             vector = self.pure(f"insertelement {vector_type(dtype, width)} {vector}, {item}, i64 {lane}", width)
         return Lanes(vector, width)
 

@@ -100,7 +100,7 @@ class Function:
     # Blocks
 
     @contextlib.contextmanager
-    def executed(self, block: Block, arguments: Sequence[Array]) -> Iterator[list[Array]]:
+    def write_block(self, block: Block, arguments: Sequence[Array]) -> Iterator[list[Array]]:
         """Writes a block's operations; its results, which are the block's until the end of this block of Python."""
         for value, array in zip(block.arguments, arguments, strict=True):
             self.bind(value, array)
@@ -134,16 +134,16 @@ class Function:
         if isinstance(array, Formula):
             once = value.reads == 1 and not value.captured
             if is_small(array.shape) or array.deep or not (once or array.cheap):
-                array = self.storage.settled(array)
+                array = self.storage.settle(array)
         if array.buffers:
-            self.storage.owned(array)
+            self.storage.add_owner(array)
         self.values[value] = array
 
     def unbind(self, value: Value) -> None:
         """Records that a value is no longer read."""
         array = self.values.pop(value, None)
         if array is not None and array.buffers:
-            self.storage.disowned(array)
+            self.storage.drop_owner(array)
 
     def varying(self) -> Varying:
         """Records which of the following values differ between lanes."""
@@ -170,15 +170,15 @@ class Function:
                 self._settle_readers(value, array.buffer)
             if value in operation.last and operation.reads[value] == 1 and array.buffer.owners == 1:
                 return array
-        return self.storage.copied(array, lanes)
+        return self.storage.copy_of(array, lanes)
 
     def _settle_readers(self, value: Value, buffer: Buffer) -> None:
         """Computes the formulas of the same block that read a buffer."""
         for other, array in list(self.values.items()):
             if isinstance(array, Formula) and other.block is value.block and buffer in array.buffers:
-                settled = self.storage.settled(array)
-                self.storage.owned(settled)
-                self.storage.disowned(array)
+                settled = self.storage.settle(array)
+                self.storage.add_owner(settled)
+                self.storage.drop_owner(array)
                 self.values[other] = settled
 
     def combination(self, block: Block) -> Callable[..., Sequence[Element]]:
@@ -198,7 +198,7 @@ class Function:
                 array = np.empty((), object)
                 array[()] = element
                 arguments.append(Registers(value.dtype, array))
-            with self.executed(block, arguments) as results:
+            with self.write_block(block, arguments) as results:
                 return [self.storage.to_registers(result).element(self.builder, ()) for result in results]
 
         return combine

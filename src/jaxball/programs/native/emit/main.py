@@ -47,7 +47,7 @@ def emit_main(compiler: Compiler) -> Main:
     function = Function(compiler, "ret void")
     arguments = [_argument(function, compiler, value, position) for position, value in enumerate(block.arguments)]
     results, size = [], 0
-    with function.executed(block, arguments) as arrays:
+    with function.write_block(block, arguments) as arrays:
         for position, array in enumerate(arrays):
             results.append(Result(size, array.shape, array.dtype))
             address = _load_address(function, "%outputs", position)

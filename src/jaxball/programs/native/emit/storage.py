@@ -27,21 +27,21 @@ class Storage:
         self._recent.append(buffer)
         return Memory(tuple(shape), dtype, buffer)
 
-    def owned(self, array: Array) -> None:
+    def add_owner(self, array: Array) -> None:
         """Notes that one value more is in the array's buffers."""
         for buffer in array.buffers:
             buffer.owners += 1
 
-    def disowned(self, array: Array) -> None:
+    def drop_owner(self, array: Array) -> None:
         """Notes that one value less is in the array's buffers."""
         for buffer in array.buffers:
             buffer.owners -= 1
             self._free_if_unowned(buffer)
 
-    def pinned(self, array: Array, count: int) -> None:
+    def pin(self, array: Array, count: int) -> None:
         """Notes that a loop or a branch needs the array's buffers, or, with −1, that it does not any more."""
         for buffer in array.buffers:
-            buffer.pinned += count
+            buffer.pins += count
 
     def mark(self) -> int:
         """A mark for :meth:`sweep`."""
@@ -55,7 +55,7 @@ class Storage:
             del self._recent[mark:]
 
     def _free_if_unowned(self, buffer: Buffer) -> None:
-        if not buffer.owners and not buffer.pinned and buffer.size and buffer.writable:
+        if not buffer.owners and not buffer.pins and buffer.size and buffer.writable:
             self._free.setdefault(buffer.size, []).append(buffer.name)
             buffer.size = 0
 
@@ -67,7 +67,7 @@ class Storage:
             return array.twin
         if isinstance(array, Registers) and array.known:
             return Memory(array.shape, array.dtype, Buffer(self.builder.module.constant(array.elements), 0, False))
-        return self.copied(array)
+        return self.copy_of(array)
 
     def to_registers(self, array: Array) -> Registers:
         """The same numbers in registers, however many they are."""
@@ -79,7 +79,7 @@ class Storage:
             flat[position] = array.element(self.builder, index)
         return Registers(array.dtype, elements)
 
-    def settled(self, array: Array) -> Registers | Memory:
+    def settle(self, array: Array) -> Registers | Memory:
         """The same numbers, computed: in registers where they are few."""
         if not isinstance(array, Formula):
             return array
@@ -110,7 +110,7 @@ class Storage:
             with self.every_index(source.shape) as index:
                 target.put(builder, index, source.element(builder, index))
 
-    def copied(self, array: Array, lanes: bool = False) -> Memory:
+    def copy_of(self, array: Array, lanes: bool = False) -> Memory:
         """The same numbers in memory of their own; ``lanes``: of each lane's own, also where they are the same."""
         target = self.allocate(array.shape, array.dtype, lanes or array.varying)
         self.fill(target, array)
@@ -124,7 +124,7 @@ class Storage:
             if isinstance(source, Memory) and source.buffer.name == target.buffer.name:
                 continue
             if any(buffer.name in names for buffer in source.buffers):
-                source = self.copied(source)
+                source = self.copy_of(source)
             moves.append((target, source))
         for target, source in moves:
             self.fill(target, source)
@@ -133,11 +133,11 @@ class Storage:
         """Writes an element."""
         target.put(self.builder, index, element)
 
-    def viewed(self, array: Memory, shape: tuple[int, ...]) -> Memory:
+    def view_of(self, array: Memory, shape: tuple[int, ...]) -> Memory:
         """The same memory as an array of another shape."""
         return Memory(shape, array.dtype, array.buffer)
 
-    def accumulated(
+    def accumulate(
         self,
         shape: Sequence[int],
         start: Sequence[tuple[np.dtype, Element]],
@@ -156,7 +156,7 @@ class Storage:
             for index in indices(shape):
                 numbers = list(step(list(index), numbers))
             return numbers
-        return self._accumulated(list(shape), [], dtypes, numbers, step)
+        return self._accumulate(list(shape), [], dtypes, numbers, step)
 
     def spread(self, dtype: np.dtype, number: Element) -> Element:
         """A number that all lanes have."""
@@ -164,7 +164,7 @@ class Storage:
             return Pair(*(self.builder.spread(part_of(dtype), part) for part in (number.real, number.imag)))
         return self.builder.spread(dtype, number)
 
-    def _accumulated(
+    def _accumulate(
         self,
         shape: list[int],
         outer: list[Index],
@@ -175,13 +175,13 @@ class Storage:
         if not shape:
             return list(step(outer, numbers))
         if shape[0] == 1:
-            return self._accumulated(shape[1:], [*outer, 0], dtypes, numbers, step)
+            return self._accumulate(shape[1:], [*outer, 0], dtypes, numbers, step)
         carried = list(parts(dtypes, numbers))
         with self.builder.loop(0, shape[0], *carried) as turn:
-            inner = joined(dtypes, turn.carried)
-            new = self._accumulated(shape[1:], [*outer, turn.index], dtypes, inner, step)
+            inner = join_parts(dtypes, turn.carried)
+            new = self._accumulate(shape[1:], [*outer, turn.index], dtypes, inner, step)
             turn.following = [number for _, number in parts(dtypes, new)]
-        return joined(dtypes, turn.following)
+        return join_parts(dtypes, turn.following)
 
     @contextlib.contextmanager
     def every_index(self, shape: Sequence[int]) -> Iterator[list[Index]]:
@@ -207,7 +207,7 @@ def parts_of(dtype: np.dtype, count: int) -> list[np.dtype]:
     return [part_of(dtype)] * (2 * count if dtype.kind == "c" else count)
 
 
-def joined(dtypes: Sequence[np.dtype], numbers: Sequence[Element]) -> list[Element]:
+def join_parts(dtypes: Sequence[np.dtype], numbers: Sequence[Element]) -> list[Element]:
     """The numbers of those parts."""
     rest = iter(numbers)
     return [Pair(next(rest), next(rest)) if dtype.kind == "c" else next(rest) for dtype in dtypes]

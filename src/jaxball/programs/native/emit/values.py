@@ -45,17 +45,17 @@ class Buffer:
     - ``owners``: how many values are there, or follow from what is there.
     - ``writable``: whether it is the program's, neither an argument nor a constant.
     - ``size``: its bytes, which are used again once nobody owns it; 0 where they are not.
-    - ``pinned``: how many loops and branches that are being written need it, whoever owns it.
+    - ``pin``: how many loops and branches that are being written need it, whoever owns it.
     - ``lanes``: whether each element is a vector; ``level``: in how many masks it was allocated.
     - ``shared``: whether it is one array of which each lane writes its own part.
     """
 
-    __slots__ = ("lanes", "level", "name", "owners", "pinned", "shared", "size", "writable")
+    __slots__ = ("lanes", "level", "name", "owners", "pins", "shared", "size", "writable")
 
     def __init__(self, name: Name, size: int, writable: bool = True, lanes: bool = False, level: int = 0):
         self.name, self.size, self.writable = name, size, writable
         self.lanes, self.level, self.shared = lanes, level, False
-        self.owners, self.pinned = 0, 0
+        self.owners, self.pins = 0, 0
 
 
 class Registers:
@@ -118,9 +118,9 @@ class Memory:
             return load(builder, self.dtype, self._parts(builder, place), self.buffer.lanes)
         rows = [load(builder, self.dtype, self._of_lane(builder, place, lane)) for lane in range(LANES)]
         if self.dtype.kind != "c":
-            return builder.gathered(self.dtype, rows)
+            return builder.gather(self.dtype, rows)
         part = part_of(self.dtype)
-        return Pair(*(builder.gathered(part, [getattr(row, name) for row in rows]) for name in ("real", "imag")))
+        return Pair(*(builder.gather(part, [getattr(row, name) for row in rows]) for name in ("real", "imag")))
 
     def put(self, builder: Builder, index: Sequence[Index], element: Element) -> None:
         """Writes the element of an index, where there is a mask and the array is from before it in its lanes."""
@@ -213,7 +213,7 @@ def linear(builder: Builder, shape: Sequence[int], index: Sequence[Index]) -> In
     return position
 
 
-def unravelled(builder: Builder, shape: Sequence[int], position: Index) -> list[Index]:
+def unravel(builder: Builder, shape: Sequence[int], position: Index) -> list[Index]:
     """The index of a position, row by row."""
     if isinstance(position, int):
         return [int(i) for i in np.unravel_index(position, shape)] if shape else []
@@ -240,7 +240,7 @@ def load(builder: Builder, dtype: np.dtype, parts: Sequence[Name], wide: bool = 
     if dtype.kind == "c":
         return Pair(*(load(builder, part_of(dtype), [part], wide) for part in parts))
     kind = np.dtype(np.uint8) if dtype.kind == "b" else dtype
-    number = builder.loaded(vector_type(kind) if wide else llvm_type(kind), parts[0], wide)
+    number = builder.load(vector_type(kind) if wide else llvm_type(kind), parts[0], wide)
     return builder.apply("icmp ne", kind, number, kind.type(0)) if dtype.kind == "b" else number
 
 
@@ -261,7 +261,7 @@ def store(
         element = builder.select(dtype, mask, element, load(builder, dtype, parts, wide))
     kind = np.dtype(np.uint8) if dtype.kind == "b" else dtype
     if dtype.kind == "b":
-        element = builder.converted("zext", dtype, kind, element) if isinstance(element, str) else kind.type(element)
+        element = builder.convert("zext", dtype, kind, element) if isinstance(element, str) else kind.type(element)
     name = vector_type(kind) if wide else llvm_type(kind)
     builder.write(f"store {name} {builder.operand(kind, element, LANES * wide)}, ptr {parts[0]}")
 

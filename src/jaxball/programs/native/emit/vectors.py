@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from ..ir.elements import FEWEST_ALWAYS, LANES, MOST_ROWS, Element, Lanes, Pair, is_known, llvm_type, written
+from ..ir.elements import FEWEST_ALWAYS, LANES, MOST_ROWS, Element, Lanes, Pair, is_known, llvm_type, write_element
 from .builder import Builder
 
 SHORTEST_AXIS = 3  # elements of a first axis that is computed in vectors
@@ -46,7 +46,7 @@ def side_by_side(
         return None
     rows: list[list[Element]] = [[] for _ in results]
     for part in parts:
-        found = compute(*[packed(builder, dtype, column, width) for dtype, column in zip(dtypes, part, strict=True)])
+        found = compute(*[pack(builder, dtype, column, width) for dtype, column in zip(dtypes, part, strict=True)])
         for row, dtype, number in zip(rows, results, found, strict=True):
             row += builder.lanes_of(dtype, number, len(part[0]))
     return rows
@@ -70,12 +70,12 @@ def vectors_of(count: int) -> tuple[slice, ...]:
     return tuple(itertools.starmap(slice, itertools.pairwise(ends)))
 
 
-def packed(builder: Builder, dtype: np.dtype, numbers: Sequence[Element], width: int) -> Element:
+def pack(builder: Builder, dtype: np.dtype, numbers: Sequence[Element], width: int) -> Element:
     """The numbers of the lanes as a vector, or the number that all of them are."""
     if _is_uniform(numbers):
         return numbers[0]
     if all(map(is_known, numbers)):
-        texts = [written(number) for number in numbers]
+        texts = [write_element(number) for number in numbers]
         texts += texts[-1:] * (width - len(texts))
         kind = llvm_type(dtype)
         return Lanes(f"<{', '.join(f'{kind} {text}' for text in texts)}>", width)
@@ -84,8 +84,8 @@ def packed(builder: Builder, dtype: np.dtype, numbers: Sequence[Element], width:
         return vectors[0]
     if 1 <= len(vectors) <= 2:
         lanes += lanes[-1:] * (width - len(lanes))
-        return builder.shuffled(dtype, vectors[0], vectors[1] if len(vectors) > 1 else None, lanes)
-    return builder.gathered(dtype, numbers, width)
+        return builder.shuffle(dtype, vectors[0], vectors[1] if len(vectors) > 1 else None, lanes)
+    return builder.gather(dtype, numbers, width)
 
 
 def are_handed_on(shape: Sequence[int], dtype: np.dtype) -> bool:
@@ -102,7 +102,7 @@ def in_vectors(builder: Builder, dtype: np.dtype, shape: Sequence[int], numbers:
     """The numbers of an array, row by row, as vectors along its first axis."""
     places = len(numbers) // shape[0]
     columns = [numbers[place::places] for place in range(places)]
-    vectors = [packed(builder, dtype, column[part], LANES) for column in columns for part in vectors_of(shape[0])]
+    vectors = [pack(builder, dtype, column[part], LANES) for column in columns for part in vectors_of(shape[0])]
     return [builder.spread(dtype, vector, LANES) for vector in vectors]
 
 
@@ -115,8 +115,8 @@ def one_by_one(builder: Builder, dtype: np.dtype, shape: Sequence[int], vectors:
 
 
 def _is_uniform(numbers: Sequence[Element]) -> bool:
-    first = written(numbers[0])
-    return all((number if isinstance(number, str) else written(number)) == first for number in numbers)
+    first = write_element(numbers[0])
+    return all((number if isinstance(number, str) else write_element(number)) == first for number in numbers)
 
 
 def _sources(builder: Builder, numbers: Sequence[Element], width: int) -> tuple[list[Lanes], list[int]]:

@@ -102,7 +102,7 @@ def is_known(element: Element) -> bool:
     return not isinstance(element, Pair) or (is_known(element.real) and is_known(element.imag))
 
 
-def written(element: Element) -> str:
+def write_element(element: Element) -> str:
     """A number as LLVM writes it; a name as it is."""
     if isinstance(element, str):
         return element

@@ -50,7 +50,7 @@ def independent(
     - ``start``: the numbers with which the loop begins, where they are single and known.
     """
     condition, body = operation.regions
-    counted = _counted(condition, body)
+    counted = _find_counter(condition, body)
     if counted is None:
         return None
     counter, turns = counted
@@ -88,7 +88,7 @@ def _work(block: Block, functions: Mapping[str, Block]) -> tuple[int, int]:
     return moved, computed
 
 
-def _counted(condition: Block, body: Block) -> tuple[int, int] | None:
+def _find_counter(condition: Block, body: Block) -> tuple[int, int] | None:
     """The position of the index of a loop that counts from 0 in steps of 1, and to before what."""
     made = _makers(condition)
     last = made.get(condition.results[0])

@@ -11,7 +11,7 @@ import numpy as np
 from .program import Block, Operation, Value
 
 
-def counted(operation: Operation) -> dict[int, tuple[int, int | None]]:
+def find_counters(operation: Operation) -> dict[int, tuple[int, int | None]]:
     """Of a ``stablehlo.while``, by position, each integer that only grows: by how much a turn, and below what."""
     condition, body = operation.regions
     made, limits = _makers(body), dict(_below(condition.results[0], condition, _makers(condition)))

@@ -36,7 +36,7 @@ class Scopes:
         self._added: list[list[str]] = [[]]  # the keys of `_known`, scope by scope, so that they can be forgotten
         self._homes: dict[Name, Loop] = {}  # the innermost loop around a name, if any
 
-    def found(self, instruction: str) -> Name | None:
+    def find(self, instruction: str) -> Name | None:
         """The result of an instruction that was written already."""
         return self._known.get(instruction)
 
@@ -92,7 +92,7 @@ class Scopes:
                 del self._known[key]
 
     @contextlib.contextmanager
-    def looped(self, place: int) -> Iterator[Loop]:
+    def write_loop(self, place: int) -> Iterator[Loop]:
         """The instructions written in this Python block are a loop; ``place`` is where to write what goes before it."""
         loop = self.loop = Loop(self.loop, place, len(self._added) - 1)
         try:

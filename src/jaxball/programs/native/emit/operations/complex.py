@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...ir.elements import LANES, Element, Pair, UnsupportedError, in_lanes, part_of, written
+from ...ir.elements import LANES, Element, Pair, UnsupportedError, in_lanes, part_of, write_element
 from ..builder import Builder
 from ..values import lane_of
 from . import complex_functions, real
@@ -30,12 +30,12 @@ def library(name: str) -> Callable[..., Pair]:
         part = part_of(dtype)
         if in_lanes(*operands):
             rows = [compute(b, dtype, *(lane_of(b, dtype, x, lane) for x in operands)) for lane in range(LANES)]
-            return Pair(b.gathered(part, [x.real for x in rows]), b.gathered(part, [x.imag for x in rows]))
+            return Pair(b.gather(part, [x.real for x in rows]), b.gather(part, [x.imag for x in rows]))
         parts = [real.convert(b, part, DOUBLE, number) for x in operands for number in (x.real, x.imag)]
         kinds = ", ".join(["double"] * len(parts))
         head = f"declare {{ double, double }} @{name}({kinds}) nounwind willreturn memory(none)"
         b.module.declared.setdefault(f"@{name}", head)
-        given = ", ".join(f"double {written(number)}" for number in parts)
+        given = ", ".join(f"double {write_element(number)}" for number in parts)
         result = b.pure(f"call {{ double, double }} @{name}({given})")
         numbers = (b.pure(f"extractvalue {{ double, double }} {result}, {k}") for k in (0, 1))
         return Pair(*(real.convert(b, DOUBLE, part, number) for number in numbers))
@@ -111,13 +111,13 @@ def comparison(direction: str, total: bool) -> Callable[..., Element]:
     def compute(b: Builder, dtype: np.dtype, x: Pair, y: Pair) -> Element:
         if direction not in ("EQ", "NE"):
             raise UnsupportedError("An order of complex numbers")
-        parts = (b.compare(real.ORDERED[direction], part_of(dtype), u, v) for u, v in _zipped(x, y))
+        parts = (b.compare(real.ORDERED[direction], part_of(dtype), u, v) for u, v in _zip(x, y))
         return b.binary("and" if direction == "EQ" else "or", real.BOOL, *parts)
 
     return compute
 
 
-def _zipped(x: Pair, y: Pair) -> list[tuple[Element, Element]]:
+def _zip(x: Pair, y: Pair) -> list[tuple[Element, Element]]:
     return [(x.real, y.real), (x.imag, y.imag)]
 
 

@@ -60,10 +60,10 @@ class _Numbers:
         return self.builder.select(DOUBLE, condition, x, y)
 
     def function(self, name: str, *operands: Element) -> Element:
-        return elementary.called(self.builder, name, *operands)
+        return elementary.write_call(self.builder, name, *operands)
 
     def sin_and_cos(self, x: Element) -> tuple[Element, Element]:
-        sine, cosine = (elementary.called(self.builder, "sincos", x, part=part) for part in (0, 1))
+        sine, cosine = (elementary.write_call(self.builder, "sincos", x, part=part) for part in (0, 1))
         return sine, cosine
 
 
@@ -249,12 +249,12 @@ def atanh(c: _Numbers, z: Pair) -> Pair:
 Function = Callable[..., Pair]
 
 
-def _turned(function: Function) -> Function:
+def _turn(function: Function) -> Function:
     """−i f(i z): of sinh it is sin, and likewise tan, arcsin and arctan; no numbers cancel, because none are added."""
     return lambda c, z: _times_minus_i(function(c, _times_i(z, c)), c)
 
 
-def _turned_back(function: Function) -> Function:
+def _turn_back(function: Function) -> Function:
     """i f(−i z)."""
     return lambda c, z: _times_i(function(c, _times_minus_i(z, c)), c)
 
@@ -263,18 +263,18 @@ FUNCTIONS: dict[str, Function] = {
     "acos": acos,
     "acosh": acosh,
     "asin": asin,
-    "asinh": _turned_back(asin),
-    "atan": _turned(atanh),
+    "asinh": _turn_back(asin),
+    "atan": _turn(atanh),
     "atanh": atanh,
     "cosh": cosh,
     "cosine": lambda c, z: cosh(c, _times_i(z, c)),
     "exponential": exponential,
     "log": log,
     "power": power,
-    "sine": _turned(sinh),
+    "sine": _turn(sinh),
     "sinh": sinh,
     "sqrt": sqrt,
-    "tan": _turned(tanh),
+    "tan": _turn(tanh),
     "tanh": tanh,
 }
 

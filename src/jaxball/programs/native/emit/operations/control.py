@@ -8,13 +8,13 @@ import numpy as np
 from ...ir.elements import LANES, Element, Lanes, vector_type
 from ...ir.lanes import Independent, independent
 from ...ir.program import Block, Operation
-from ...ir.ranges import counted
+from ...ir.ranges import find_counters
 from .. import uninitialised
 from ..builder import BOOL, INDEX
 from ..functions import call_function
 from ..lowering import Function
 from ..rules import rule
-from ..storage import joined, parts, parts_of
+from ..storage import join_parts, parts, parts_of
 from ..values import Array, Memory, Registers, is_small, registers, size_of
 from ..vectors import are_handed_on, in_vectors, number_of_vectors, one_by_one
 
@@ -36,11 +36,11 @@ def call(function: Function, operation: Operation, operands: list[Array]) -> lis
         return call_function(function, name, block, operands)
     for value in set(operation.operands):
         function.hand_on(operation, value)
-    with function.executed(block, operands) as results:
+    with function.write_block(block, operands) as results:
         for array in results:  # theirs until they are the call's
-            function.storage.pinned(array, 1)
+            function.storage.pin(array, 1)
     for array in results:
-        function.storage.pinned(array, -1)
+        function.storage.pin(array, -1)
     return results
 
 
@@ -48,14 +48,14 @@ def call(function: Function, operation: Operation, operands: list[Array]) -> lis
 def while_(function: Function, operation: Operation, operands: list[Array]) -> list[Array]:
     """The body's results are the next turn's arguments, for as long as the condition holds."""
     if not function.in_lanes:
-        loop = independent(operation, [_known(array) for array in operands], function.compiler.functions)
+        loop = independent(operation, [_read_integer(array) for array in operands], function.compiler.functions)
         if loop is not None and function.uses_vectors:
             return _in_lanes(function, operation, operands, loop)
         if loop is not None:
             function.compiler.longest_map = max(function.compiler.longest_map, loop.turns)
     turns = _few_turns(function, operation, operands)
     if turns is not None:
-        return _written_out(function, operation, operands, turns)
+        return _write_turns(function, operation, operands, turns)
     b, storage = function.builder, function.storage
     condition, body = operation.regions
     apart, varying = False, [False] * len(operands)
@@ -65,30 +65,30 @@ def while_(function: Function, operation: Operation, operands: list[Array]) -> l
         _Carry(function, operation, position, array, varying[position]) for position, array in enumerate(operands)
     ]
     before, header, inside, after = (b.label, *(b.new_label(name) for name in ("while", "body", "done")))
-    with b.looped(), b.scope():
+    with b.write_loop(), b.scope():
         b.jump(header)
         b.begin(header)
         cost = b.cost
         for carry in carries:
             carry.begin()
-        counters = {} if function.in_lanes else counted(operation)
+        counters = {} if function.in_lanes else find_counters(operation)
         counters = {position: counter for position, counter in counters.items() if carries[position].phis}
         for position in counters:
-            carries[position].bounded(None)
+            carries[position].note_limit(None)
         for carry in carries:
             carry.lend(1)  # the condition overwrites nothing
-        with function.executed(condition, [carry.array for carry in carries]) as (holds,):
+        with function.write_block(condition, [carry.array for carry in carries]) as (holds,):
             goes_on = storage.to_registers(holds).element(b, ())
         for carry in carries:
             carry.lend(-1)
         with contextlib.ExitStack() as stack:
-            going = stack.enter_context(b.masked(b.spread(BOOL, goes_on))) if apart else None
+            going = stack.enter_context(b.mask_writes(b.spread(BOOL, goes_on))) if apart else None
             b.branch(goes_on if going is None else b.any_lane(going), inside, after)
             stack.enter_context(b.scope())
             b.begin(inside)
             for position, (_, limit) in counters.items():
-                carries[position].bounded(limit)
-            with function.executed(body, [carry.array for carry in carries]) as results:
+                carries[position].note_limit(limit)
+            with function.write_block(body, [carry.array for carry in carries]) as results:
                 in_memory = [
                     (carry.array, result)
                     for carry, result in zip(carries, results, strict=True)
@@ -105,13 +105,13 @@ def while_(function: Function, operation: Operation, operands: list[Array]) -> l
             b.jump(header)
     b.begin(after)
     for position, (step, limit) in counters.items():
-        carries[position].bounded(None if limit is None else limit + step)
+        carries[position].note_limit(None if limit is None else limit + step)
     for carry in carries:
         carry.release()
     return [carry.array for carry in carries]
 
 
-def _known(array: Array) -> int | None:
+def _read_integer(array: Array) -> int | None:
     """The single integer that an array is."""
     if not isinstance(array, Registers) or not array.known or array.elements.size != 1 or array.dtype.kind not in "iu":
         return None
@@ -123,7 +123,7 @@ def _few_turns(function: Function, operation: Operation, operands: list[Array]) 
 
     Then indices are known, and what the loop fills need not be in memory.
     """
-    numbers, counters = [_known(array) for array in operands], counted(operation)
+    numbers, counters = [_read_integer(array) for array in operands], find_counters(operation)
     ends = [
         -(-(limit - number) // step)
         for position, (step, limit) in counters.items()
@@ -135,7 +135,7 @@ def _few_turns(function: Function, operation: Operation, operands: list[Array]) 
     )
     if not ends or len(ends) != facts or any(inner.name not in _OF_CONDITIONS for inner in condition.operations):
         return None
-    operations = list(_written_within(function, body))
+    operations = list(_operations_within(function, body))
     if any(inner.name == "stablehlo.gather" for inner in operations):
         return None  # by indices that operations compute, as the rows of pivots, which stay in memory
     size = sum(result.size for inner in operations for result in inner.results)
@@ -143,29 +143,29 @@ def _few_turns(function: Function, operation: Operation, operands: list[Array]) 
     return turns if 0 < turns <= MOST_TURNS and turns * size <= MOST_NUMBERS else None
 
 
-def _written_within(function: Function, block: Block) -> Iterator[Operation]:
+def _operations_within(function: Function, block: Block) -> Iterator[Operation]:
     """The operations of a block, with those of the functions that are written where it calls them."""
     for operation in block.every_operation():
         yield operation
         if operation.name == "func.call" and not function.compiler.stays_function(operation.attribute("callee")):
-            yield from _written_within(function, function.compiler.functions[operation.attribute("callee")])
+            yield from _operations_within(function, function.compiler.functions[operation.attribute("callee")])
 
 
-def _written_out(function: Function, operation: Operation, operands: list[Array], turns: int) -> list[Array]:
+def _write_turns(function: Function, operation: Operation, operands: list[Array], turns: int) -> list[Array]:
     """One turn after another."""
-    storage, arrays = function.storage, [function.storage.settled(array) for array in operands]
+    storage, arrays = function.storage, [function.storage.settle(array) for array in operands]
     for array in arrays:
-        storage.pinned(array, 1)
+        storage.pin(array, 1)
     for _ in range(turns):
-        with function.executed(operation.regions[1], arrays) as results:
-            results = [storage.settled(array) for array in results]
+        with function.write_block(operation.regions[1], arrays) as results:
+            results = [storage.settle(array) for array in results]
             for array in results:  # theirs until they are the next turn's
-                storage.pinned(array, 1)
+                storage.pin(array, 1)
         for array in arrays:
-            storage.pinned(array, -1)
+            storage.pin(array, -1)
         arrays = results
     for array in arrays:
-        storage.pinned(array, -1)
+        storage.pin(array, -1)
     return [*arrays]
 
 
@@ -179,26 +179,26 @@ def _in_lanes(function: Function, operation: Operation, operands: list[Array], l
             array = function.overwritable(operation, position, array)
             array.buffer.shared = True
         elif position != loop.counter:
-            array = storage.settled(array)
-        storage.pinned(array, 1)
+            array = storage.settle(array)
+        storage.pin(array, 1)
         arrays.append(array)
     cost = b.cost
     with b.loop(0, -(-loop.turns // LANES)) as turn:
         dtype = operands[loop.counter].dtype
         numbers = ", ".join(f"i64 {lane}" for lane in range(LANES))
         first = b.spread(INDEX, b.times(turn.index, LANES))
-        index = b.clamped(Lanes(b.pure(f"add nuw nsw {vector_type(INDEX)} {first}, <{numbers}>", True)), loop.turns - 1)
+        index = b.clamp(Lanes(b.pure(f"add nuw nsw {vector_type(INDEX)} {first}, <{numbers}>", True)), loop.turns - 1)
         if dtype.itemsize < INDEX.itemsize:
-            index = Lanes(b.converted("trunc", INDEX, dtype, index))
+            index = Lanes(b.convert("trunc", INDEX, dtype, index))
         given = [*arrays]
         given[loop.counter] = registers(dtype, [index], ())
         function.in_lanes = True
-        with function.executed(body, given):
+        with function.write_block(body, given):
             pass
         function.in_lanes = False
         function.looks_for_signals(b.cost - cost)
     for position, array in enumerate(arrays):
-        storage.pinned(array, -1)
+        storage.pin(array, -1)
         if position in loop.written:
             array.buffers[0].shared = False
     arrays[loop.counter] = Registers(dtype, np.array(loop.turns, dtype))
@@ -232,17 +232,17 @@ class _Carry:
         self.owners = 0
         storage = function.storage
         if self.unchanged:
-            self.array = _with_twin(function, array) if small else storage.anywhere(storage.settled(array))
+            self.array = _with_twin(function, array) if small else storage.anywhere(storage.settle(array))
         elif small:
             self.array = storage.to_registers(array)
             self.in_vectors = function.uses_vectors and are_handed_on(self.array.shape, self.array.dtype)
-            self.first = self._handed_on(self.array)
+            self.first = self._hand_on(self.array)
         else:
             self.array = function.overwritable(operation, position, array, varying)
         if self.in_memory:
             buffer = self.array.buffers[0]
             self.owners, buffer.owners = buffer.owners, 0
-        storage.pinned(self.array, 1)
+        storage.pin(self.array, 1)
 
     def begin(self) -> None:
         """Writes what begins a turn."""
@@ -254,10 +254,10 @@ class _Carry:
         for kind in parts_of(dtype, count):
             names.append(b.fresh(self.varying or self.in_vectors))
             self.phis.append((b.reserve(), kind, names[-1]))
-        numbers = one_by_one(b, dtype, shape, names) if self.in_vectors else joined([dtype] * count, names)
+        numbers = one_by_one(b, dtype, shape, names) if self.in_vectors else join_parts([dtype] * count, names)
         self.array = registers(dtype, numbers, shape)
 
-    def _handed_on(self, array: Array) -> list[Element]:
+    def _hand_on(self, array: Array) -> list[Element]:
         numbers = _numbers(self.function, array, self.varying)
         return in_vectors(self.function.builder, array.dtype, array.shape, numbers) if self.in_vectors else numbers
 
@@ -265,8 +265,7 @@ class _Carry:
         """The numbers with which the next turn begins: where lanes have left the loop, those they left with."""
         b = self.function.builder
         numbers = [
-            b.like(kind, number, name)
-            for number, (_, kind, name) in zip(self._handed_on(array), self.phis, strict=True)
+            b.like(kind, number, name) for number, (_, kind, name) in zip(self._hand_on(array), self.phis, strict=True)
         ]
         if going is None:
             return numbers
@@ -278,19 +277,19 @@ class _Carry:
         for (place, dtype, name), first, new in zip(self.phis, self.first if self.phis else [], following, strict=True):
             b.fill_phi(place, name, dtype, [(first, before), (new, b.label)])
 
-    def bounded(self, limit: int | None) -> None:
+    def note_limit(self, limit: int | None) -> None:
         """Notes that an integer, which only grows, is less than a limit."""
         b, first = self.function.builder, self.function.builder.range_of(self.first[0])
         ((_, _, name),) = self.phis
         # A counter that has no limit might come to the last integer and go on with the first.
-        b.bound(name, None if first is None or limit is None else (first[0], max(limit - 1, first[1])))
+        b.note_bounds(name, None if first is None or limit is None else (first[0], max(limit - 1, first[1])))
 
     def lend(self, count: int) -> None:
         if self.in_memory:
             self.array.buffers[0].owners += count
 
     def release(self) -> None:
-        self.function.storage.pinned(self.array, -1)
+        self.function.storage.pin(self.array, -1)
         if self.in_memory:
             self.array.buffers[0].owners = self.owners
 
@@ -342,7 +341,7 @@ class _Branches:
         """Writes one branch."""
         function, storage = self.function, self.function.storage
         mark = storage.mark()
-        with function.executed(region, []) as results:
+        with function.write_block(region, []) as results:
             for position, array in enumerate(results):
                 if self.small[position]:
                     numbers = _numbers(function, array, self.varying[position])
@@ -371,7 +370,7 @@ class _Branches:
         same = array.varying == self.varying[position]
         if not isinstance(array, Memory) or not own or not same or array.buffer.name in taken:
             array = self.function.storage.allocate(array.shape, array.dtype, self.varying[position])
-        self.function.storage.pinned(array, 1)
+        self.function.storage.pin(array, 1)
         self.targets[position] = array
 
     def results(self) -> list[Array]:
@@ -382,7 +381,7 @@ class _Branches:
         columns = zip(self.operation.results, self.targets, self.cases, self.in_vectors, strict=True)
         for value, target, cases, wide in columns:
             if target is not None:
-                storage.pinned(target, -1)
+                storage.pin(target, -1)
                 results.append(target)
                 continue
             kinds = [value.dtype] * len(cases[0][0]) if wide else parts_of(value.dtype, value.size)
@@ -393,7 +392,7 @@ class _Branches:
             ]
             if wide:
                 numbers = one_by_one(b, value.dtype, value.shape, numbers)
-            results.append(registers(value.dtype, joined([value.dtype] * value.size, numbers), value.shape))
+            results.append(registers(value.dtype, join_parts([value.dtype] * value.size, numbers), value.shape))
         return results
 
 
@@ -408,7 +407,7 @@ class _Given:
         self.arrays = {value: function.values[value] for value in operation.last if value in function.values}
         self.owners = [(buffer, buffer.owners) for array in self.arrays.values() for buffer in array.buffers]
         for array in self.arrays.values():
-            function.storage.pinned(array, 1)
+            function.storage.pin(array, 1)
 
     def bring_back(self) -> None:
         """After a branch, all is as before it."""
@@ -419,7 +418,7 @@ class _Given:
     def give_up(self) -> None:
         """After all branches."""
         for array in self.arrays.values():
-            self.function.storage.pinned(array, -1)
+            self.function.storage.pin(array, -1)
 
 
 def _each_way(function: Function, operation: Operation, chosen: Lanes) -> list[Array]:
@@ -431,19 +430,19 @@ def _each_way(function: Function, operation: Operation, chosen: Lanes) -> list[A
     ]
     for target in targets:
         if target is not None:
-            storage.pinned(target, 1)
+            storage.pin(target, 1)
     small = [value for value in operation.results if is_small(value.shape)]
     kinds = [kind for value in small for kind in parts_of(value.dtype, value.size)]
     numbers: list[Element] = [b.spread(kind, kind.type(0)) for kind in kinds]
     given = _Given(function, operation)
     for condition, region in zip(_ways(function, operation, chosen), operation.regions, strict=True):
-        with b.masked(condition) as going:
+        with b.mask_writes(condition) as going:
             before, inside, after = b.label, b.new_label("some"), b.new_label("after")
             b.branch(b.any_lane(going), inside, after)
             b.begin(inside)
             mark = storage.mark()
             with b.scope():
-                with function.executed(region, []) as results:
+                with function.write_block(region, []) as results:
                     new = [
                         number
                         for array, target in zip(results, targets, strict=True)
@@ -463,11 +462,11 @@ def _each_way(function: Function, operation: Operation, chosen: Lanes) -> list[A
     rest, results = iter(numbers), []
     for value, target in zip(operation.results, targets, strict=True):
         if target is not None:
-            storage.pinned(target, -1)
+            storage.pin(target, -1)
             results.append(target)
             continue
         own = [next(rest) for _ in parts_of(value.dtype, value.size)]
-        results.append(registers(value.dtype, joined([value.dtype] * value.size, own), value.shape))
+        results.append(registers(value.dtype, join_parts([value.dtype] * value.size, own), value.shape))
     return results
 
 

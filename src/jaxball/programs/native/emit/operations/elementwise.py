@@ -13,7 +13,7 @@ from ..vectors import in_columns, is_of_vectors, side_by_side
 from . import complex, real
 
 
-def mapped(
+def map_elements(
     function: Function, shape: tuple[int, ...], dtype: np.dtype, compute: Callable[..., Element], of: Sequence[Array]
 ) -> Array:
     """The array of the results of ``compute`` for the elements; an operand of shape () is the same for all."""
@@ -25,7 +25,7 @@ def mapped(
         for array in of:
             elements = storage.to_registers(array).flat()
             flat.append(elements if array.shape == shape else elements * size_of(shape))
-        return Registers(dtype, collected([compute(*elements) for elements in zip(*flat, strict=True)], shape, dtype))
+        return Registers(dtype, as_array([compute(*elements) for elements in zip(*flat, strict=True)], shape, dtype))
     arrays = [storage.anywhere(array) for array in of]
 
     def at(index: Sequence[Element]) -> Element:
@@ -43,10 +43,10 @@ def _in_vectors(
         vectors = side_by_side(function.builder, dtypes, [dtype], columns, lambda *xs: (compute(*xs),))
         found.append([compute(*row) for row in zip(*columns, strict=True)] if vectors is None else vectors[0])
     elements = found[0] if len(found) == 1 else [number for lane in zip(*found, strict=True) for number in lane]
-    return Registers(dtype, collected(elements, shape, dtype))
+    return Registers(dtype, as_array(elements, shape, dtype))
 
 
-def collected(elements: Sequence[Element], shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
+def as_array(elements: Sequence[Element], shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
     """An array of elements: of numbers if all are known."""
     if dtype.kind != "c" and not any(isinstance(element, str) for element in elements):
         return np.array(elements, dtype).reshape(shape)
@@ -81,7 +81,7 @@ ELEMENTWISE = sorted({*real.SCALARS, *complex.SCALARS, "convert", "compare", "bi
 @rule(*(f"stablehlo.{name}" for name in ELEMENTWISE), *(f"chlo.{name}" for name in ELEMENTWISE))
 def elementwise(function: Function, operation: Operation, operands: list[Array]) -> Array:
     result, compute, builder = operation.results[0], scalar(operation), function.builder
-    return mapped(function, result.shape, result.dtype, lambda *xs: compute(builder, *xs), operands)
+    return map_elements(function, result.shape, result.dtype, lambda *xs: compute(builder, *xs), operands)
 
 
 @rule("stablehlo.select")
@@ -90,7 +90,7 @@ def select(function: Function, operation: Operation, operands: list[Array]) -> A
     result, builder = operation.results[0], function.builder
     family = complex if result.dtype.kind == "c" else real
     compute = lambda condition, x, y: family.select(builder, result.dtype, condition, x, y)  # noqa: E731
-    return mapped(function, result.shape, result.dtype, compute, operands)
+    return map_elements(function, result.shape, result.dtype, compute, operands)
 
 
 @rule("stablehlo.clamp")
@@ -98,13 +98,13 @@ def clamp(function: Function, operation: Operation, operands: list[Array]) -> Ar
     """Of (low, x, high) the number in [low, high] next to x."""
     result, builder = operation.results[0], function.builder
     compute = lambda low, x, high: real.clamp(builder, result.dtype, low, x, high)  # noqa: E731
-    return mapped(function, result.shape, result.dtype, compute, operands)
+    return map_elements(function, result.shape, result.dtype, compute, operands)
 
 
 @rule("stablehlo.complex")
 def complex_of(function: Function, operation: Operation, operands: list[Array]) -> Array:
     result = operation.results[0]
-    return mapped(function, result.shape, result.dtype, complex.Pair, operands)
+    return map_elements(function, result.shape, result.dtype, complex.Pair, operands)
 
 
 @rule("stablehlo.real", "stablehlo.imag")
@@ -113,10 +113,10 @@ def part(function: Function, operation: Operation, operands: list[Array]) -> Arr
     result = operation.results[0]
     if operands[0].dtype.kind == "c":
         compute = scalar(operation)
-        return mapped(function, result.shape, result.dtype, lambda x: compute(function.builder, x), operands)
+        return map_elements(function, result.shape, result.dtype, lambda x: compute(function.builder, x), operands)
     zero = result.dtype.type(0)
     compute = (lambda x: x) if short(operation.name) == "real" else (lambda x: zero)
-    return mapped(function, result.shape, result.dtype, compute, operands)
+    return map_elements(function, result.shape, result.dtype, compute, operands)
 
 
 @rule("stablehlo.reduce_precision")
@@ -124,7 +124,7 @@ def reduce_precision(function: Function, operation: Operation, operands: list[Ar
     result, builder = operation.results[0], function.builder
     bits = operation.attribute("exponent_bits"), operation.attribute("mantissa_bits")
     compute = lambda x: real.reduce_precision(builder, result.dtype, x, *bits)  # noqa: E731
-    return mapped(function, result.shape, result.dtype, compute, operands)
+    return map_elements(function, result.shape, result.dtype, compute, operands)
 
 
 @rule("stablehlo.bitcast_convert")
@@ -133,7 +133,7 @@ def bitcast_convert(function: Function, operation: Operation, operands: list[Arr
     (array,), result, storage = operands, operation.results[0], function.storage
     if array.dtype.itemsize == result.dtype.itemsize:
         compute = scalar(operation)
-        return mapped(function, result.shape, result.dtype, lambda x: compute(function.builder, x), operands)
+        return map_elements(function, result.shape, result.dtype, lambda x: compute(function.builder, x), operands)
     if "b" in (array.dtype.kind, result.dtype.kind):
         raise UnsupportedError(f"Bits of {array.dtype} as {result.dtype}")
     return Memory(result.shape, result.dtype, storage.to_memory(array).buffer)
@@ -143,4 +143,4 @@ def bitcast_convert(function: Function, operation: Operation, operands: list[Arr
 def map_(function: Function, operation: Operation, operands: list[Array]) -> Array:
     """What the region computes of the elements."""
     result, combine = operation.results[0], function.combination(operation.regions[0])
-    return mapped(function, result.shape, result.dtype, lambda *xs: combine(*xs)[0], operands)
+    return map_elements(function, result.shape, result.dtype, lambda *xs: combine(*xs)[0], operands)

@@ -19,7 +19,7 @@ def _starts(function: Function, operation: Operation, numbers: Sequence[Array], 
     starts = []
     for array, length, size in zip(numbers, shape, sizes, strict=True):
         number = function.storage.to_registers(array).element(builder, ())
-        starts.append(builder.clamped(builder.as_index(number, array.dtype), length - size))
+        starts.append(builder.clamp(builder.as_index(number, array.dtype), length - size))
     return starts
 
 
@@ -52,7 +52,7 @@ def dynamic_update_slice(function: Function, operation: Operation, operands: lis
         cut = tuple(slice(i, i + length) for i, length in zip(starts, update.shape, strict=True))  # type: ignore[misc]
         elements[cut] = storage.to_registers(update).objects()
         return Registers(array.dtype, elements)
-    update = storage.settled(update)  # it may follow from what is overwritten
+    update = storage.settle(update)  # it may follow from what is overwritten
     target = function.overwritable(operation, 0, array, update.varying or in_lanes(*starts))
     if isinstance(update, Registers):
         for index in np.ndindex(*update.shape):
@@ -75,10 +75,10 @@ def gather(function: Function, operation: Operation, operands: list[Array]) -> A
     batch = [k for k in range(len(result.shape)) if k not in offset]
     own = [k for k in range(len(array.shape)) if k not in (*n.collapsed_slice_dims, *n.operand_batching_dims)]
     known = isinstance(numbers, Registers) and numbers.known and is_small(result.shape)
-    numbers = storage.settled(numbers)
+    numbers = storage.settle(numbers)
     # An index that is not known reads from memory, and then so do all. What only moves numbers that are there is not
     # copied for it: of a long table, such as a log, a step reads a few rows.
-    array = array if isinstance(array, Formula) and array.cheap else storage.settled(array)
+    array = array if isinstance(array, Formula) and array.cheap else storage.settle(array)
     array = array if known else storage.anywhere(array)
     if not is_small(result.shape):
         numbers = storage.anywhere(numbers)
@@ -88,7 +88,7 @@ def gather(function: Function, operation: Operation, operands: list[Array]) -> A
         place: list[Index] = [0] * len(array.shape)
         for k, dimension in enumerate(n.start_index_map):
             i = _index_at(function, numbers, of_batch, n.index_vector_dim, k)
-            place[dimension] = builder.clamped(i, array.shape[dimension] - sizes[dimension])
+            place[dimension] = builder.clamp(i, array.shape[dimension] - sizes[dimension])
         for dimension, k in zip(n.operand_batching_dims, n.start_indices_batching_dims, strict=True):
             place[dimension] = of_batch[k - (k > n.index_vector_dim)]
         for dimension, k in zip(own, offset, strict=True):
@@ -114,15 +114,15 @@ def scatter(function: Function, operation: Operation, operands: list[Array]) -> 
     storage, builder = function.storage, function.builder
     if not size_of(updates[0].shape):
         return arrays
-    places = _Places(function, operation, storage.settled(numbers), updates[0].shape)
+    places = _Places(function, operation, storage.settle(numbers), updates[0].shape)
     combine = function.combination(operation.regions[0])
-    updates = [storage.settled(update) for update in updates]
+    updates = [storage.settle(update) for update in updates]
     if places.known and all(isinstance(array, Registers) for array in (*arrays, *updates)):
-        return _scattered_registers(function, places, combine, arrays, updates)
+        return _scatter_registers(function, places, combine, arrays, updates)
     varying = any(array.varying for array in (places.numbers, *arrays, *updates))
     targets = [function.overwritable(operation, k, array, varying) for k, array in enumerate(arrays)]
 
-    def combined(place: Sequence[Index], index: Sequence[Index]) -> None:
+    def add_update(place: Sequence[Index], index: Sequence[Index]) -> None:
         old = [target.element(builder, place) for target in targets]
         new = combine(*old, *(update.element(builder, index) for update in updates))
         for target, element in zip(targets, new, strict=True):
@@ -132,14 +132,14 @@ def scatter(function: Function, operation: Operation, operands: list[Array]) -> 
         for window in filter(None, places.slices()):
             with builder.where(places.of(window[0])[0]):
                 for index in window:
-                    combined(places.of(index)[1], index)
+                    add_update(places.of(index)[1], index)
         return list(targets)
     if size_of(updates[0].shape) > 1:
         updates, places.numbers = [storage.anywhere(update) for update in updates], storage.anywhere(places.numbers)
     with storage.every_index(updates[0].shape) as index:
         inside, place = places.of(index)
         with builder.where(inside):
-            combined(place, index)
+            add_update(place, index)
     return list(targets)
 
 
@@ -189,11 +189,11 @@ class _Places:
             else:
                 inside = np.bool_(False)
         if in_lanes(inside):  # where an update is left out, its place is read, and written as it was
-            place = [b.clamped(i, length - 1) for i, length in zip(place, self.shape, strict=True)]
+            place = [b.clamp(i, length - 1) for i, length in zip(place, self.shape, strict=True)]
         return inside, place
 
 
-def _scattered_registers(
+def _scatter_registers(
     function: Function, places: _Places, combine: Any, arrays: Sequence[Array], updates: Sequence[Array]
 ) -> list[Array]:
     results = [function.storage.to_registers(array).objects().copy() for array in arrays]

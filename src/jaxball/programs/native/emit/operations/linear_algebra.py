@@ -141,8 +141,8 @@ def _eigenvalues(r: _Routine, operands: list[Memory]) -> list[Memory]:
             turned = values[1].element(b, (j,))
             second = b.compare("olt", r.dtype, turned, zero)
             back = b.as_index(b.select(INDEX, second, np.int64(1), np.int64(0)), INDEX)
-            k = b.clamped(b.plus(j, b.times(back, -1)), n - 1)
-            real, other = (source.element(b, (b.clamped(b.plus(k, d), n - 1), i)) for d in (0, 1))
+            k = b.clamp(b.plus(j, b.times(back, -1)), n - 1)
+            real, other = (source.element(b, (b.clamp(b.plus(k, d), n - 1), i)) for d in (0, 1))
             imaginary = b.select(r.dtype, second, b.pure(f"fneg {llvm_type(r.dtype)} {other}"), other)
             imaginary = b.select(r.dtype, b.compare("oeq", r.dtype, turned, zero), zero, imaginary)
             storage.put(target, (j, i), Pair(real, imaginary))
@@ -160,7 +160,7 @@ def _all_finite(r: _Routine, a: Memory) -> Element:
             total = b.binary("and", BOOL, total, finite)
         return [total]
 
-    return r.function.storage.accumulated(a.shape, [(BOOL, np.bool_(True))], step)[0]
+    return r.function.storage.accumulate(a.shape, [(BOOL, np.bool_(True))], step)[0]
 
 
 def _singular_values(r: _Routine, operands: list[Memory]) -> list[Memory]:
@@ -216,7 +216,7 @@ def solve(function: Function, operation: Operation, operands: list[Array], lette
     """A routine of LAPACK's or BLAS's, of each matrix."""
     storage, compute = function.storage, _ROUTINES[name]
     routine = _Routine(function, operation, letter)
-    arrays = [storage.anywhere(storage.settled(array)) for array in operands]
+    arrays = [storage.anywhere(storage.settle(array)) for array in operands]
     targets = [storage.allocate(result.shape, result.dtype) for result in operation.results]
     batch = arrays[0].shape[: -1 if name == "gtsv" else -2]
     with storage.every_index(batch) as place:

@@ -12,7 +12,7 @@ from ..rules import rule
 from ..values import Array, Formula, Registers, is_small, size_of
 from ..vectors import is_of_vectors, side_by_side
 from . import complex, real
-from .elementwise import collected
+from .elementwise import as_array
 
 PARTIAL_SUMS = 4
 MOST_PRODUCTS = 512  # of one operation that are written out; more are loops
@@ -22,18 +22,18 @@ MOST_PRODUCTS = 512  # of one operation that are written out; more are loops
 def dot_general(function: Function, operation: Operation, operands: list[Array]) -> Array:
     """Sums of products over the dimensions contracted; those of the batch come first, then each operand's others."""
     storage, (result,) = function.storage, operation.results
-    products = _Products(function, operation, [storage.settled(array) for array in operands])
+    products = _Products(function, operation, [storage.settle(array) for array in operands])
     shape, count = result.shape, size_of(products.lengths)
     if is_small(shape) and size_of(shape) * count <= MOST_PRODUCTS:
         in_registers = all(isinstance(array, Registers) for array in products.operands)
         if in_registers and count and products.batch and function.uses_vectors and is_of_vectors(shape):
             return products.in_vectors(shape)
         if count <= 16 or in_registers:
-            at = products.written_out
+            at = products.write_sum
         else:
             products.operands, at = [storage.anywhere(array) for array in products.operands], products.in_loop
         elements = [at(index) for index in np.ndindex(*shape)]
-        return Registers(result.dtype, collected(elements, shape, result.dtype))
+        return Registers(result.dtype, as_array(elements, shape, result.dtype))
     products.operands = [storage.anywhere(array) for array in products.operands]
     return storage.to_memory(Formula(shape, result.dtype, products.in_loop, products.operands))
 
@@ -66,9 +66,9 @@ class _Products:
             vectors = side_by_side(self._builder, dtypes, [self.dtype], columns, lambda *row: [self._sum(row)])
             found.append([self._sum(row) for row in rows] if vectors is None else vectors[0])
         elements = [number for lane in zip(*found, strict=True) for number in lane]
-        return Registers(self.dtype, collected(elements, shape, self.dtype))
+        return Registers(self.dtype, as_array(elements, shape, self.dtype))
 
-    def written_out(self, index: Sequence[Index]) -> Element:
+    def write_sum(self, index: Sequence[Index]) -> Element:
         """The sum at an index of the result."""
         return self._sum(self._factors_at(index)) if size_of(self.lengths) else self._zero()
 
@@ -81,10 +81,10 @@ class _Products:
         start = [(self.dtype, self.dtype.type(0) if self.dtype.kind in "iub" else minus)]
 
         def step(within: list[Index], numbers: list[Element]) -> list[Element]:
-            return [self._added(numbers[0], self._multiplied(*self._factors(index, within)))]
+            return [self._add(numbers[0], self._multiply(*self._factors(index, within)))]
 
         varying = any(array.varying for array in self.operands)
-        return self._storage.accumulated(self.lengths, start, step, varying=varying)[0]
+        return self._storage.accumulate(self.lengths, start, step, varying=varying)[0]
 
     def _factors_at(self, index: Sequence[Index]) -> list[Element]:
         """The factors of all products of one sum."""
@@ -99,9 +99,9 @@ class _Products:
         for side in (0, 1):
             for k in self._free[side]:
                 places[side][k] = next(rest)
-        return [self._converted(array, place) for array, place in zip(self.operands, places, strict=True)]
+        return [self._convert(array, place) for array, place in zip(self.operands, places, strict=True)]
 
-    def _converted(self, array: Array, place: Sequence[Index]) -> Element:
+    def _convert(self, array: Array, place: Sequence[Index]) -> Element:
         to_complex = self.dtype.kind == "c" and array.dtype.kind != "c"
         element = array.element(self._builder, place)
         if array.dtype == self.dtype:
@@ -112,19 +112,19 @@ class _Products:
         zero = self.dtype.type(0)
         return complex.Pair(zero.real, zero.imag) if self.dtype.kind == "c" else zero
 
-    def _multiplied(self, x: Element, y: Element) -> Element:
+    def _multiply(self, x: Element, y: Element) -> Element:
         return self._family.SCALARS["multiply"](self._builder, self.dtype, x, y)
 
-    def _added(self, x: Element, y: Element) -> Element:
+    def _add(self, x: Element, y: Element) -> Element:
         return self._family.SCALARS["add"](self._builder, self.dtype, x, y)
 
     def _sum(self, factors: Sequence[Element]) -> Element:
         """A sum of many products as that of several sums, which a processor adds at once."""
-        numbers = list(map(self._multiplied, factors[::2], factors[1::2]))
+        numbers = list(map(self._multiply, factors[::2], factors[1::2]))
         known, others = [x for x in numbers if is_known(x)], [x for x in numbers if not is_known(x)]
         apart = PARTIAL_SUMS if len(others) >= 2 * PARTIAL_SUMS else 1
-        sums = [functools.reduce(self._added, others[first::apart]) for first in range(apart) if others]
-        sums += [functools.reduce(self._added, known)] if known else []
+        sums = [functools.reduce(self._add, others[first::apart]) for first in range(apart) if others]
+        sums += [functools.reduce(self._add, known)] if known else []
         while len(sums) > 1:
-            sums = [self._added(*sums[k : k + 2]) if k + 1 < len(sums) else sums[k] for k in range(0, len(sums), 2)]
+            sums = [self._add(*sums[k : k + 2]) if k + 1 < len(sums) else sums[k] for k in range(0, len(sums), 2)]
         return sums[0]

@@ -59,7 +59,7 @@ def own(
             if single or all(map(is_known, operands)) or not machine.multiplies_and_adds():
                 return otherwise(builder, dtype, *operands)
         numbers = [convert(builder, dtype, elementary.DOUBLE, x) for x in operands]
-        result = elementary.called(builder, name, *numbers, part=part)
+        result = elementary.write_call(builder, name, *numbers, part=part)
         return convert(builder, elementary.DOUBLE, dtype, result)
 
     return compute
@@ -81,20 +81,20 @@ def divide(b: Builder, dtype: np.dtype, x: Element, y: Element) -> Element:
     """Of integers: −1 (all bits set) where y is 0; the least integer divided by −1 is itself."""
     if dtype.kind == "f":
         return b.binary("div", dtype, x, y)
-    return _divided(b, "div", dtype, x, y, -1, np.iinfo(dtype).min)
+    return _divide(b, "div", dtype, x, y, -1, np.iinfo(dtype).min)
 
 
 def remainder(b: Builder, dtype: np.dtype, x: Element, y: Element) -> Element:
     """With the sign of x. Of integers: x where y is 0."""
     if dtype.kind == "f":
         return _remainder_of_floats(b, dtype, x, y)
-    return _divided(b, "rem", dtype, x, y, None, 0)
+    return _divide(b, "rem", dtype, x, y, None, 0)
 
 
 _remainder_of_floats = own("fmod", lambda b, dtype, x, y: b.apply("frem", dtype, x, y))  # which calls C's library
 
 
-def _divided(
+def _divide(
     b: Builder, operation: str, dtype: np.dtype, x: Element, y: Element, by_zero: int | None, overflowed: int
 ) -> Element:
     """Division of integers, whose divisor is replaced by 1 where LLVM does not define the result."""
@@ -246,7 +246,7 @@ def bitcast(b: Builder, source: np.dtype, target: np.dtype, x: Element) -> Eleme
         raise UnsupportedError(f"Bits of {source} as {target}")
     if llvm_type(source) == llvm_type(target):
         return np.asarray(x).view(target)[()] if is_known(x) else x
-    return b.converted("bitcast", source, target, x)
+    return b.convert("bitcast", source, target, x)
 
 
 def convert(b: Builder, source: np.dtype, target: np.dtype, x: Element) -> Element:
@@ -259,16 +259,16 @@ def convert(b: Builder, source: np.dtype, target: np.dtype, x: Element) -> Eleme
     if target == BOOL:
         return b.compare("une" if source.kind == "f" else "ne", source, x, source.type(0))
     if source.kind == "f" and target.kind == "f":
-        return b.converted("fpext" if target.itemsize > source.itemsize else "fptrunc", source, target, x)
+        return b.convert("fpext" if target.itemsize > source.itemsize else "fptrunc", source, target, x)
     if source.kind == "f":
         return b.call(f"llvm.fpto{'s' if target.kind == 'i' else 'u'}i.sat", source, x, to=target)
     if target.kind == "f":
-        return b.converted("sitofp" if source.kind == "i" else "uitofp", source, target, x)
+        return b.convert("sitofp" if source.kind == "i" else "uitofp", source, target, x)
     if source != BOOL and source.itemsize == target.itemsize:
         return x
     if source != BOOL and source.itemsize > target.itemsize:
-        return b.converted("trunc", source, target, x)
-    return b.converted("sext" if source.kind == "i" else "zext", source, target, x)
+        return b.convert("trunc", source, target, x)
+    return b.convert("sext" if source.kind == "i" else "zext", source, target, x)
 
 
 def reduce_precision(b: Builder, dtype: np.dtype, x: Element, exponent: int, mantissa: int) -> Element:

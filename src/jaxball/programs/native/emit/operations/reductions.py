@@ -10,10 +10,10 @@ from ...ir.program import Operation
 from ..builder import BOOL, INDEX
 from ..lowering import Function
 from ..rules import rule
-from ..storage import joined, parts
+from ..storage import join_parts, parts
 from ..values import Array, Formula, Memory, Registers, is_small, size_of
 from ..vectors import is_of_vectors, side_by_side
-from .elementwise import collected
+from .elementwise import as_array
 
 
 @rule("stablehlo.reduce")
@@ -28,7 +28,7 @@ def reduce(function: Function, operation: Operation, operands: list[Array]) -> l
     small = is_small(shape) and is_small(operation.results[0].shape)
     written_out = small and all(isinstance(array, Registers) for array in arrays)
     if not written_out:
-        arrays = [storage.anywhere(storage.settled(array) if count > 1 else array) for array in arrays]
+        arrays = [storage.anywhere(storage.settle(array) if count > 1 else array) for array in arrays]
     first = [storage.to_registers(array).element(builder, ()) for array in operands[count:]]
     combine = function.combination(operation.regions[0])
     varying = in_lanes(*first) or any(array.varying for array in arrays)
@@ -46,7 +46,7 @@ def reduce(function: Function, operation: Operation, operands: list[Array]) -> l
             return combine(*numbers, *(array.element(builder, place) for array in arrays))
 
         most = size_of(lengths) if written_out else 16
-        return storage.accumulated(lengths, list(zip(dtypes, first, strict=True)), step, most, varying)
+        return storage.accumulate(lengths, list(zip(dtypes, first, strict=True)), step, most, varying)
 
     if written_out and kept[:1] == [0] and function.uses_vectors and is_of_vectors(shape):
         return _in_vectors(function, operation, arrays, first, reduced, combine)
@@ -77,7 +77,7 @@ def _in_vectors(
             for lane in range(shape[0]):
                 elements[k][(lane, *place)] = numbers[k][lane]
     return [
-        Registers(dtype, collected(list(array.reshape(-1)), shape, dtype))
+        Registers(dtype, as_array(list(array.reshape(-1)), shape, dtype))
         for dtype, array in zip(dtypes, elements, strict=True)
     ]
 
@@ -95,9 +95,7 @@ def several(function: Function, operation: Operation, at: Any, of: Sequence[Arra
     if is_small(shape) and (not loops or size_of(shape) <= 4):
         rows = [at(index) for index in np.ndindex(*shape)]
         columns = list(zip(*rows, strict=True)) or [()] * len(results)
-        return [
-            Registers(dtype, collected(column, shape, dtype)) for dtype, column in zip(dtypes, columns, strict=True)
-        ]
+        return [Registers(dtype, as_array(column, shape, dtype)) for dtype, column in zip(dtypes, columns, strict=True)]
     if len(results) == 1:
         formula = Formula(shape, dtypes[0], lambda index: at(index)[0], of, varying=varying)
         if not is_small(shape):
@@ -115,7 +113,7 @@ def reduce_window(function: Function, operation: Operation, operands: list[Array
     """The elements within each window combined by the region."""
     storage, builder = function.storage, function.builder
     count = len(operands) // 2
-    arrays = [storage.settled(array) for array in operands[:count]]
+    arrays = [storage.settle(array) for array in operands[:count]]
     first = [storage.to_registers(array).element(builder, ()) for array in operands[count:]]
     combine = function.combination(operation.regions[0])
     varying = in_lanes(*first) or any(array.varying for array in arrays)
@@ -131,9 +129,9 @@ def reduce_window(function: Function, operation: Operation, operands: list[Array
             inside, place = window.place(builder, index, within)
             new = combine(*numbers, *(array.element(builder, place) for array in arrays))
             pairs = zip(parts(dtypes, new), parts(dtypes, numbers), strict=True)
-            return joined(dtypes, [builder.select(dtype, inside, x, y) for (dtype, x), (_, y) in pairs])
+            return join_parts(dtypes, [builder.select(dtype, inside, x, y) for (dtype, x), (_, y) in pairs])
 
-        return storage.accumulated(window.lengths, list(zip(dtypes, first, strict=True)), step, varying=varying)
+        return storage.accumulate(window.lengths, list(zip(dtypes, first, strict=True)), step, varying=varying)
 
     return several(function, operation, at, arrays, varying)
 
@@ -144,14 +142,14 @@ def select_and_scatter(function: Function, operation: Operation, operands: list[
     second, by the second region, to begin with the third.
     """
     storage, builder = function.storage, function.builder
-    array, source = (storage.anywhere(storage.settled(operand)) for operand in operands[:2])
+    array, source = (storage.anywhere(storage.settle(operand)) for operand in operands[:2])
     first = storage.to_registers(operands[2]).element(builder, ())
     selects, combine = (function.combination(region) for region in operation.regions)
     window, dtype = _Window(operation, array.shape), array.dtype
     target = storage.allocate(array.shape, dtype)
     with storage.every_index(target.shape) as index:
         storage.put(target, index, first)
-    zero = joined([dtype], [part.type(0) for part, _ in parts([dtype], [first])])[0]
+    zero = join_parts([dtype], [part.type(0) for part, _ in parts([dtype], [first])])[0]
     with storage.every_index(source.shape) as index:
 
         def step(within: list[Index], best: list[Element]) -> list[Element]:
@@ -161,13 +159,13 @@ def select_and_scatter(function: Function, operation: Operation, operands: list[
             kept = builder.binary("and", BOOL, found, selects(number, other)[0])
             kept = builder.binary("or", BOOL, kept, builder.binary("xor", BOOL, inside, np.bool_(True)))
             pairs = zip(parts([dtype], [number]), parts([dtype], [other]), strict=True)
-            new = joined([dtype], [builder.select(part, kept, x, y) for (part, x), (_, y) in pairs])
+            new = join_parts([dtype], [builder.select(part, kept, x, y) for (part, x), (_, y) in pairs])
             numbers = [np.int64(i) if isinstance(i, int) else i for i in place]
             moved = [builder.select(INDEX, kept, i, j) for i, j in zip(chosen, numbers, strict=True)]
             return [*new, builder.binary("or", BOOL, found, inside), *moved]
 
         start = [(dtype, zero), (BOOL, np.bool_(False)), *[(INDEX, np.int64(0))] * len(array.shape)]
-        _, found, *chosen = storage.accumulated(window.lengths, start, step)
+        _, found, *chosen = storage.accumulate(window.lengths, start, step)
         place = [builder.as_index(i, INDEX) for i in chosen]
         with builder.where(found):
             new = combine(target.element(builder, place), source.element(builder, index))
@@ -215,7 +213,7 @@ class _Window:
                 within_base = builder.binary("and", BOOL, within_base, builder.compare("eq", INDEX, rest, np.int64(0)))
                 position = builder.apply("sdiv", INDEX, number, np.int64(self.spread[k]))
             inside = builder.binary("and", BOOL, inside, within_base)
-            place.append(builder.clamped(position, max(self.shape[k] - 1, 0)))
+            place.append(builder.clamp(position, max(self.shape[k] - 1, 0)))
         return inside, place
 
 
@@ -252,7 +250,7 @@ def _running(
     with storage.every_index(others) as place, builder.loop(0, length, *parts(dtypes, first)) as turn:
         i = builder.plus(builder.times(turn.index, -1), length - 1) if backwards else turn.index
         index = [i if k == dimension else j for k, j in enumerate(place)]
-        numbers = combine(*joined(dtypes, turn.carried), *(source.element(builder, index) for source in sources))
+        numbers = combine(*join_parts(dtypes, turn.carried), *(source.element(builder, index) for source in sources))
         for target, number in zip(targets, numbers, strict=True):
             storage.put(target, index, number)
         turn.following = [number for _, number in parts(dtypes, numbers)]

@@ -9,11 +9,11 @@ from ...ir.elements import Element, Index
 from ...ir.program import Operation
 from ..lowering import Function
 from ..rules import rule
-from ..values import Array, Formula, Registers, is_small, linear, unravelled
+from ..values import Array, Formula, Registers, is_small, linear, unravel
 from . import complex, real
 
 
-def moved(
+def rearrange(
     function: Function,
     operation: Operation,
     array: Array,
@@ -25,8 +25,8 @@ def moved(
     if isinstance(array, Registers) and (array.known or is_small(result.shape)):
         return Registers(array.dtype, of_registers(array.elements))
     if is_small(result.shape) and isinstance(array, Formula) and (is_small(array.shape) or not array.cheap):
-        array = function.storage.settled(array)
-        return moved(function, operation, array, of_registers, source)
+        array = function.storage.settle(array)
+        return rearrange(function, operation, array, of_registers, source)
     array = function.storage.anywhere(array)
     return Formula(
         result.shape,
@@ -79,7 +79,7 @@ def broadcast_in_dim(function: Function, operation: Operation, operands: list[Ar
     def source(index: Sequence[Index]) -> list[Index]:
         return [0 if old[k] == 1 else index[d] for k, d in enumerate(dimensions)]
 
-    return moved(function, operation, operands[0], of_registers, source)
+    return rearrange(function, operation, operands[0], of_registers, source)
 
 
 @rule("stablehlo.reshape")
@@ -97,13 +97,13 @@ def reshape(function: Function, operation: Operation, operands: list[Array]) -> 
                 old[k] = index[d]
             return old
 
-        return moved(function, operation, array, lambda elements: elements.reshape(shape), source)
-    by_position = lambda index: unravelled(builder, array.shape, linear(builder, shape, index))  # noqa: E731
+        return rearrange(function, operation, array, lambda elements: elements.reshape(shape), source)
+    by_position = lambda index: unravel(builder, array.shape, linear(builder, shape, index))  # noqa: E731
     if isinstance(array, Formula) and array.cheap and len(array.shape) == 1 and not is_small(shape):
-        return moved(function, operation, array, lambda elements: elements.reshape(shape), by_position)
+        return rearrange(function, operation, array, lambda elements: elements.reshape(shape), by_position)
     if not isinstance(array, Registers) and not is_small(shape):
-        return function.storage.viewed(function.storage.to_memory(array), shape)
-    return moved(function, operation, array, lambda elements: elements.reshape(shape), by_position)
+        return function.storage.view_of(function.storage.to_memory(array), shape)
+    return rearrange(function, operation, array, lambda elements: elements.reshape(shape), by_position)
 
 
 def _unit_free(shape: Sequence[int]) -> list[int]:
@@ -121,7 +121,7 @@ def transpose(function: Function, operation: Operation, operands: list[Array]) -
             old[d] = index[k]
         return old
 
-    return moved(function, operation, operands[0], lambda elements: elements.transpose(permutation), source)
+    return rearrange(function, operation, operands[0], lambda elements: elements.transpose(permutation), source)
 
 
 @rule("stablehlo.slice")
@@ -133,7 +133,7 @@ def slice_(function: Function, operation: Operation, operands: list[Array]) -> A
     def source(index: Sequence[Index]) -> list[Index]:
         return [builder.plus(builder.times(i, by), first) for i, by, first in zip(index, stride, start, strict=True)]
 
-    return moved(function, operation, operands[0], lambda elements: elements[cut], source)
+    return rearrange(function, operation, operands[0], lambda elements: elements[cut], source)
 
 
 @rule("stablehlo.reverse")
@@ -144,7 +144,7 @@ def reverse(function: Function, operation: Operation, operands: list[Array]) -> 
     def source(index: Sequence[Index]) -> list[Index]:
         return [builder.plus(builder.times(i, -1), shape[k] - 1) if k in dimensions else i for k, i in enumerate(index)]
 
-    return moved(function, operation, operands[0], lambda elements: np.flip(elements, dimensions), source)
+    return rearrange(function, operation, operands[0], lambda elements: np.flip(elements, dimensions), source)
 
 
 @rule("stablehlo.concatenate")

@@ -16,7 +16,7 @@ def sort(function: Function, operation: Operation, operands: list[Array]) -> lis
     """Arrays brought along one dimension into the order in which the region says what comes before what."""
     storage, dimension = function.storage, operation.attribute("dimension")
     shape = operands[0].shape
-    sources = [storage.anywhere(storage.settled(array)) for array in operands]
+    sources = [storage.anywhere(storage.settle(array)) for array in operands]
     varying = any(array.varying for array in sources)
     targets = [storage.allocate(shape, array.dtype, varying) for array in operands]
     length = shape[dimension]
@@ -29,14 +29,14 @@ def sort(function: Function, operation: Operation, operands: list[Array]) -> lis
         for row, source in zip(rows[0], sources, strict=True):
             with storage.every_index((length,)) as (i,):
                 storage.put(row, (i,), source.element(function.builder, index(i)))
-        _sorted(function, operation, length, *rows)
+        _sort(function, operation, length, *rows)
         for row, target in zip(rows[0], targets, strict=True):
             with storage.every_index((length,)) as (i,):
                 storage.put(target, index(i), row.element(function.builder, (i,)))
     return list(targets)
 
 
-def _sorted(function: Function, operation: Operation, length: int, rows: list[Memory], spare: list[Memory]) -> None:
+def _sort(function: Function, operation: Operation, length: int, rows: list[Memory], spare: list[Memory]) -> None:
     """Rows sorted: sorted parts of 1, 2, 4, … elements are merged two by two."""
     b, storage = function.builder, function.storage
     if length < 2:
@@ -64,7 +64,7 @@ def _sorted(function: Function, operation: Operation, length: int, rows: list[Me
                 takes_second = b.binary("or", BOOL, takes_second, b.binary("xor", BOOL, has_first, np.bool_(True)))
                 for row, x, y in zip(spare, second, first, strict=True):
                     storage.put(row, (one.index,), _chosen(function, row.dtype, takes_second, x, y))
-                step = b.converted("zext", BOOL, INDEX, takes_second)
+                step = b.convert("zext", BOOL, INDEX, takes_second)
                 one.following = [b.plus(i, b.apply("sub", INDEX, 1, step)), b.plus(j, step)]
         for row, other in zip(rows, spare, strict=True):
             b.copy(row.buffer.name, other.buffer.name, length * row.dtype.itemsize * (LANES if row.varying else 1))

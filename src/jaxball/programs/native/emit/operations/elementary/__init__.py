@@ -58,16 +58,16 @@ def name_of(name: str, lanes: int = 1) -> str:
 
 def definition(name: str, lanes: int = 1) -> str:
     """A function in LLVM's IR, without what it calls."""
-    return _written(name, lanes)[0]
+    return _write_function(name, lanes)[0]
 
 
 def declarations(name: str, lanes: int = 1) -> dict[str, str]:
     """The functions that a function calls, by name: declarations of LLVM's own, and definitions."""
-    return _written(name, lanes)[1]
+    return _write_function(name, lanes)[1]
 
 
 @functools.cache
-def _written(name: str, lanes: int) -> tuple[str, dict[str, str]]:
+def _write_function(name: str, lanes: int) -> tuple[str, dict[str, str]]:
     compute, count = FUNCTIONS[name]
     w = Writer(lanes)
     kind = w.type("double")
@@ -84,7 +84,7 @@ def _written(name: str, lanes: int) -> tuple[str, dict[str, str]]:
     return "\n".join(lines), w.declared
 
 
-def called(b: Builder, name: str, *operands: Element, part: int | None = None) -> Name:
+def write_call(b: Builder, name: str, *operands: Element, part: int | None = None) -> Name:
     """A call, for vectors where an operand is one, written once for equal operands; ``part`` of several results."""
     width = max((x.width for x in operands if isinstance(x, Lanes)), default=0)
     lanes = width or 1

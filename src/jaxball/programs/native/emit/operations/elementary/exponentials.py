@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from .writer import SHIFT, Writer, between, scaled
+from .writer import SHIFT, Writer, between, scale
 
 _LN2 = (float.fromhex("0x1.62e42fee00000p-1"), float.fromhex("0x1.a39ef35793c76p-33"))
 _LN2_NEAREST = (float.fromhex("0x1.62e42fefa39efp-1"), float.fromhex("0x1.abc9e3b39803fp-56"))
@@ -37,7 +37,7 @@ def exp_of_pair(w: Writer, x: str, more: str | None) -> str:
     if more is not None:
         r, rest = w.sum(r, w.add(rest, more))
     tail = w.fma(w.mul(r, r), w.polynomial(r, _EXP), w.fma(rest, r, rest))
-    return scaled(w, w.add(1.0, w.add(r, tail)), n)
+    return scale(w, w.add(1.0, w.add(r, tail)), n)
 
 
 def exponential_in_parts(w: Writer, x: str) -> tuple[str, str, str]:

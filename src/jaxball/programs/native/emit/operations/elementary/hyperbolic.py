@@ -3,7 +3,7 @@
 import math
 
 from .exponentials import expm1, exponential_in_parts, log1p_of_pair
-from .writer import Writer, between, scaled
+from .writer import Writer, between, scale
 
 _SINH = tuple(1 / math.factorial(k) for k in range(3, 21, 2))  # (sinh x − x)/x³ as powers of x², |x| ≤ 1, to 2⁻⁵⁷
 _AS_ITSELF = 2.0**-28  # below it, asinh and atanh are the argument to 2⁻⁵⁷ of it
@@ -16,7 +16,7 @@ def _half_sum(w: Writer, size: str, sign: float) -> str:
     fewer = w.select(w.compare("ogt", size, 300.0), -1000, w.integer("mul", n, -2), "i64")
     second, rest = w.quotient(w.power_of_two(fewer), None, high, low)
     total, error = w.sum(high, w.mul(second, sign))
-    return scaled(w, w.add(total, w.add(error, w.fma(rest, sign, low))), w.integer("sub", n, 1))
+    return scale(w, w.add(total, w.add(error, w.fma(rest, sign, low))), w.integer("sub", n, 1))
 
 
 def sinh(w: Writer, operands: list[str]) -> list[str]:

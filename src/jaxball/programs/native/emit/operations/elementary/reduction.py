@@ -28,7 +28,7 @@ BITS = (
 _TABLE, _HUGE, _REDUCED = "@elementary.bits", "@elementary.reduced", "{ i64, double, double }"
 
 
-def reduced(w: Writer, x: str) -> tuple[str, str, str]:
+def reduce_angle(w: Writer, x: str) -> tuple[str, str, str]:
     """Computes n, in the lowest bits, and r + r′, |r| ≤ π/4, of x = n π/2 + r + r′."""
     n, quadrant = w.nearest(w.mul(x, 2 / math.pi))
     minus = w.neg(n)
@@ -38,14 +38,14 @@ def reduced(w: Writer, x: str) -> tuple[str, str, str]:
     r, rest = w.sum(near, w.fma(minus, HALF_PI[2], w.add(error, second_rest)))
     large = w.compare("ogt", w.call("fabs", x), _LARGEST_ANGLE)
     before = w.label
-    w.branch(w.any(large), "huge", "reduced")
+    w.branch(w.any(large), "huge", "reduce_angle")
     w.begin("huge")
     numbers = _huge(w, w.select(large, x, _LARGEST_ANGLE))
     kinds = ("i64", "double", "double")
     small = (quadrant, r, rest)
     rows = zip(numbers, small, kinds, strict=True)
     numbers = [number if w.lanes == 1 else w.select(large, number, other, kind) for number, other, kind in rows]
-    w.begin("reduced")
+    w.begin("reduce_angle")
     rows = zip(kinds, small, numbers, strict=True)
     quadrant, r, rest = (w.phi(kind, (one, before), (other, "huge")) for kind, one, other in rows)
     return quadrant, r, rest

@@ -2,7 +2,7 @@
 
 import math
 
-from .writer import Writer, scaled
+from .writer import Writer, scale
 
 _BITS = 52  # of a quotient that are found at once: with one more, it is rounded to a whole number
 
@@ -21,7 +21,7 @@ def fmod(w: Writer, operands: list[str]) -> list[str]:
     place, r = len(w.lines), w.fresh()
     rest = w.integer("sub", w.integer("sub", _exponent(w, r), unit_exponent), _BITS)
     positive = w.do(f"icmp sgt {w.type('i64')} {rest}, {w.text(0, 'i64')}")
-    multiple = scaled(w, unit, w.select(positive, rest, 0, "i64"))
+    multiple = scale(w, unit, w.select(positive, rest, 0, "i64"))
     times = w.call("trunc", w.div(r, multiple))  # at most one too many
     left = w.fma(w.neg(times), multiple, r)  # exact
     left = w.select(w.compare("olt", left, 0.0), w.add(left, multiple), left)

@@ -2,7 +2,7 @@
 
 import math
 
-from .reduction import HALF_PI, reduced
+from .reduction import HALF_PI, reduce_angle
 from .writer import Writer
 
 _SIN = (
@@ -38,7 +38,7 @@ _ATAN = (
 
 def _kernels(w: Writer, x: str) -> tuple[str, tuple[str, str], tuple[str, str]]:
     """Computes the quadrant and, of the angle within it, the sine as a − b, and the cosine as a + b."""
-    quadrant, r, rest = reduced(w, x)
+    quadrant, r, rest = reduce_angle(w, x)
     z = w.mul(r, r)
     cube = w.mul(z, r)
     inner = w.mul(cube, w.polynomial(z, _SIN[1:]))

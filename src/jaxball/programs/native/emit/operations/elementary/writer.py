@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ....ir.elements import written
+from ....ir.elements import write_element
 
 SHIFT = 1.5 * 2.0**52  # added to a number, it rounds it to an integer, which is then in the lowest bits
 
@@ -41,7 +41,7 @@ class Writer:
         """A name, or a constant in all lanes."""
         if isinstance(x, str):
             return x
-        number = written(np.float64(x)) if kind == "double" else str(int(x))
+        number = write_element(np.float64(x)) if kind == "double" else str(int(x))
         return number if self.lanes == 1 else f"splat ({kind} {number})"
 
     def _operands(self, kind: str, *operands: str | float | int) -> str:
@@ -187,7 +187,7 @@ class Writer:
 Function = Callable[[Writer, "list[str]"], "list[str]"]
 
 
-def scaled(w: Writer, x: str, exponent: str) -> str:
+def scale(w: Writer, x: str, exponent: str) -> str:
     """x 2ⁿ, |n| ≤ 1100, rounded once where it is a subnormal number."""
     half = w.integer("ashr", exponent, 1)
     return w.mul(w.mul(x, w.power_of_two(half)), w.power_of_two(w.integer("sub", exponent, half)))
