@@ -57,7 +57,7 @@ def run(p, tolerance, adjoint):
         force=jaxball.HarmonicForce(p["push"]),
         masses=masses,
     )
-    state = jaxball.BallState(jaxball.numerics.versor.normalized(p["q"]), p["Omega"])
+    state = jaxball.BallState(jaxball.numerics.versor.normalize(p["q"]), p["Omega"])
     solved = jaxball.simulate(ball, TIMES, state, rtol=tolerance, atol=tolerance, adjoint=adjoint)
     return jnp.concatenate([solved.state.q[-1], solved.state.Omega[-1], solved.state.z[-1]])
 

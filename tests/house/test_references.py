@@ -60,5 +60,5 @@ def test_references_lead_somewhere():
         dead += [f"{module}: {target}" for target in targets if not exists(target, module, modules)]
     assert dead == []
     assert count > 300
-    assert not exists(".rows.put", "jaxball.simulation.adjoint", modules)
+    assert not exists(".rows.put", "jaxball.programs.derivatives.reversible_loop", modules)
     assert not exists("jaxball.scenario.errors.traced_conditions", "jaxball.scenario.files", modules)

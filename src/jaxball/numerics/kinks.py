@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from ..interface.printing import is_array
 from ..interface.warning import warn_of_kinks
-from .arrays import join_arrays, default_dtype
+from .arrays import default_dtype, join_arrays
 from .time_comparisons import find_compared_times
 
 CLOSE_KINKS = 100  # roundings within which two times are the same: a kink and the end of a run, or two kinks

@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from .. import programs
 from ..interface.printing import is_array
 from ..interface.wording import all_of, counted
-from ..numerics.arrays import AnyArray, Numbers, join_arrays, default_dtype, namespace_of, to_array
+from ..numerics.arrays import AnyArray, Numbers, default_dtype, join_arrays, namespace_of, to_array
 from .breaches import breaches, in_plane
 from .conditions import Condition, ExplainedCondition, Problem, all_hold, positive, positive_inertia, real_inertia
 from .confinement import clearance, confined, is_off_plane, time_of_leaving

@@ -21,13 +21,13 @@ from ..numerics.arrays import select_tree
 from ..physics.system import AbstractSystem
 from ..programs.batches import fill_vectors
 from ..programs.derivatives.reverse_rules import CarryOut, at_once, put, put_while
+from ..programs.derivatives.reversible_loop import Parts, Recorded, while_loop
 from ..programs.native import is_traced_natively
 from ..solvers import StepToKinks
 from ..solvers.dense.continuous import DenseOutput, has_one_tableau
 from ..solvers.dense.pauses import AfterPauses, Pause
 from ..solvers.explicit import depends_on_arguments_alone, with_first_slope, with_stages_pulled_back
 from ..solvers.multistep import AbstractMultistep, AbstractMultistepController
-from .adjoint import Parts, Recorded, while_loop
 from .observers import Observers, Step
 from .switching import AbstractSwitching, NextStep, Taken
 from .watch import Watch, Within

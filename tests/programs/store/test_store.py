@@ -93,7 +93,7 @@ cross = programs.jit(jnp.cross)
 (folder / sys.argv[2]).touch()
 while not all((folder / name).exists() for name in "ab"):
     time.sleep(0.01)
-with current.kept_in(FolderStore(Folder(folder / "programs"))):
+with current.keep_within(FolderStore(Folder(folder / "programs"))):
     print(np.asarray(cross(np.array([1.0, 2.0, 3.0]), np.array([0.3, -0.1, 0.7]))).tobytes().hex())
 """
 

@@ -13,8 +13,8 @@ from ...interface.printing import Printed
 from ...numerics.arrays import (
     AnyArray,
     Numbers,
-    join_arrays,
     default_dtype,
+    join_arrays,
     namespace_of,
     number_or_none,
     numbers,

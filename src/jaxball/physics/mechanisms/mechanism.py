@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, PyTree
 
 from ...interface.arguments import require_each, require_function
 from ...interface.printing import Printed
-from ...numerics.arrays import Numbers, join_arrays, default_dtype, numbers, stack_arrays
+from ...numerics.arrays import Numbers, default_dtype, join_arrays, numbers, stack_arrays
 from ...numerics.vectors import cross
 from ..conditions import Condition, positive
 from ..schedules import AbstractSchedule

@@ -19,7 +19,7 @@ from .gpu import GridProgram
 from .ir.elements import UnsupportedError
 
 _natively = setting_of_traces(False)
-_asked: set[int] = set()  # the threads in which `traced_natively` was true since they last began to trace
+_asked: set[int] = set()  # the threads in which `is_traced_natively` was true since they last began to trace
 
 
 def is_traced_natively() -> bool:

@@ -31,7 +31,7 @@ class Store(Protocol):
         ...
 
     def early(self, key: str) -> Any:
-        """As :func:`~.executables.loaded`, if loading was started early; otherwise None."""
+        """As :func:`~.executables.load_program`, if loading was started early; otherwise None."""
         ...
 
 

@@ -15,10 +15,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
-from ..compat import Program, argument, evaluate, unvmap_any
-from ..programs.derivatives.dependence import evaluate_chosen, varying_in_loop
-from ..programs.derivatives.reverse_rules import add_arrays, chosen, or_zeros, replace_chosen, with_rule
-from ..programs.native.emit.uninitialised import uninitialised
+from ...compat import Program, argument, evaluate, unvmap_any
+from ..native.emit.uninitialised import uninitialised
+from .dependence import evaluate_chosen, varying_in_loop
+from .reverse_rules import add_arrays, chosen, or_zeros, replace_chosen, with_rule
 
 Carry = TypeVar("Carry")
 BYTES_FOR_ALL = 2**18  # bytes in which all steps are recorded, if they fit
@@ -36,7 +36,7 @@ class Recorded:
         self._structure: Any = None
 
     def __call__(self, function: Callable[[Any], list[Array]], pull: Callable[..., Any], operands: Any) -> list[Array]:
-        """``function(operands)``; ``pull((operands, results), cotangents, varies)`` gives the operands' cotangents."""
+        """Computes ``function(operands)``, whose cotangents are ``pull((operands, results), cotangents, varies)``."""
         leaves, structure = jax.tree.flatten(operands)
         self._pull, self._structure = pull, structure
 
@@ -50,8 +50,8 @@ class Recorded:
         recorded.__name__ = self.name
         return jax.jit(recorded)(*leaves)
 
-    def known(self, operands: Sequence[Any], results: Sequence[Array]) -> list[Array]:
-        """The known results, with their derivatives with respect to the operands."""
+    def recall(self, operands: Sequence[Any], results: Sequence[Array]) -> list[Array]:
+        """Returns results that were recorded, with their derivatives with respect to the operands."""
         pull = self._pull
         assert pull is not None
 
@@ -85,7 +85,7 @@ def while_loop(
     recorded: Sequence[Recorded] = (),
     parts: Parts | None = None,
 ) -> Carry:
-    """What is carried when ``unfinished`` says no, or after ``max_steps``.
+    """Takes steps until ``unfinished`` says no, at most ``max_steps``, and returns what is carried then.
 
     - ``advance``: a step. Its second argument says whether it counts: in a batch, steps go on until all are finished.
     - ``buffers``: the arrays of a carry of which steps write rows, each once, by :func:`~.reverse_rules.put`, and read
@@ -109,18 +109,18 @@ def while_loop(
         new = jax.tree.leaves(advance(carry, counts))
         # An array with a weak type, like that of Python's numbers, keeps it.
         return [
-            x if is_written else jnp.where(counts, x, old)
-            for x, old, is_written in zip(new, leaves, is_buffer, strict=True)
+            x if is_write_row else jnp.where(counts, x, old)
+            for x, old, is_write_row in zip(new, leaves, is_buffer, strict=True)
         ]
 
     if not reverse:
-        return structure.unflatten(_repeated(goes_on, lambda k, leaves: step(leaves), leaves, max_steps)[1])
+        return structure.unflatten(_repeat(goes_on, lambda k, leaves: step(leaves), leaves, max_steps)[1])
     programs = jax.make_jaxpr(goes_on)(leaves), jax.make_jaxpr(step)(leaves)
     return structure.unflatten(_Loop(*programs, is_buffer, max_steps, rows, recorded, parts)(leaves))
 
 
-def _repeated(goes_on: Callable, step: Callable, carry: Any, most: int | Array) -> tuple[Array, Any]:
-    """How many steps were taken, and where they led to."""
+def _repeat(goes_on: Callable, step: Callable, carry: Any, most: int | Array) -> tuple[Array, Any]:
+    """Counts the steps that are taken, and returns where they led to."""
 
     def condition(at: tuple[Array, Any]) -> Array:
         return goes_on(at[1]) & (at[0] < most)
@@ -128,8 +128,12 @@ def _repeated(goes_on: Callable, step: Callable, carry: Any, most: int | Array) 
     return jax.lax.while_loop(condition, lambda at: (at[0] + 1, step(*at)), (jnp.asarray(0), carry))
 
 
-class _Kept(NamedTuple):
-    """What is kept of the way forward: of every how many steps there is a row, the rows, and what all steps read."""
+class _Recording(NamedTuple):
+    """The recording of the way forward.
+
+    - ``steps``: how many were taken; every ``every``-th of them has one of the ``rows``.
+    - ``constants``, ``arrays``: what all steps read.
+    """
 
     steps: Int[Array, ""]
     every: Int[Array, ""]
@@ -152,7 +156,7 @@ class _Loop:
         parts: Parts | None,
     ):
         self.goes_on, self.step, self.max_steps, self.parts = goes_on, step, max_steps, parts
-        self.is_carried = [not is_written for is_written in is_buffer]
+        self.is_carried = [not is_write_row for is_write_row in is_buffer]
         self.place = None
         if parts is not None:
             self.place = next((k for k, constant in enumerate(step.consts) if constant is parts.whole), None)
@@ -163,7 +167,7 @@ class _Loop:
         least = math.isqrt(max(max_steps - 1, 0)) + 1
         self.rows = min(max(BYTES_FOR_ALL // max(self.packing.size, 1), least) if rows is None else rows, max_steps)
         # Steps that are taken twice are taken by the same program, so that they are the same to the last bit.
-        self.stepped = self._stepped if self.rows == self.max_steps else jax.jit(self._stepped)
+        self.take_step = self._take_step if self.rows == self.max_steps else jax.jit(self._take_step)
 
     def __call__(self, leaves: list[Array]) -> list[Array]:
         constants = list(self.step.consts)
@@ -171,25 +175,25 @@ class _Loop:
             constants[self.place] = ()
         arrays = [] if self.parts is None else self.parts.arrays
         operands = constants, arrays, list(self.goes_on.consts), leaves
-        return with_rule(lambda given: self.forward(*given), lambda given: self.kept(*given), self.back)(operands)
+        return with_rule(lambda given: self.forward(*given), lambda given: self.record(*given), self.back)(operands)
 
     def whole(self, constants: list[Any], arrays: list[Array]) -> list[Any]:
-        """The constants with the array that was put together."""
+        """Joins the parts into the constant that they are."""
         if self.place is None or self.parts is None:
             return constants
         return [*constants[: self.place], self.parts.join(arrays), *constants[self.place + 1 :]]
 
     def forward(self, constants, arrays, conditions, leaves) -> list[Array]:
-        """The way forward alone."""
+        """Takes all steps, without a recording."""
         constants = self.whole(constants, arrays)
 
         def step(k: Array, leaves: list[Array]) -> list[Array]:
             return evaluate(self.step, constants, leaves)
 
-        return _repeated(lambda leaves: evaluate(self.goes_on, conditions, leaves)[0], step, leaves, self.max_steps)[1]
+        return _repeat(lambda leaves: evaluate(self.goes_on, conditions, leaves)[0], step, leaves, self.max_steps)[1]
 
-    def kept(self, constants, arrays, conditions, leaves) -> tuple[list[Array], _Kept]:
-        """The way forward, with what is kept of it."""
+    def record(self, constants, arrays, conditions, leaves) -> tuple[list[Array], _Recording]:
+        """Takes all steps, and records what each begins with."""
         whole = self.whole(constants, arrays)
 
         def goes_on(at: Any) -> Array:
@@ -197,35 +201,35 @@ class _Loop:
 
         def step(k: Array, at: Any) -> Any:
             leaves, every, rows = at
-            new, row = self.stepped(whole, leaves)
+            new, row = self.take_step(whole, leaves)
             if self.rows == self.max_steps:
-                return new, every, _written(rows, k, row)
+                return new, every, _write_row(rows, k, row)
             full = k == every * self.rows
-            rows = jax.lax.fori_loop(0, jnp.where(full, (self.rows + 1) // 2, 0), _thinned, rows)
+            rows = jax.lax.fori_loop(0, jnp.where(full, (self.rows + 1) // 2, 0), _keep_every_second, rows)
             every = jnp.where(full, 2 * every, every)
             place = jnp.where(k % every == 0, k // every, self.rows)
-            return new, every, _written(rows, place, row)
+            return new, every, _write_row(rows, place, row)
 
         start = leaves, jnp.asarray(1), self.packing.room(self.rows)
-        steps, (last, every, rows) = _repeated(goes_on, step, start, self.max_steps)
-        return last, _Kept(steps, every, rows, constants, arrays)
+        steps, (last, every, rows) = _repeat(goes_on, step, start, self.max_steps)
+        return last, _Recording(steps, every, rows, constants, arrays)
 
-    def _stepped(self, constants: list[Any], leaves: list[Array]) -> tuple[list[Array], list[Array]]:
-        """The arrays after a step, and the row that is recorded of it."""
+    def _take_step(self, constants: list[Any], leaves: list[Array]) -> tuple[list[Array], list[Array]]:
+        """Takes a step; returns the arrays after it, and the row that is recorded."""
         seen: list[Array] = []
 
-        def noted(equation: Any, operands: list[Any]) -> list[Array] | None:
+        def note(equation: Any, operands: list[Any]) -> list[Array] | None:
             if not any(equation is one for one, _ in self.recorded):
                 return None
             results = evaluate(argument(equation, "jaxpr"), argument(equation, "jaxpr").consts, operands)
             seen.extend(results)
             return results
 
-        new = evaluate_chosen(self.step, constants, leaves, [True] * len(leaves), noted)
-        return new, self.packing.packed([*chosen(leaves, self.is_carried), *seen])
+        new = evaluate_chosen(self.step, constants, leaves, [True] * len(leaves), note)
+        return new, self.packing.pack([*chosen(leaves, self.is_carried), *seen])
 
-    def recalled(self, equation: Any, known: list[Array]) -> tuple[Recorded | None, list[Array]]:
-        """The recorded part that an equation is, if it is one, with its results among those of all."""
+    def recall(self, equation: Any, known: list[Array]) -> tuple[Recorded | None, list[Array]]:
+        """Looks up an equation among the recorded parts of a step; returns the part, if it is one, and its results."""
         remaining = iter(known)
         for recorded, part in self.recorded:
             results = list(itertools.islice(remaining, len(recorded.outvars)))
@@ -233,33 +237,35 @@ class _Loop:
                 return part, results
         return None, []
 
-    def back(self, kept: _Kept, cotangents: list[Any], varies: Any) -> Any:
-        """The cotangents of the constants, of the arrays of parts, of the conditions and of the arrays at the start."""
-        back = _WayBack(self, kept, varies)
+    def back(self, recording: _Recording, cotangents: list[Any], varies: Any) -> Any:
+        """Pulls cotangents back over all steps, to the constants, the arrays of parts, conditions, and the start."""
+        back = _WayBack(self, recording, varies)
         start = [or_zeros(cotangent, aval) for cotangent, aval in zip(cotangents, self.step.in_avals, strict=True)]
         at, all_have_rows = (chosen(start, back.which), back.nothing()), self.rows == self.max_steps
-        return back.results(*(back.through(kept.rows, kept.steps, at) if all_have_rows else back.by_segments(at)))
+        return back.results(
+            *(back.through(recording.rows, recording.steps, at) if all_have_rows else back.by_segments(at))
+        )
 
 
 class _WayBack:
     """The way back over the steps that a loop took."""
 
-    def __init__(self, loop: _Loop, kept: _Kept, varies: Any):
-        self.loop, self.kept = loop, kept
+    def __init__(self, loop: _Loop, recording: _Recording, varies: Any):
+        self.loop, self.recording = loop, recording
         of_constants, self.of_arrays, self.of_conditions, of_leaves = varies
         if loop.place is not None:
             of_constants[loop.place] = any(self.of_arrays)
         self.of_constants, self.which = of_constants, varying_in_loop(loop.step, of_constants, of_leaves)
-        self.constants = loop.whole(kept.constants, kept.arrays)
+        self.constants = loop.whole(recording.constants, recording.arrays)
 
     def nothing(self) -> list[list[Array]]:
-        """The cotangents of the values that all steps read, before any step."""
-        constants, arrays = chosen(self.constants, self.of_constants), chosen(self.kept.arrays, self.of_arrays)
+        """Returns zeros, to which the cotangents of the values that all steps read are added."""
+        constants, arrays = chosen(self.constants, self.of_constants), chosen(self.recording.arrays, self.of_arrays)
         return [[jnp.zeros_like(x) for x in group] for group in (constants, arrays)]
 
     def by_segments(self, at: Any) -> Any:
-        """Back over all steps, taking those without a row again."""
-        loop, every = self.loop, self.kept.every
+        """Pulls cotangents back over all steps, and takes those without a row again."""
+        loop, every = self.loop, self.recording.every
         # At most every ``every``-th step has a row: rows are at least half full, or all steps have one.
         longest = 2 * -(-loop.max_steps // loop.rows)
 
@@ -269,16 +275,16 @@ class _WayBack:
 
             def again(k: Array, at: Any) -> Any:
                 leaves, rows = at
-                new, row = loop.stepped(self.constants, self.with_buffers(leaves))
-                return chosen(new, loop.is_carried), _written(rows, k, row)
+                new, row = loop.take_step(self.constants, self.with_buffers(leaves))
+                return chosen(new, loop.is_carried), _write_row(rows, k, row)
 
-            kept = [row[first // every] for row in self.kept.rows]
-            begun, count = loop.packing.unpacked(kept)[: sum(loop.is_carried)], end - first
-            rows = _written(rows, jnp.asarray(0), kept)
-            _, (_, rows) = _repeated(lambda _: True, again, (begun, rows), jnp.where(count == 1, 0, count))
+            kept = [row[first // every] for row in self.recording.rows]
+            begun, count = loop.packing.unpack(kept)[: sum(loop.is_carried)], end - first
+            rows = _write_row(rows, jnp.asarray(0), kept)
+            _, (_, rows) = _repeat(lambda _: True, again, (begun, rows), jnp.where(count == 1, 0, count))
             return first, self.through(rows, end - first, cotangents), rows
 
-        start = self.kept.steps, at, loop.packing.room(min(longest, loop.max_steps))
+        start = self.recording.steps, at, loop.packing.room(min(longest, loop.max_steps))
         return jax.lax.while_loop(lambda at: at[0] > 0, segment, start)[1]
 
     def through(self, rows: list[Array], count: Array, at: Any) -> Any:
@@ -286,27 +292,27 @@ class _WayBack:
 
         def step(at: Any) -> Any:
             k, (cotangents, summed) = at
-            arrays = self.loop.packing.unpacked([row[k - 1] for row in rows])
+            arrays = self.loop.packing.unpack([row[k - 1] for row in rows])
             carried = sum(self.loop.is_carried)
-            cotangents, new = self.pulled(self.with_buffers(arrays[:carried]), arrays[carried:], cotangents)
+            cotangents, new = self.pull_back(self.with_buffers(arrays[:carried]), arrays[carried:], cotangents)
             return k - 1, (cotangents, [add_arrays(*both) for both in zip(summed, new, strict=True)])
 
         return jax.lax.while_loop(lambda at: at[0] > 0, step, (count, at))[1]
 
     def with_buffers(self, carried: list[Array]) -> list[Array]:
-        """All that a step begins with: buffers are empty, because no step reads them."""
+        """Returns all that a step begins with; buffers are empty, because no step reads them."""
         avals = self.loop.step.in_avals
         return replace_chosen([jnp.zeros(aval.shape, aval.dtype) for aval in avals], self.loop.is_carried, carried)
 
-    def pulled(self, leaves: list[Array], known: list[Array], cotangents: list[Array]) -> tuple[Any, Any]:
-        """The cotangents at a step's beginning and of the values that all steps read, from those at its end."""
+    def pull_back(self, leaves: list[Array], known: list[Array], cotangents: list[Array]) -> tuple[Any, Any]:
+        """Pulls cotangents back over one step: to what it begins with, and to the values that all steps read."""
         loop = self.loop
 
         def following(moving: list[Array], constants: list[Array], arrays: list[Array]) -> list[Array]:
-            arrays = replace_chosen(self.kept.arrays, self.of_arrays, arrays)
+            arrays = replace_chosen(self.recording.arrays, self.of_arrays, arrays)
 
-            def recalled(equation: Any, operands: list[Any]) -> list[Array] | None:
-                part, results = loop.recalled(equation, known)
+            def recall_part(equation: Any, operands: list[Any]) -> list[Array] | None:
+                part, results = loop.recall(equation, known)
                 if part is None:
                     return None
                 if loop.place is not None:
@@ -315,30 +321,30 @@ class _WayBack:
                         arrays if variable is whole else operand
                         for variable, operand in zip(equation.invars, operands, strict=True)
                     ]
-                return part.known(operands, results)
+                return part.recall(operands, results)
 
             constants = replace_chosen(self.constants, self.of_constants, constants)
             return evaluate_chosen(
-                loop.step, constants, replace_chosen(leaves, self.which, moving), self.which, recalled
+                loop.step, constants, replace_chosen(leaves, self.which, moving), self.which, recall_part
             )
 
         given = (
             chosen(leaves, self.which),
             chosen(self.constants, self.of_constants),
-            chosen(self.kept.arrays, self.of_arrays),
+            chosen(self.recording.arrays, self.of_arrays),
         )
         _, pull = jax.vjp(following, *given)
         cotangents, *summed = pull(cotangents)
         return cotangents, summed
 
     def results(self, cotangents: list[Array], summed: list[list[Array]]) -> Any:
-        """Those of all arrays that the loop was given; None where there are none."""
+        """Arranges the cotangents as the operands of the loop; None where there are none."""
         loop, (constants, arrays) = self.loop, summed
         all_constants: list[Any] = replace_chosen([None] * len(self.of_constants), self.of_constants, constants)
         if loop.place is not None and loop.parts is not None:
             whole, all_constants[loop.place] = all_constants[loop.place], ()
             if whole is not None:
-                _, pull = jax.vjp(loop.parts.join, self.kept.arrays)
+                _, pull = jax.vjp(loop.parts.join, self.recording.arrays)
                 arrays = add_arrays(arrays, chosen(pull(whole)[0], self.of_arrays))
         of_arrays = replace_chosen([None] * len(self.of_arrays), self.of_arrays, arrays)
         of_leaves = replace_chosen([None] * len(self.which), self.which, cotangents)
@@ -355,17 +361,17 @@ class _Packing:
         self.size = sum(aval.size * aval.dtype.itemsize for aval in avals)
 
     def room(self, rows: int) -> list[Array]:
-        """Room for ``rows`` rows."""
+        """Makes room for ``rows`` rows."""
         return [uninitialised((rows, count), dtype) for count, dtype in zip(self.counts, self.dtypes, strict=True)]
 
-    def packed(self, arrays: Sequence[Array]) -> list[Array]:
-        """A row of arrays."""
+    def pack(self, arrays: Sequence[Array]) -> list[Array]:
+        """Packs arrays into a row."""
         return [
             jnp.concatenate([jnp.ravel(array) for array in arrays if array.dtype == dtype]) for dtype in self.dtypes
         ]
 
-    def unpacked(self, row: Sequence[Array]) -> list[Array]:
-        """The arrays of a row."""
+    def unpack(self, row: Sequence[Array]) -> list[Array]:
+        """Unpacks the arrays of a row."""
         places, arrays = [0] * len(self.dtypes), []
         for aval in self.avals:
             kind = self.dtypes.index(aval.dtype)
@@ -375,11 +381,11 @@ class _Packing:
         return arrays
 
 
-def _written(rows: list[Array], place: Array, row: list[Array]) -> list[Array]:
-    """The rows with one more; unchanged where there is no such place."""
+def _write_row(rows: list[Array], place: Array, row: list[Array]) -> list[Array]:
+    """Writes a row at a place; where there is no such place, nothing changes."""
     return [array.at[place].set(new, mode="drop") for array, new in zip(rows, row, strict=True)]
 
 
-def _thinned(k: Array, rows: list[Array]) -> list[Array]:
-    """Every second row in the place of every one, done one by one."""
+def _keep_every_second(k: Array, rows: list[Array]) -> list[Array]:
+    """Moves row 2k to row k, so that every second row is kept."""
     return [array.at[k].set(array[2 * k]) for array in rows]

@@ -7,7 +7,7 @@ import pytest
 
 import jaxball
 from jaxball.programs.derivatives.reverse_rules import pull_by_forward_mode, put, put_while
-from jaxball.simulation.adjoint import Parts, Recorded, while_loop
+from jaxball.programs.derivatives.reversible_loop import Parts, Recorded, while_loop
 
 STEPS, ROOM = 11, 16
 
