@@ -44,7 +44,7 @@ def parser(about: str, **counts: int) -> argparse.ArgumentParser:
 def description(*packages: str) -> dict[str, object]:
     """The machine, the settings of XLA, and the versions of Python, jaxball and those ``packages`` there are."""
     # Imported here, because it imports JAX, which is to be set up before.
-    from jaxball.bench.measure import machine, versions
+    from comparison.measure import machine, versions
 
     return {
         "machine": machine(),

@@ -15,7 +15,7 @@ def initial(rows: int) -> tuple[np.ndarray, np.ndarray]:
 
 def states(q: np.ndarray, Omega: np.ndarray) -> np.ndarray:
     """The paper's fifteen numbers (θ, θ̇, q, Ω, z) of each row."""
-    from jaxball.bench.problems.rolling import BALL
+    from comparison.problems.rolling import BALL
 
     x = np.tile(BALL.initial, (len(q), 1))
     x[:, -9:-5], x[:, -5:-2] = q, Omega

@@ -105,10 +105,9 @@ def report(title: str, content: dict) -> None:
 
 def _peer(name: str) -> tuple[float, dict]:
     """The time in which a peer builds one program, and its runs by their tolerances; none where it is not installed."""
+    from comparison.contenders import ALL
+    from comparison.problems import BALL
     from jaxball_ball import TOLERANCES
-
-    from jaxball.bench.contenders import ALL
-    from jaxball.bench.problems import BALL
 
     contender = ALL[name]
     missing = contender.family.missing()

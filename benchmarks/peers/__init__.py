@@ -7,8 +7,7 @@ m_0 … m_3, the inertia, and the shell's centre of mass.
 from typing import Any
 
 import numpy as np
-
-from jaxball.bench.problems.rolling import PAPER, BallNumbers
+from comparison.problems.rolling import PAPER, BallNumbers
 
 PLACE = -2  # z1 in the state
 

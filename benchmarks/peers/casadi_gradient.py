@@ -4,10 +4,9 @@ from collections.abc import Callable
 
 import casadi
 import numpy as np
-
-from jaxball.bench.contenders.casadi_ import METHODS, compiling
-from jaxball.bench.problem import Piece
-from jaxball.bench.problems.rolling import BALL, ball_equations
+from comparison.contenders.casadi_ import METHODS, compiling
+from comparison.problem import Piece
+from comparison.problems.rolling import BALL, ball_equations
 
 from . import PLACE, parameters, with_parameters
 

@@ -8,11 +8,10 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
+from comparison.problems.rolling import BALL, PAPER, BallNumbers, push
+from comparison.translate import jax_parameters
 from perturbed import states
 from turns import Compiled
-
-from jaxball.bench.problems.rolling import BALL, PAPER, BallNumbers, push
-from jaxball.bench.translate import jax_parameters
 
 NUMBERS = BallNumbers(*map(np.asarray, PAPER))
 

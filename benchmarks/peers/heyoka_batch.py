@@ -8,11 +8,10 @@ from multiprocessing.synchronize import Barrier
 
 import heyoka as hk
 import numpy as np
+from comparison.problems.rolling import BALL
+from comparison.translate import heyoka_system
 from harness import timed
 from perturbed import states
-
-from jaxball.bench.problems.rolling import BALL
-from jaxball.bench.translate import heyoka_system
 
 LANES = 8
 

@@ -5,9 +5,8 @@ from typing import Any
 
 import heyoka as hk
 import numpy as np
-
-from jaxball.bench.problems.rolling import BALL, ball_equations
-from jaxball.bench.translate import heyoka_system
+from comparison.problems.rolling import BALL, ball_equations
+from comparison.translate import heyoka_system
 
 from . import PLACE, parameters, with_parameters
 

@@ -2,12 +2,11 @@
 
 import numba
 import numpy as np
+from comparison.contenders import MAX_STEPS_OF_BENCH
+from comparison.contenders.numbalsoda_ import Legs, advance, right_hand_side
+from comparison.problems.rolling import BALL
 from perturbed import states
 from turns import Compiled
-
-from jaxball.bench.contenders import MAX_STEPS_OF_BENCH
-from jaxball.bench.contenders.numbalsoda_ import Legs, advance, right_hand_side
-from jaxball.bench.problems.rolling import BALL
 
 
 class Batch(Compiled):

@@ -10,7 +10,7 @@ from sketch import INK, PAPER, SMALL, WORDS, word
 ROOT = Path(__file__).parents[2]
 # Who asks for what, from the top; a package that is not here stands in the last group.
 GROUPS = [
-    ("what a user types", "#DDE6F0", ("cli", "bench")),
+    ("what a user types", "#DDE6F0", ("cli",)),
     ("studies", "#E6EEDF", ("design", "sweep", "verify", "paper")),
     ("files and figures", "#F3E9D8", ("plot", "results", "mjcf", "urdf", "scenario")),
     ("many runs, and feedback", "#EFE2EA", ("chaos", "stability", "ensemble", "control", "estimation", "environments")),

@@ -89,7 +89,6 @@ PACKAGES = [
     "paper",
     "paper.reference",
     "paper.reproduce",
-    "bench",
     "cpu",
     "cache",
 ]

@@ -15,7 +15,7 @@ A body (``Ball``, ``Disk``) holds point masses (``PointMass``), each with a moti
 - ``plot``, ``results``, ``scenario``, ``mjcf``, ``urdf``: figures, saved runs, scenario files, files of MuJoCo and ROS.
 - ``sensors``: accelerometers, gyroscopes, encoders and cameras, read along a run, exactly or with errors.
 - ``solvers``: implicit methods for diffrax.
-- ``paper``, ``reproduce``, ``verify``, ``bench``: the paper's systems and figures, checks, comparisons of solvers.
+- ``paper``, ``reproduce``, ``verify``: the paper's systems and figures, checks.
 - ``cpu``, ``cache``: settings for fast solves on a CPU, compiled programs kept between processes.
 
 The names of ``jaxball`` itself live in ``physics``, ``simulation``, ``numerics`` and ``interface``, and the commands in
@@ -30,7 +30,6 @@ TYPE_CHECKING = False  # type checkers know the name; the module that has it tak
 
 if TYPE_CHECKING:  # for type checkers and editors, the same interface
     from . import (
-        bench as bench,
         cache as cache,
         chaos as chaos,
         classical as classical,

@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from comparison.problems import ALL
 
-from jaxball.bench.problems import ALL
 from tests.support.scripts import run_script
 
 KNOWN = """

@@ -11,9 +11,9 @@ from datetime import datetime
 
 import numpy as np
 import pytest
+from comparison.contenders import ALL
+from comparison.run import QUICK_SOLVERS
 
-from jaxball.bench.contenders import ALL
-from jaxball.bench.run import QUICK_SOLVERS
 from jaxball.paper import reference
 
 COLUMNS = {

@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 import pytest
-
-from jaxball.bench.contenders import ALL
-from jaxball.bench.problem import Piece, Problem
+from comparison.contenders import ALL
+from comparison.problem import Piece, Problem
 
 TOLERANCE = 1e-8
 

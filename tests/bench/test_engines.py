@@ -10,12 +10,12 @@ from pathlib import Path
 import diffrax
 import numpy as np
 import pytest
+from comparison.engines import CASES, DRAKE, ENGINES, MUJOCO, PYBULLET, gradients, report
+from comparison.engines.contract import Motion
+from comparison.engines.inside import hung, in_space, prescribed
+from comparison.engines.run import Row, listing, measure, plan
+from comparison.run import SelectionError
 
-from jaxball.bench.engines import CASES, DRAKE, ENGINES, MUJOCO, PYBULLET, gradients, report
-from jaxball.bench.engines.contract import Motion
-from jaxball.bench.engines.inside import hung, in_space, prescribed
-from jaxball.bench.engines.run import Row, listing, measure, plan
-from jaxball.bench.run import SelectionError
 from jaxball.interface.wording import pip_install
 from jaxball.mjcf import to_mjcf
 
@@ -37,7 +37,7 @@ def path_error(motion, times):
 @pytest.fixture(scope="module")
 def slope():
     """The errors of the path on the slope by MuJoCo, by setting and time step."""
-    from jaxball.bench.engines import mujoco_
+    from comparison.engines import mujoco_
 
     settings = {setting.name: setting for setting in MUJOCO.settings}
     times = CASES["slope"].scenario().times
@@ -70,7 +70,7 @@ def test_with_the_implicit_method_it_converges_of_first_order(slope):
 @pytest.mark.thorough
 def test_a_rolling_sphere_of_drake_converges_of_first_order():
     pytest.importorskip("pydrake", reason="Drake, of the extra `engines`, is not installed")
-    from jaxball.bench.engines import drake_
+    from comparison.engines import drake_
 
     times = CASES["slope"].scenario().times
     tamsi = next(setting for setting in DRAKE.settings if setting.name == "TAMSI")
@@ -87,9 +87,9 @@ def test_a_rolling_sphere_of_drake_converges_of_first_order():
 def test_the_papers_disk_moves_in_other_engines(engine, setting, package):
     """Four prescribed masses in a ball that rolls as the disk, to half of a hundredth of a radius at 5 ms."""
     pytest.importorskip(package, reason=f"{package}, of the extras `engines` and `pybullet`, is not installed")
-    from jaxball.bench.engines.errors import errors, exact
+    from comparison.engines.errors import errors, exact
 
-    module = importlib.import_module(f"jaxball.bench.engines.{engine}")
+    module = importlib.import_module(f"comparison.engines.{engine}")
     case = CASES["disk"]
     found = errors(case.scenario(), module.run(case, setting, 0.005), exact(case.scenario()))
     assert found.path < 5e-3
@@ -109,7 +109,7 @@ def test_the_masses_of_the_disk_are_on_hinges_of_a_ball():
 @pytest.mark.slow
 def test_derivatives_by_differences_of_mujoco_are_those_of_the_exact_motion():
     """Of second order in the time step, as its path is."""
-    from jaxball.bench.engines import mujoco_
+    from comparison.engines import mujoco_
 
     exact = gradients.own(diffrax.ForwardMode(), 1e-9).value
     models = [gradients.model_with_controls(mujoco_, timestep) for timestep in (0.01, 0.005)]
@@ -122,7 +122,7 @@ def test_derivatives_by_differences_of_mujoco_are_those_of_the_exact_motion():
 @pytest.mark.thorough
 def test_the_exact_motion_has_no_error():
     """The closed form of the ball on the slope, against the run that stands for the exact motion."""
-    from jaxball.bench.engines.errors import errors, exact
+    from comparison.engines.errors import errors, exact
 
     scenario = CASES["slope"].scenario()
     t, n = scenario.times, len(scenario.times)

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from comparison import QUICK, Settings, compare, listing
+from comparison.contenders import ALL, FAMILIES, Contender, Family, Outcome, Program, Run, Work
+from comparison.measure import measure
+from comparison.problem import Piece, Problem
 
-from jaxball.bench import QUICK, Settings, bench, listing
-from jaxball.bench.contenders import ALL, FAMILIES, Contender, Family, Outcome, Program, Run, Work
-from jaxball.bench.measure import measure
-from jaxball.bench.problem import Piece, Problem
 from jaxball.interface.wording import pip_install
 
 E = 2.718281828459045
@@ -188,7 +188,7 @@ def test_an_interruption_keeps_the_problems_that_were_finished(out):
 
     lines = []
     interrupted = Interrupted("Gauss", ALL["Gauss"].family, "Gauss", answer=Answer(0.0))
-    done = bench([GROWTH, second], [interrupted], SETTINGS, out, lines.append)
+    done = compare([GROWTH, second], [interrupted], SETTINGS, out, lines.append)
     assert done.interrupted
     assert [row["problem"] for row in content(out)["rows"]] == ["growth", "growth"]
     assert (out / "growth.png").exists()
@@ -203,7 +203,7 @@ def test_peers_that_are_not_installed_are_left_out_with_a_line(out, monkeypatch)
     lines = []
     peers = [contender for contender in ALL.values() if contender.family.name not in ("jaxball", "diffrax")]
     own = Known("Gauss", ALL["Gauss"].family, "Gauss", answer=Answer(0.0))
-    done = bench([GROWTH], [own, *peers], QUICK, out, lines.append)
+    done = compare([GROWTH], [own, *peers], QUICK, out, lines.append)
     assert {row.solver for row in done.rows} == {"Gauss"}
     missing = content(out)["missing"]
     assert missing == [line for line in lines if line.startswith("Left out: ")]

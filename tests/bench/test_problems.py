@@ -7,12 +7,12 @@ import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
 import pytest
+from comparison import translate
+from comparison.problems import ALL
 from scipy.integrate import solve_ivp
 
 import jaxball
 from jaxball import paper
-from jaxball.bench import translate
-from jaxball.bench.problems import ALL
 from jaxball.physics.system import vector_field
 from tests.support import collocation, direct_sum
 from tests.support.paper import BALL_DIRECTIONS, BALL_RADII, reference

@@ -5,15 +5,14 @@ import itertools
 
 import numpy as np
 import pytest
+from comparison import SelectionError, select_contenders, select_problems
+from comparison.contenders import ALL, Work
+from comparison.figures import GAP, apart, diagram
+from comparison.measure import Measured, Row, power, seconds
+from comparison.problems import ALL as PROBLEMS
+from comparison.report import asked, cheapest, markdown, spread
 from hypothesis import given, strategies as st
 from matplotlib.text import Text
-
-from jaxball.bench import SelectionError, select_contenders, select_problems
-from jaxball.bench.contenders import ALL, Work
-from jaxball.bench.figures import GAP, apart, diagram
-from jaxball.bench.measure import Measured, Row, power, seconds
-from jaxball.bench.problems import ALL as PROBLEMS
-from jaxball.bench.report import asked, cheapest, markdown, spread
 
 ROBERTSON = PROBLEMS["robertson"]
 

@@ -8,9 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-
-from jaxball.bench import translate
-from jaxball.bench.problems import ALL
+from comparison import translate
+from comparison.problems import ALL
 
 MATH = {"sin": math.sin, "cos": math.cos}
 CASES = [

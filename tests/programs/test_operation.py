@@ -324,7 +324,7 @@ jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_compilation_cache_dir", sys.argv[1])
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-from jaxball.numerics import programs
+from jaxball import programs
 hits = []
 jax.monitoring.register_event_listener(lambda name, **_: hits.append(name) if name.endswith("cache_hits") else None)
 factor = float(sys.argv[2])
@@ -346,7 +346,7 @@ SEVERAL = """
 import jax, jax.numpy as jnp, numpy as np
 jax.config.update("jax_enable_x64", True)
 from jax.sharding import PartitionSpec as P
-from jaxball.numerics import programs
+from jaxball import programs
 assert jax.device_count() == 4
 f = programs.jit(lambda x: jnp.sin(x) * 2)
 x = jnp.arange(8.0)

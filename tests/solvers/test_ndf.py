@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 import pytest
+from comparison.problems import ALL
 from scipy.integrate import solve_ivp
 
-from jaxball.bench.problems import ALL
 from jaxball.solvers import (
     NDF,
     FixedPoint,

@@ -1,6 +1,6 @@
 """The standard stiff problems against published end states, at a loose and a tight tolerance.
 
-Equations and end states are those of :mod:`jaxball.bench.problems`, which names their sources and whose own tests
+Equations and end states are those of :mod:`comparison.problems`, which names their sources and whose own tests
 compare the end states with the published ones and with collocation in 32 digits. Errors are relative, the largest
 of all components. The bounds are 3 to 10 times what was measured.
 """
@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix
 import pytest
+from comparison.problems import ALL
 
-from jaxball.bench.problems import ALL
 from jaxball.solvers import NDF, TRBDF2, Gauss, MassMatrixTerm, RadauIIA, SimplifiedNewton, Trapezoidal, explain
 from jaxball.solvers.multistep import controller_class
 

@@ -13,7 +13,7 @@ from typing import Any
 import jaxtyping
 
 # Its functions are called a hundred thousand times for a program, and take no arrays whose shapes could be wrong.
-UNCHECKED = "native"
+UNCHECKED = "jaxball.programs.native"
 
 # The checks of a call take longer than many a function; of all calls, they would take a quarter of the tests' time.
 FIRST_CALLS = 10
@@ -22,12 +22,16 @@ LATER = 100  # of the later calls, and definitions, every so many are checked
 
 
 def modules() -> list[str]:
-    """The modules and packages of jaxball, but for the compiler."""
-    package = importlib.util.find_spec("jaxball")
-    assert package is not None
-    assert package.submodule_search_locations
-    inside = pkgutil.iter_modules(list(package.submodule_search_locations))
-    return [f"jaxball.{module.name}" for module in inside if module.name != UNCHECKED]
+    """Lists the modules and packages of jaxball, but for the compiler."""
+    outer = [name for name in _within("jaxball") if name != "jaxball.programs"]
+    return [name for name in [*outer, *_within("jaxball.programs")] if name != UNCHECKED]
+
+
+def _within(package: str) -> list[str]:
+    spec = importlib.util.find_spec(package)
+    assert spec is not None
+    assert spec.submodule_search_locations
+    return [f"{package}.{module.name}" for module in pkgutil.iter_modules(list(spec.submodule_search_locations))]
 
 
 def install() -> None:

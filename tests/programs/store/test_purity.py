@@ -154,7 +154,8 @@ import sys
 import jax
 jax.config.update("jax_enable_x64", True)
 import jaxball
-from jaxball.numerics import computation, programs
+from jaxball import programs
+from jaxball.programs import computation
 
 jaxball.cache.enable(sys.argv[1])
 traced, original = [], computation.Computation._of_arrays

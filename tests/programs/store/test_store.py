@@ -75,11 +75,11 @@ import sys, time
 from pathlib import Path
 import numpy as np
 import jax.numpy as jnp
-from jaxball import native
+from jaxball.programs import native
 from jaxball.cache import current
 from jaxball.programs.store.folder import Folder
 from jaxball.programs.store.folder_store import FolderStore
-from jaxball.numerics import programs
+from jaxball import programs
 
 folder, made = Path(sys.argv[1]), native.Lowered.natively
 

@@ -313,7 +313,8 @@ import sys
 import jax
 jax.config.update("jax_enable_x64", True)
 import jaxball
-from jaxball.numerics import computation, programs
+from jaxball import programs
+from jaxball.programs import computation
 import model
 jaxball.cache.enable(sys.argv[1])
 traced, original = [], computation.Computation._of_arrays

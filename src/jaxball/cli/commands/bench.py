@@ -1,7 +1,8 @@
-"""``jaxball bench``: solvers compared at equal achieved error."""
+"""``jaxball bench``: solvers compared at equal achieved error, by ``benchmarks/comparison`` of a clone of jaxball."""
 
 import argparse
 import dataclasses
+import sys
 from pathlib import Path
 
 from ...interface.interruption import EXIT_INTERRUPTED, STOPPED, interrupt_message
@@ -10,6 +11,7 @@ from ..jax_setup import set_up_jax
 from ..options import BadInputError, positive
 
 ENGINES = "engines"
+BENCHMARKS = Path(__file__).parents[4] / "benchmarks"  # of a clone; a wheel does not have it
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -36,6 +38,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    _find_comparison()
     if not options.list:
         check_folder(options.out, "--out")
     if options.gradients:
@@ -43,14 +46,14 @@ def run(options: argparse.Namespace) -> int:
     set_up_jax()
     if options.problems[:1] == [ENGINES]:
         return _engines(options)
-    from ... import bench
+    import comparison
 
     if options.list:
-        print(bench.listing())
+        print(comparison.listing())
         return 0
     try:
-        plan = bench.plan(options.problems, options.solvers, quick=options.quick)
-    except bench.SelectionError as error:
+        plan = comparison.plan(options.problems, options.solvers, quick=options.quick)
+    except comparison.SelectionError as error:
         raise BadInputError(str(error)) from None
     changes = {
         "tolerances": options.tolerances and tuple(options.tolerances),
@@ -59,8 +62,19 @@ def run(options: argparse.Namespace) -> int:
     }
     settings = dataclasses.replace(plan.settings, **{key: value for key, value in changes.items() if value is not None})
     with interrupt_message(lambda: _stopped(options.out)):
-        results = bench.bench(plan.problems, plan.contenders, settings, options.out)
+        results = comparison.compare(plan.problems, plan.contenders, settings, options.out)
     return EXIT_INTERRUPTED if results.interrupted else 0
+
+
+def _find_comparison() -> None:
+    """Puts the benchmarks where modules are found."""
+    if not (BENCHMARKS / "comparison").is_dir():
+        raise BadInputError(
+            "`jaxball bench` needs jaxball's repository, whose folder `benchmarks` is not in the installed package: "
+            "clone it, and install the clone with pip install -e '.[bench]'."
+        )
+    if str(BENCHMARKS) not in sys.path:
+        sys.path.insert(0, str(BENCHMARKS))
 
 
 def _check_gradients(options: argparse.Namespace) -> None:
@@ -78,14 +92,14 @@ def _engines(options: argparse.Namespace) -> int:
     for name in ("tolerances", "budget", "limit"):
         if getattr(options, name) is not None:
             raise BadInputError(f"Argument `--{name}` must be left out after `engines`, whose time steps are given.")
-    from ...bench import SelectionError
-    from ...bench.engines import run as engines
+    from comparison import SelectionError
+    from comparison.engines import run as engines
 
     if options.list:
         print(engines.listing())
         return 0
     if options.gradients:
-        from ...bench.engines import gradients
+        from comparison.engines import gradients
 
         gradients.measure(options.out)
         return 0

@@ -9,13 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ... import paper
-from ...numerics.arrays import to_array
-from ...paper import reference
-from ...paper.systems import PAPER_END, PAPER_START
-from ...physics.body import System
-from ...physics.packing import Packing
-from ...physics.state import BallState, DiskState
+from jaxball import paper
+from jaxball.numerics.arrays import to_array
+from jaxball.paper import reference
+from jaxball.paper.systems import PAPER_END, PAPER_START
+from jaxball.physics.body import System
+from jaxball.physics.packing import Packing
+from jaxball.physics.state import BallState, DiskState
+
 from ..problem import Form, Functions, Piece, Problem, Rates, Scalar
 
 Triple = Sequence[Scalar]

@@ -8,12 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ...numerics.arrays import to_array
-from ...physics.body import Disk, System
-from ...physics.contact.released import ReleasedState, released_energy, slip_velocity
-from ...physics.state import BallState, DiskState
-from ...scenario import Scenario
-from ...simulation.trajectory import Trajectory
+from jaxball.numerics.arrays import to_array
+from jaxball.physics.body import Disk, System
+from jaxball.physics.contact.released import ReleasedState, released_energy, slip_velocity
+from jaxball.physics.state import BallState, DiskState
+from jaxball.scenario import Scenario
+from jaxball.simulation.trajectory import Trajectory
+
 from .contract import Motion
 
 

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ...interface.output import write_text
-from ...scenario import Scenario
+from jaxball.interface.output import write_text
+from jaxball.scenario import Scenario
+
 from ..measure import Echo, machine, power, versions
 from ..run import SelectionError
 from . import CASES, ENGINES, Case, Engine, Setting
@@ -55,7 +56,7 @@ class Plan(NamedTuple):
 def plan(case_names: Sequence[str] = (), engine_names: Sequence[str] = (), *, quick: bool = False) -> Plan:
     """The cases and engines of these names; without names all, or the few that are ``quick``.
 
-    **Raises:** :class:`~jaxball.bench.SelectionError` for a name that none has.
+    **Raises:** :class:`~comparison.SelectionError` for a name that none has.
     """
     cases = _selected("problems", case_names or (QUICK_CASES if quick else ()), CASES)
     engines = _selected("solvers", engine_names, ENGINES)

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from ...mjcf import to_mjcf
-from ...mjcf.elements import MINVAL
-from ...numerics.arrays import to_array
-from ...physics.contact.released import ReleasedState, released
-from ...scenario import Scenario
+from jaxball.mjcf import to_mjcf
+from jaxball.mjcf.elements import MINVAL
+from jaxball.numerics.arrays import to_array
+from jaxball.physics.contact.released import ReleasedState, released
+from jaxball.scenario import Scenario
+
 from .contract import Case, Motion, Row, Setting, motion_of
 from .inside import Hung, hung, in_space, prescribed
 

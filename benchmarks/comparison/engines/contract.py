@@ -14,14 +14,15 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ...physics.body import Ball
-from ...physics.contact.law import Contact
-from ...physics.contact.released import ReleasedState
-from ...physics.ground import Ground
-from ...physics.mechanisms import Motor, planar_pendulum
-from ...physics.schedules import Sinusoids
-from ...physics.state import BallState
-from ...scenario import Scenario, load_scenario
+from jaxball.physics.body import Ball
+from jaxball.physics.contact.law import Contact
+from jaxball.physics.contact.released import ReleasedState
+from jaxball.physics.ground import Ground
+from jaxball.physics.mechanisms import Motor, planar_pendulum
+from jaxball.physics.schedules import Sinusoids
+from jaxball.physics.state import BallState
+from jaxball.scenario import Scenario, load_scenario
+
 from ..contenders import Family
 
 SOLID: dict[str, Any] = {"mass": 1.0, "inertia": (0.016,) * 3, "radius": 0.2, "gravity": 9.81}  # 2/5 m r²

@@ -11,10 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ... import solvers
-from ...paper.reproduce.experiments import Counter, Field, counting
-from ...programs.users_functions import jit
-from ...solvers.multistep import controller_class
+from jaxball import solvers
+from jaxball.paper.reproduce.experiments import Counter, Field, counting
+from jaxball.programs.users_functions import jit
+from jaxball.solvers.multistep import controller_class
+
 from ..problem import Form, Problem
 from ..translate import jax_field, jax_parameters
 from . import MAX_STEPS_OF_BENCH, Outcome, Program, Run, Work

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...interface.wording import pip_install
+from jaxball.interface.wording import pip_install
+
 from ..problem import Problem
 
 MAX_STEPS_OF_BENCH = 200_000

@@ -8,8 +8,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from ..interface.output import replacing
-from ..interface.wording import counted, nearest
+from jaxball.interface.output import replacing
+from jaxball.interface.wording import counted, nearest
+
 from . import problems, report
 from .contenders import ALL, FAMILIES, Contender
 from .measure import Echo, Measured, Row, Settings, description, measure, power, seconds
@@ -123,7 +124,7 @@ class Bench:
         return [row for measured in self.results.values() for row in measured.rows]
 
 
-def bench(
+def compare(
     problems: Sequence[Problem], contenders: Sequence[Contender], settings: Settings, out: Path, echo: Echo = print
 ) -> Bench:
     """Measures ``contenders`` on ``problems`` with ``settings``, and writes the results to the folder ``out``.

@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ...mjcf import Exported, MJCFError
-from ...physics.body import Ball, Disk
-from ...physics.motion import OnRail
-from ...physics.rails import Circle
-from ...scenario import Scenario
+from jaxball.mjcf import Exported, MJCFError
+from jaxball.physics.body import Ball, Disk
+from jaxball.physics.motion import OnRail
+from jaxball.physics.rails import Circle
+from jaxball.scenario import Scenario
 
 
 class Hung(NamedTuple):

@@ -12,8 +12,9 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullLocator
 
-from ..interface.output import replacing
-from ..plot import palette, style
+from jaxball.interface.output import replacing
+from jaxball.plot import palette, style
+
 from .contenders import ALL
 from .measure import Row
 from .problem import Problem

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ...mjcf import Exported, to_mjcf
-from ...physics.body import Disk
-from ...physics.state import DiskState
+from jaxball.mjcf import Exported, to_mjcf
+from jaxball.physics.body import Disk
+from jaxball.physics.state import DiskState
+
 from .contract import Case, Motion, Row, Setting, motion_of
 
 # Untyped, because it need not be installed where types are checked.

@@ -15,7 +15,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ..interface.wording import counted
+from jaxball.interface.wording import counted
+
 from .contenders import Contender, Program, Run
 from .problem import Problem
 
@@ -55,7 +56,7 @@ class Row:
     - ``time``, ``quartiles``, ``repeats``: the median of warm calls, their quartiles, and their number.
     - ``build_time``: to build or compile what the solve needs, shared parts included.
     - ``state``: the final state.
-    - ``steps`` and the fields after it: see ``Work`` in ``jaxball.bench.contenders``.
+    - ``steps`` and the fields after it: see ``Work`` in ``comparison.contenders``.
     - ``problem``, ``solver``, ``family``, ``tolerance``: what was solved, by which method of which package, and at
       which tolerance.
     - ``rejected``, ``evaluations``, ``jacobians``, ``decompositions``: the work done; None where the package does not

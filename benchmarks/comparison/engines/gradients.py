@@ -20,10 +20,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ... import programs
-from ...interface.output import write_text
-from ...mjcf import to_mjcf
-from ...simulation.simulate import simulate
+from jaxball import programs
+from jaxball.interface.output import write_text
+from jaxball.mjcf import to_mjcf
+from jaxball.simulation.simulate import simulate
+
 from ..measure import Echo, machine, power, seconds, versions
 from . import MUJOCO
 from .contract import CASES, Derivative, pendulum_robot, timed

@@ -7,7 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..numerics.arrays import Numbers
+from jaxball.numerics.arrays import Numbers
 
 Scalar = Any  # a float, a JAX scalar, a CasADi SX, a heyoka expression, a SymPy symbol
 

@@ -1,9 +1,10 @@
 """Solvers compared at equal achieved error: ``jaxball bench``.
 
-A compared package is imported only when it takes part. No other package of jaxball needs this one.
+A compared package is imported only when it takes part.
 """
 
-from ..interface.names import interface as _interface
+from jaxball.interface.names import interface as _interface
+
 from .measure import Measured as Measured, Row as Row, Settings as Settings
 from .problem import Problem as Problem
 from .run import (
@@ -12,7 +13,7 @@ from .run import (
     Bench as Bench,
     Plan as Plan,
     SelectionError as SelectionError,
-    bench as bench,
+    compare as compare,
     listing as listing,
     plan as plan,
     select_contenders as select_contenders,

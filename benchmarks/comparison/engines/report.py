@@ -8,8 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...interface.output import replacing
-from ...plot import palette, style
+from jaxball.interface.output import replacing
+from jaxball.plot import palette, style
+
 from ..measure import power, seconds
 from .contract import Case
 

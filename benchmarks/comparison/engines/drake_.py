@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from ...mjcf import Exported, MJCFError, to_mjcf
-from ...numerics.arrays import to_array
-from ...physics.contact.released import ReleasedState, released
-from ...physics.mechanisms import Hinge
-from ...scenario import Scenario
+from jaxball.mjcf import Exported, MJCFError, to_mjcf
+from jaxball.numerics.arrays import to_array
+from jaxball.physics.contact.released import ReleasedState, released
+from jaxball.physics.mechanisms import Hinge
+from jaxball.scenario import Scenario
+
 from .contract import Case, Motion, Row, Setting, motion_of
 from .inside import in_space, prescribed
 
