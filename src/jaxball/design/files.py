@@ -389,13 +389,13 @@ def _requirements(given: dict[str, Any], system: AbstractSystem) -> tuple[list[A
     """The objectives and the constraints of a problem of either kind, by name, and the errors in them."""
     plane = plane_of(system)
     return tried(
-        lambda: _named(given["objectives"], OBJECTIVES, plane),
-        lambda: _named(given["constraints"], CONSTRAINTS, plane, empty=True),
+        lambda: _read_by_kind(given["objectives"], OBJECTIVES, plane),
+        lambda: _read_by_kind(given["constraints"], CONSTRAINTS, plane, empty=True),
     )
 
 
-def _named(values: Any, requirements: Requirements, plane: Plane, empty: bool = False) -> dict[str, Any]:
-    """Objectives or constraints by their kinds; a second one of a kind has a number appended."""
+def _read_by_kind(values: Any, requirements: Requirements, plane: Plane, empty: bool = False) -> dict[str, Any]:
+    """Reads objectives or constraints by their kinds; a second one of a kind has a number appended."""
     objects: dict[str, Any] = {}
     for kind, item in read_list(values, requirements.path, lambda item, at: requirements.read(item, at, plane), empty):
         count = sum(name.split(" ")[0] == kind for name in objects)

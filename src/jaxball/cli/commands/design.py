@@ -47,7 +47,7 @@ def _progress(options: argparse.Namespace, line: Line) -> Callable[[str], None]:
 
 def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int:
     from ...design.control.solution import means
-    from ...design.control.solve import controlled
+    from ...design.control.solve import solve_control
     from ...design.report import objectives_in_units, violation, write_control_report, write_design
     from ...design.search.design import SCENARIO
 
@@ -63,7 +63,7 @@ def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int
         return f"Stopped; {what}."
 
     with interrupt_message(stopped), working(options, "searching for a motion") as line:
-        done = controlled(problem_file, _progress(options, line), save)
+        done = solve_control(problem_file, _progress(options, line), save)
         report = write_control_report(done, problem_file.title, problem_file.saves, options.out, source)
     violations = {name: violation(by, done.violation) for name, by in done.seen.violations.items()}
     _print_summary(problem_file.title, means(done.solution), objectives_in_units(done), violations)

@@ -14,7 +14,7 @@ from ...scenario.solvers import SOLVERS
 from ..constraints import NormalForce
 from ..objectives import FollowCurve, FollowTrajectory, ReachPlace
 from ..problem import shared
-from ..problem.problem import Evaluation, Perturbations, Problem, merged, worst
+from ..problem.problem import Evaluation, Perturbations, Problem, merge, worst
 from ..problem.run import RAIL_SAMPLES, Solve, run_of
 from ..problem.space import Candidate, DesignError
 from .optimise import Optimiser
@@ -62,8 +62,8 @@ def verify(problem: Problem, y: Float[np.ndarray, " n"]) -> Verified:
     They are a solver of another family and samples ten times as fine.
     """
     other, solver = _other_solve(problem)
-    form, content = shared.parted(problem)
-    designed, finer, most = jax.tree.map(np.asarray, shared.program(_compared, form)(content, jnp.asarray(y)))
+    form, content = shared.split_problem(problem)
+    designed, finer, most = jax.tree.map(np.asarray, shared.program(_compare, form)(content, jnp.asarray(y)))
     return Verified(
         designed=designed,
         finer=finer,
@@ -84,8 +84,8 @@ def _other_solve(problem: Problem) -> tuple[Solve, str]:
     return Solve(SOLVERS[solver](), rtol, atol, 16 * scenario.max_steps), solver
 
 
-def _compared(problem: Problem, y: Float[Array, " n"]) -> tuple[Evaluation, Evaluation, dict[str, Any]]:
-    """What :func:`verify` finds."""
+def _compare(problem: Problem, y: Float[Array, " n"]) -> tuple[Evaluation, Evaluation, dict[str, Any]]:
+    """Computes what :func:`verify` finds."""
     other, _ = _other_solve(problem)
 
     def of_ball(candidate: Candidate):
@@ -100,7 +100,7 @@ def _compared(problem: Problem, y: Float[Array, " n"]) -> tuple[Evaluation, Eval
         return first, second, most
 
     first, second, most = problem.of_each(problem.space.candidate(y), of_ball)
-    return merged(first), merged(second), jax.tree.map(lambda x: jnp.max(x, axis=0), most)
+    return merge(first), merge(second), jax.tree.map(lambda x: jnp.max(x, axis=0), most)
 
 
 def _worst(violations: Float[Array, " places"]) -> Float[Array, ""]:
@@ -124,7 +124,7 @@ def perturbed(problem: Problem, y: Float[np.ndarray, " n"], perturbations: Pertu
     - ``y``: the unknowns of the design, shape (n,).
     - ``perturbations``: how the balls differ.
     """
-    form, content = shared.parted(dataclasses.replace(problem, perturbations=perturbations))
+    form, content = shared.split_problem(dataclasses.replace(problem, perturbations=perturbations))
     return jax.tree.map(np.asarray, shared.program(_each, form)(content, jnp.asarray(y)))
 
 
@@ -198,7 +198,7 @@ def check_gradient(optimiser: Optimiser, y: Float[np.ndarray, " n"], seed: int =
     """
     direction = np.random.default_rng(seed).normal(size=y.shape)
     direction /= np.linalg.norm(direction)
-    first = optimiser.evaluate(y[None], optimiser.penalised(1)).at
+    first = optimiser.evaluate(y[None], optimiser.first_multipliers(1)).at
     violations = first.violations[0]
     if not (np.all(np.isfinite(violations)) and np.all(np.isfinite(first.terms[0]))):
         raise DesignError("The design at which the gradient is checked must be simulated to its end, but it is not.")
