@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 EXTREME = 1e20
 
 
-def check_confined(system: System, times: Any, state: BallState | DiskState) -> None:
+def check_confinement(system: System, times: Any, state: BallState | DiskState) -> None:
     """Raises a :class:`ScenarioError` for the rails and masses that are not in the body (module ``confinement``).
 
     Where they are traced, this is a condition, which leaves undecided those that may leave an open rail or the shell.

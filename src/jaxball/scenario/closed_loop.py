@@ -85,7 +85,7 @@ def with_estimator(scenario: "Scenario", feedback: AbstractFeedback) -> Abstract
     with in_keys("estimator"):
         return OutputFeedback.of(
             feedback,
-            estimator.chosen(scenario.sensors),
+            estimator.choose(scenario.sensors),
             spread=estimator.spread,
             process=estimator.process,
             biases=estimator.biases,
@@ -98,8 +98,8 @@ def robot_of(scenario: "Scenario") -> System:
     return with_pushes(scenario.system, settings_of(scenario).pushes)
 
 
-def sampled_of(scenario: "Scenario") -> SampledSystem:
-    """The robot that is simulated, with its inputs."""
+def build_sampled_system(scenario: "Scenario") -> SampledSystem:
+    """Builds the robot that is simulated, with its inputs."""
     return SampledSystem.of(robot_of(scenario), sample_of(scenario.times), settings_of(scenario).inputs)
 
 
@@ -129,7 +129,7 @@ def loop_along(scenario: "Scenario", feedback: AbstractFeedback, start: Any = No
 def system_of_run(scenario: "Scenario", u: Float[np.ndarray, "T m"]) -> System:
     """The robot of a saved run with the inputs that acted, which are those from each save time on."""
     settings, times = settings_of(scenario), jnp.asarray(scenario.times)
-    sampled = sampled_of(scenario)
+    sampled = build_sampled_system(scenario)
     limits = sampled.limits if settings.limits is None else limits_of(sampled, settings.limits)
     return recorded(sampled.system, sampled.places, limits, times, jnp.asarray(u[:-1]))
 
@@ -289,7 +289,7 @@ def _of_estimator(
     def of(name: str, given: Any) -> Float[Array, " n"]:
         return to_array(by_name(name, given, sampled.directions))
 
-    chosen = estimator.chosen(sensors)
+    chosen = estimator.choose(sensors)
     for name, sensor in chosen.items():
         if sensor.errors is not None and is_traced(sensor.errors.noise):
             require(sensor.errors.noise > 0, f"sensors.{name}.errors.noise", "a positive number", lambda: "")

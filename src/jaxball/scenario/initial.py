@@ -141,10 +141,10 @@ def initial_state(
     return (DiskState if kind == "disk" else BallState)(**fields)
 
 
-def released_from(
+def release(
     fields: dict[str, Any], path: str, state: BallState | DiskState, may_slip: bool
 ) -> BallState | DiskState | ReleasedState:
-    """The state itself where it rolls; else released with the velocity and the height that are given, or 0.
+    """Releases the state, with the velocity and the height that are given, or 0; a body that rolls keeps its state.
 
     Only a body that ``may_slip`` can be, by a law of contact.
     """
@@ -183,7 +183,7 @@ def starting_angles(
     return {"theta": jnp.stack([rate[0] for rate in rates]), "thetadot": jnp.stack([rate[1] for rate in rates])}
 
 
-def balanced(
+def balance_schedules(
     masses: list[PointMass],
     mechanisms: Sequence[ReadMechanism],
     shell_and_ground: dict[str, Any],
@@ -192,7 +192,7 @@ def balanced(
     kind: str,
     start: Any,
 ) -> list[PointMass]:
-    """The masses, their schedules shifted so that the body starts in balance.
+    """Shifts the schedules of masses so that the body starts in balance.
 
     ``shell_and_ground`` has the numbers of the shell, and the ground.
     """

@@ -109,8 +109,8 @@ def check_lengths(table: dict[str, Any], path: str) -> None:
             )
 
 
-def given_waves(amplitude, frequency, phase, **others: Any) -> dict[str, Any]:
-    """The arguments of a series of which a file may leave out the phases, or every sinusoid."""
+def wave_arguments(amplitude, frequency, phase, **others: Any) -> dict[str, Any]:
+    """Returns the arguments of a series of which a file may leave out the phases, or every sinusoid."""
     waves = {"amplitude": amplitude if len(frequency) else None, "phase": phase if len(phase) else None}
     return {**others, **waves, "frequency": frequency}
 
@@ -118,21 +118,21 @@ def given_waves(amplitude, frequency, phase, **others: Any) -> dict[str, Any]:
 HARMONIC_FORCE = Module(
     HarmonicForce,
     {"constant": Key(Numbers((3,)), (0.0, 0.0, 0.0)), **WAVES_IN_SPACE, **POWERS},
-    build=lambda **keys: HarmonicForce(**given_waves(**keys)),
+    build=lambda **keys: HarmonicForce(**wave_arguments(**keys)),
     attributes={**SERIES, "powers": "series.powers"},
     check=check_lengths,
 )
 OSCILLATING = Module(
     Oscillating,
     {"constant": Key(Numbers((3,))), **WAVES_IN_SPACE, **POWERS},
-    build=lambda **keys: Oscillating(HarmonicSeries(**given_waves(**keys))),
+    build=lambda **keys: Oscillating(HarmonicSeries(**wave_arguments(**keys))),
     attributes=PATH,
     check=check_lengths,
 )
 SINUSOIDS = Module(
     Sinusoids,
     {"theta": Key(Numbers(dimension=ANGLE)), "rate": Key(Numbers(dimension=RATE), 0.0), **WAVES},
-    build=lambda **keys: Sinusoids(**given_waves(**keys)),
+    build=lambda **keys: Sinusoids(**wave_arguments(**keys)),
     attributes={**SERIES, "theta": "series.constant"},
     check=check_lengths,
 )

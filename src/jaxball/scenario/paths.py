@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from ..interface.wording import counted, did_you_mean
-from .errors import ScenarioError, shown
+from .errors import ScenarioError, describe
 
 _NAME = r"[A-Za-z_][\w-]*"
 _STEP = re.compile(rf"\.?({_NAME})|\.'([^']*)'|\[(\d+)\]")
@@ -93,7 +93,7 @@ def _not_one_number(document: Mapping[str, Any], path: str, every: bool) -> str:
     value = value_at(document, path)
     inside = list(numbers_of(value, path))
     if not inside:
-        return f"is {shown(value)}."
+        return f"is {describe(value)}."
     tables = isinstance(value, dict) or any(isinstance(entry, dict) for entry in value)
     if tables:
         what = "a table" if isinstance(value, dict) else "a list of tables"

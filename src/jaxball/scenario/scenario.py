@@ -137,7 +137,7 @@ class Scenario:
         given = {"solver": solver, "rtol": rtol, "atol": atol, "max_steps": max_steps}
         used = dataclasses.replace(self, **{name: value for name, value in given.items() if value is not None})
         if used.feedback is not None:
-            trajectory = used._held(dense or bool(events) or bool(self.events))
+            trajectory = used._simulate_loop(dense or bool(events) or bool(self.events))
             return trajectory.raise_if_failed() if throw else trajectory
         trajectory = simulate(
             self.system,
@@ -180,8 +180,8 @@ class Scenario:
         feedback = closed_loop.feedback_along(self, closed_loop.nominal_run(self).raise_if_failed())
         return closed_loop.loop_along(self, closed_loop.with_estimator(self, feedback))
 
-    def _held(self, asks_for_more: bool) -> "Trajectory[Any, Any]":
-        """The run of the closed loop, or of the motion where that fails."""
+    def _simulate_loop(self, asks_for_more: bool) -> "Trajectory[Any, Any]":
+        """Simulates the closed loop, or returns the run of the motion where that fails."""
         from . import closed_loop
         from .feedback import check_solver
 

@@ -23,7 +23,7 @@ from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.operation import in_threads
 from ..scenario import RegulatorSettings, Scenario
-from ..scenario.closed_loop import LoopNumbers, sampled_of
+from ..scenario.closed_loop import LoopNumbers, build_sampled_system
 from ..scenario.feedback import sample_of
 from ..simulation.variables import Variable
 
@@ -101,7 +101,7 @@ def solve_loops(
 
 
 def _common(template: Scenario, numbers: LoopNumbers, changes: Any, within: float, samples: int) -> Common:
-    sampled = sampled_of(template)
+    sampled = build_sampled_system(template)
     settings = template.feedback
     Q = settings.Q if isinstance(settings, RegulatorSettings) else 1.0
     weights = np.asarray(weight_matrix("Q", Q, sampled.directions))
@@ -136,7 +136,7 @@ def _row(sought: Sought, common: Common, shared: Any, row: Any) -> dict[str, Arr
         **vars(loop.states),
         **_of_loop(loop, common),
         **_of_estimate(loop, common),
-        **_reduced(loop, sought.reductions),
+        **_reduce(loop, sought.reductions),
     }
     if sought.readings:
         results |= {f"measured_{name}": read for name, read in loop.run.measured(sensors).items()}
@@ -174,18 +174,18 @@ def _size(xi: Float[Array, "T n"], common: Common) -> Float[Array, " T"]:
     return jnp.sqrt(jnp.maximum(squared, 0.0))
 
 
-def _reduced(loop: ClosedLoop, reductions: tuple[tuple[str, AbstractReduction], ...]) -> dict[str, Array]:
-    """What reductions report of the samples and the end, where the last input is still held."""
+def _reduce(loop: ClosedLoop, reductions: tuple[tuple[str, AbstractReduction], ...]) -> dict[str, Array]:
+    """Reduces the samples and the end, where the last input is still held, to what is reported."""
     if not reductions:
         return {}
     quantities = tuple(dict.fromkeys(item.quantity for _, item in reductions))
     u = jnp.concatenate([loop.u, loop.u[-1:]])
 
-    def seen(at: Any) -> Array:
+    def quantities_at(at: Any) -> Array:
         t, state, u = at
         return values(quantities, loop.plant.held(u).prepare(), t, state)
 
-    every, reports = jax.lax.map(seen, (loop.times, loop.states, u)), {}
+    every, reports = jax.lax.map(quantities_at, (loop.times, loop.states, u)), {}
     for name, item in reductions:
         own = every[:, quantities.index(item.quantity)]
         places = [jnp.argmax(sign * own) for sign in item.signs]

@@ -52,7 +52,7 @@ def open_grid(folder: str | Path) -> "xarray.Dataset":
     """
     import xarray
 
-    from .grid import crossed
+    from .grid import cross_axes
 
     data = open_dataset(folder)
     if not (Path(folder) / AXES).is_dir():
@@ -60,7 +60,7 @@ def open_grid(folder: str | Path) -> "xarray.Dataset":
             f'The store "{folder}" must contain the points of its axes, but another version of jaxball wrote it '
             "without them; use open_dataset for its rows."
         )
-    return crossed(data, xarray.open_zarr(folder, group=AXES, chunks=None, consolidated=False))
+    return cross_axes(data, xarray.open_zarr(folder, group=AXES, chunks=None, consolidated=False))
 
 
 def row_events(folder: str | Path) -> dict[str, AbstractEvent]:

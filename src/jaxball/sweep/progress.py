@@ -16,7 +16,7 @@ from ..scenario import ScenarioError, read_document
 from ..scenario.paths import with_numbers
 from ..simulation.variables import LEFT_PLANE
 from .executors import ChunkResult
-from .files import STATUS, changed, check_intact, done, numbers_of
+from .files import STATUS, change_error, check_intact, list_chunks, numbers_of
 from .outputs import LEFT, went_on
 from .store import read_attributes
 
@@ -53,10 +53,10 @@ def status_counts(folder: Path) -> StatusCounts:
     rows, size = attributes["rows"], attributes["chunk"]
     counts, first, left = np.zeros(len(Status), dtype=int), None, 0
     looks = (folder / LEFT).is_dir()
-    for chunk in done(folder):
+    for chunk in list_chunks(folder):
         status = column(folder, "status", chunk, size, STATUS)[: rows - chunk * size]
         if not np.all((status >= 0) & (status < len(Status))):  # as a store of an earlier version may have them
-            raise changed(folder / "status" / "c" / str(chunk))
+            raise change_error(folder / "status" / "c" / str(chunk))
         counts += np.bincount(status, minlength=len(Status))
         failed = ~np.isin(status, SUCCESSES)
         if first is None and np.any(failed):
@@ -78,7 +78,7 @@ def column(folder: Path, name: str, chunk: int, rows: int, dtype: np.dtype) -> n
         return np.frombuffer(content, dtype)
     numbers = numbers_of(path, rows * dtype.itemsize)
     if numbers is None:
-        raise changed(path)
+        raise change_error(path)
     return np.frombuffer(numbers, dtype)
 
 

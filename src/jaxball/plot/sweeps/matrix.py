@@ -79,7 +79,7 @@ def sweep_matrix(
     variables = []
     for path in numbers:
         logarithmic, crossed = rows.is_logarithmic(path), not rows.is_scattered(path)
-        label = _wrapped(number_label(path, labels))
+        label = _wrap_path(number_label(path, labels))
         variables.append(_Variable(label, rows.number(path), True, logarithmic, crossed))
     for name in results:
         variables.append(_Variable(label_of(data, name, labels), values_of(rows, name)))
@@ -167,8 +167,8 @@ def _edges(different: Float[np.ndarray, " values"], variable: _Variable) -> Floa
     return np.exp(edges) if logarithmic else edges
 
 
-def _wrapped(path: str) -> str:
-    """A long path on two lines."""
+def _wrap_path(path: str) -> str:
+    """Writes a long path on two lines."""
     if "$" in path:
         return path
     head, _, tail = path.rpartition(".")
