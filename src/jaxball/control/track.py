@@ -144,17 +144,17 @@ def tvlqr(
     count = samples_in(run.times, float(to_numpy(sample, "sample")))
     nominal = nominal_of(run, sampled, count)
     factors = factors_of(float(to_numpy(sample, "sample")), sampled, Q, R, Qf, cross)
-    return tracked(sampled, nominal, *factors)
+    return build_track(sampled, nominal, *factors)
 
 
-def tracked(
+def build_track(
     sampled: SampledSystem,
     nominal: NominalMotion,
     W: Float[Array, "rows n_plus_m"],
     S: Float[Array, "rows_at_end n_plus_one"] | None,
 ) -> Track:
-    """The regulator along a motion, with factors of its weights; traceable."""
-    linear, found = _regulated(sampled, nominal, W, S)
+    """Builds the regulator along a motion, with factors of its weights; traceable."""
+    linear, found = _regulate(sampled, nominal, W, S)
     return Track(sampled, nominal, linear, found, W, sampled.directions)
 
 
@@ -192,15 +192,15 @@ def _factor(
 
 
 @programs.filter_jit
-def _regulated(sampled: SampledSystem, nominal: NominalMotion, W: Array, S: Array | None) -> tuple[Linear, Regulator]:
-    linear = linearised(sampled, nominal)
+def _regulate(sampled: SampledSystem, nominal: NominalMotion, W: Array, S: Array | None) -> tuple[Linear, Regulator]:
+    linear = linearise_flow(sampled, nominal)
     if S is None:
         S = stationary(jax.tree.map(lambda leaf: leaf[-1], linear), W, nominal.samples)
     return linear, regulator(linear, W, S)
 
 
-def linearised(sampled: SampledSystem, nominal: NominalMotion) -> Linear:
-    """The linear flow of each sample along a motion."""
+def linearise_flow(sampled: SampledSystem, nominal: NominalMotion) -> Linear:
+    """Linearises the flow of each sample along a motion."""
     before = jax.tree.map(lambda leaf: leaf[:-1], nominal.states)
     after = jax.tree.map(lambda leaf: leaf[1:], nominal.states)
-    return jax.lax.map(lambda at: sampled.linearised(*at), (nominal.times[:-1], before, nominal.u, after))
+    return jax.lax.map(lambda at: sampled.linearise(*at), (nominal.times[:-1], before, nominal.u, after))

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..control.inputs import held
+from ..control.inputs import hold_inputs
 from ..control.loop import limits_of
 from ..control.sampled import PlacedState, SampledSystem
 from ..interface.arguments import refusal, require, require_callable, whole_number
@@ -223,7 +223,7 @@ class Environment(Printed):
         u = waiting[episode.delay]
         system = self.robot(episode.parameters, u)
         t = h * episode.k.astype(h.dtype)
-        state, status = self.sampled.advanced(system, t, episode.state, self.adjoint)
+        state, status = self.sampled.advance(system, t, episode.state, self.adjoint)
         failed = status != Status.SUCCESS
         # Projected afterwards: the derivatives of a failed solve are not known, and 0 of them are to be 0.
         state = jax.tree.map(lambda new, old: jnp.where(failed, old, new), state, episode.state).projected()
@@ -288,7 +288,7 @@ class Environment(Printed):
     def robot(self, parameters: dict[str, Float[Array, "..."]], u: Float[Array, " m"]) -> System:
         """The body with the parameters of an episode, while its inputs are ``u``."""
         system = with_numbers(self.sampled.system, parameters) if parameters else self.sampled.system
-        return held(system, self.sampled.places, u)
+        return hold_inputs(system, self.sampled.places, u)
 
     def _started(self, key: Any) -> PlacedState:
         if not self.starts:

@@ -395,7 +395,7 @@ def _check_estimator(
             raise key_error("estimator.sensors", f"names of sensors of the scenario; {known}", describe(name))
     chosen = estimator.choose(sensors)
     with in_keys("estimator"):
-        known = ErrorStateFilter.for_sampled(sampled, chosen, estimator.process, estimator.biases)
+        known = ErrorStateFilter.for_sampled_system(sampled, chosen, estimator.process, estimator.biases)
         known.deviations(estimator.spread)
         for name, sensor in chosen.items():
             samples_late(name, sensor, sampled)

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..control.feedback import AbstractFeedback
-from ..control.loop import ClosedLoop, looped
+from ..control.loop import ClosedLoop, run_loop
 from ..control.weights import weight_matrix
 from ..ensemble import AbstractReduction
 from ..ensemble.reductions import Observed, values
@@ -124,7 +124,7 @@ def _row(sought: Sought, common: Common, shared: Any, row: Any) -> dict[str, Arr
     numbers: LoopNumbers = eqx.combine(own, shared)
     known = numbers.feedback(common.sample, common.t0, sought.samples) if common.feedback is None else common.feedback
     feedback, plant, first = numbers.around(known)
-    found = looped(feedback, plant, first, sought.samples, numbers.delay, None, sought.longest)
+    found = run_loop(feedback, plant, first, sought.samples, numbers.delay, None, sought.longest)
     times, states, u, du, xi, memory = found
     loop = ClosedLoop(times, states, u, du, xi, feedback, plant, memory)
     reached = jnp.sum(jnp.all(jnp.isfinite(loop.xi), axis=1)) - 1
@@ -155,7 +155,7 @@ def _of_loop(loop: ClosedLoop, common: Common) -> dict[str, Array]:
 
 
 def _of_estimate(loop: ClosedLoop, common: Common) -> dict[str, Array]:
-    estimate = loop.feedback.estimated(loop.times, loop.memory)
+    estimate = loop.feedback.estimates(loop.times, loop.memory)
     if estimate is None:
         return {}
     before = jax.tree.map(lambda leaf: leaf[:-1], loop.states)
@@ -183,7 +183,7 @@ def _reduce(loop: ClosedLoop, reductions: tuple[tuple[str, AbstractReduction], .
 
     def quantities_at(at: Any) -> Array:
         t, state, u = at
-        return values(quantities, loop.plant.held(u).prepare(), t, state)
+        return values(quantities, loop.plant.hold(u).prepare(), t, state)
 
     every, reports = jax.lax.map(quantities_at, (loop.times, loop.states, u)), {}
     for name, item in reductions:

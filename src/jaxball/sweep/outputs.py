@@ -39,7 +39,7 @@ from .study import Find, Study
 
 AXES = "axes"  # the group of a store that holds the points of each axis
 NAMES = "names"  # the attribute that has the labels along a dimension, if they are not numbers
-LEAST_FORCE, LEFT = "least_normal_force", "flag_departures"
+LEAST_FORCE, LEFT = "least_normal_force", "left_plane"
 _LOGARITHMIC = ("log-uniform", "lognormal")
 
 

@@ -12,7 +12,7 @@ from ...interface.wording import counted
 from ...scenario.errors import ScenarioError
 from ...scenario.paths import check_number, entries, value_at
 from ..input import add_scenario, scenario_document, scenario_of
-from ..jax_setup import compiled_for, set_up_jax
+from ..jax_setup import compile_for, set_up_jax
 from ..options import (
     CHART_AXIS,
     FAILED_SOLVE,
@@ -133,7 +133,7 @@ def _motion(options: argparse.Namespace, document: dict[str, Any], period: float
         if options.after <= start:
             raise BadInputError(f"Argument `--after` must be after the start, {start:g}, but it is {options.after:g}.")
         before = dataclasses.replace(scenario, times=np.array([start, options.after]))
-        with working(options, f"simulating to t = {options.after:g}"), compiled_for(before):
+        with working(options, f"simulating to t = {options.after:g}"), compile_for(before):
             before = before.simulate()
         if not before.ok:
             print(f"jaxball: {message_in_keys(before)}", file=sys.stderr)

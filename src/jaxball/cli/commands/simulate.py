@@ -16,7 +16,7 @@ from ...scenario.paths import with_values
 from ...scenario.solvers import SOLVERS
 from ..animation import add_animation, check_animation, check_span, write_animation
 from ..input import add_scenario, scenario_document, scenario_of, source_name
-from ..jax_setup import compiled_for, set_up_jax
+from ..jax_setup import compile_for, set_up_jax
 from ..options import (
     FAILED_SOLVE,
     BadInputError,
@@ -25,11 +25,11 @@ from ..options import (
     add_replacing,
     check_figures_folder,
     check_json,
+    name_files,
     number,
     positive,
     say,
     working,
-    written_line,
 )
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def run(options: argparse.Namespace) -> int:
     check_span(options, scenario)
     check_figures(options, scenario)
     check_memory(options, scenario.times.size)
-    with compiled_for(scenario):
+    with compile_for(scenario):
         return _simulate(options, scenario)
 
 
@@ -142,7 +142,7 @@ def _simulate(options: argparse.Namespace, scenario: "Scenario") -> int:
         content = {} if options.json is None else _content(scenario, trajectory)
         checks = [] if options.quiet else _checks(trajectory)
     write_json(options, content)
-    say(options, scenario.title, trajectory, *checks, written_line(written))
+    say(options, scenario.title, trajectory, *checks, name_files(written))
     return 0
 
 
