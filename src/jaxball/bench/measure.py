@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ..interface.wording import counted
+from ..interface.wording import number_of
 from .contenders import Contender, Program, Run
 from .problem import Problem
 
@@ -126,7 +126,7 @@ def measure(problem: Problem, contenders: Sequence[Contender], settings: Setting
             continue
         built, failures = _build(problem, contender, settings, leave_out)
         if built:
-            echo(f"  {contender.name}: {counted(len(built), 'setting')}, built in {seconds(built[0].build_time)}")
+            echo(f"  {contender.name}: {number_of(len(built), 'setting')}, built in {seconds(built[0].build_time)}")
         entries += built
         measured.rows += failures
     time_in_turns(entries, settings.budget)

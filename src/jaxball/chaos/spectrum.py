@@ -72,7 +72,7 @@ def lyapunov_spectrum(
     """
     state = phase_point(system, at_rest(system) if state is None else state)
     edges, skipped = interval_edges(times, transient, interval)
-    exponents = checked_count(exponents, dimension(state))
+    exponents = check_count(exponents, dimension(state))
     rtol, atol = map(to_array, checked_tolerances(rtol, atol))
     steps = Steps(checked_solver(solver), rtol, atol, checked_steps(max_steps))
     method = Method(steps, exponents, skipped, normal_of(state))
@@ -134,7 +134,7 @@ def lyapunov_spectrum_of(
     """
     require_callable("field", field, "t", "x", "args")
     x = numbers("x", ("size",))(x)
-    exponents = checked_count(exponents, x.size - (normal is not None))
+    exponents = check_count(exponents, x.size - (normal is not None))
     edges, skipped = interval_edges(times, transient, interval)
     rtol, atol = map(to_array, checked_tolerances(rtol, atol))
     method = Method(Steps(checked_solver(solver), rtol, atol, checked_steps(max_steps)), exponents, skipped, normal)
@@ -151,8 +151,8 @@ class Method(NamedTuple):
     normal: Normal | None
 
 
-def checked_count(exponents: int | None, largest: int) -> int:
-    """How many exponents; by default all.
+def check_count(exponents: int | None, largest: int) -> int:
+    """Checks how many exponents; by default all.
 
     **Raises:** ``ValueError`` when the phase space has fewer.
     """

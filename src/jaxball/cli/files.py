@@ -14,7 +14,7 @@ import numpy as np
 from ..interface.output import replacing, write_text
 from ..interface.printing import json_types
 from ..interface.status import Status
-from ..interface.wording import counted
+from ..interface.wording import number_of
 from ..plot.files import check_others, figures_in, plain_name, scenario_mark
 from ..scenario import Scenario, ScenarioError, read_document, write_scenario
 from ..scenario.paths import entries
@@ -109,7 +109,7 @@ def draw_figures(
         svg_text=options.svg_text,
         replace=options.force,
     )
-    return f"{counted(len(paths), 'figure')} in {folder}"
+    return f"{number_of(len(paths), 'figure')} in {folder}"
 
 
 def check_figures(options: argparse.Namespace, scenario: Scenario) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import scenario
-from ..results.files import READ_BACK, saved_text
+from ..results.files import READ_BACK, load_text
 from ..scenario.errors import ScenarioError, all_problems
 from ..scenario.logs import with_logs
 from ..scenario.paths import with_values
@@ -57,7 +57,7 @@ def input_text(source: str) -> str | None:
     **Raises:** :class:`~jaxball.ScenarioError` where it is not text, and where there is no scenario.
     """
     if is_run(source):
-        return saved_text(Path(source))
+        return load_text(Path(source))
     if source != STDIN:
         return None
     try:

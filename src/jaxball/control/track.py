@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..interface.printing import shown
-from ..interface.wording import counted
+from ..interface.printing import format_value
+from ..interface.wording import number_of
 from ..numerics import programs
 from ..numerics.arrays import AnyArray, Numbers, default_dtype, is_traced, to_numpy
 from ..simulation import DEFAULT_TOLERANCE
@@ -74,7 +74,7 @@ class Track(AbstractFeedback):
         times, sizes = self.nominal.times, np.max(np.abs(np.asarray(self.gains)), axis=(0, 2))
         lines = [
             f"Track of a {self.sampled.system.described()}",
-            f"  {counted(self.nominal.samples, 'sample')} of {shown(self.sampled.sample)}, "
+            f"  {number_of(self.nominal.samples, 'sample')} of {format_value(self.sampled.sample)}, "
             f"from {float(times[0]):g} to {float(times[-1]):g}",
             *(f"  {name}: gains up to {size:.4g}" for name, size in zip(self.inputs, sizes, strict=True)),
         ]

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 
 from .. import plot
 from ..interface.output import write_text
-from ..interface.wording import all_of, counted
+from ..interface.wording import all_of, number_of
 from ..numerics import programs
 from ..physics.body import System
 from ..plot.report import write_figure
@@ -333,7 +333,7 @@ def _control_constraints(controlled: Controlled) -> list[list[str]]:
         return []
     rows = [[name, violation(by, allowed)] for name, by in violations.items()]
     evaluated = (
-        f"Evaluated {POINTS_OF_INTERVAL - 1} times on each of {counted(controlled.solution.errors.size, 'interval')}"
+        f"Evaluated {POINTS_OF_INTERVAL - 1} times on each of {number_of(controlled.solution.errors.size, 'interval')}"
     )
     return [_table(["constraint", ""], rows, f"{evaluated}; a violation of {allowed:g} is allowed.")]
 

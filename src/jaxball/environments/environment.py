@@ -200,13 +200,13 @@ class Environment(Printed):
         """
         require("key", key, jax.Array, "a random key, such as jax.random.key(0)")
         of_start, of_robot, of_delay, of_goal, of_memory, of_reading, later = jax.random.split(random_key(key), 7)
-        state = self._started(of_start)
+        state = self._start(of_start)
         drawn = self._parameters(of_robot)
         zero = jnp.zeros_like(self.sampled.limits)
         moment = Moment(jnp.zeros_like(self.sampled.sample), self.robot(drawn, zero), state, zero)
         target = self.goal.draw(of_goal, moment)
         memory = self.observation.begin(of_memory, moment)
-        seen, memory = self._observed(of_reading, target, moment, memory)
+        seen, memory = self._observe(of_reading, target, moment, memory)
         least, most = self.delay
         delay = jax.random.randint(of_delay, (), least, most + 1)
         waiting = jnp.zeros((most + 1, zero.size), zero.dtype)
@@ -233,9 +233,9 @@ class Environment(Printed):
         misses = self.goal.misses(episode.target, moment)
         ended = status != Status.SUCCESS
         reward = h * self.reward(misses, moment) - jnp.where(ended, self.penalty, 0.0)
-        terminated = ended | self.goal.reached(episode.target, moment)
+        terminated = ended | self.goal.is_reached(episode.target, moment)
         of_reading, later = jax.random.split(episode.key)
-        seen, memory = self._observed(of_reading, episode.target, moment, episode.memory)
+        seen, memory = self._observe(of_reading, episode.target, moment, episode.memory)
         k = episode.k + 1
         after = Episode(state, k, waiting, episode.delay, episode.parameters, episode.target, memory, later)
         info = {"status": status, "misses": misses, "u": u}
@@ -290,7 +290,7 @@ class Environment(Printed):
         system = with_numbers(self.sampled.system, parameters) if parameters else self.sampled.system
         return hold_inputs(system, self.sampled.places, u)
 
-    def _started(self, key: Any) -> PlacedState:
+    def _start(self, key: Any) -> PlacedState:
         if not self.starts:
             return self.state
         xi = jnp.zeros(len(self.state.directions), self.sampled.sample.dtype)
@@ -306,9 +306,9 @@ class Environment(Printed):
             for k, (name, value) in enumerate(nominal.items())
         }
 
-    def _observed(self, key: Any, target: Any, moment: Moment, memory: Any) -> tuple[Float[Array, " numbers"], Any]:
+    def _observe(self, key: Any, target: Any, moment: Moment, memory: Any) -> tuple[Float[Array, " numbers"], Any]:
         seen, memory = self.observation(key, moment, memory, self.sampled.sample)
-        return jnp.concatenate([seen, self.goal.observed(target, moment)]) if self.shows_goal else seen, memory
+        return jnp.concatenate([seen, self.goal.observe(target, moment)]) if self.shows_goal else seen, memory
 
     def _in_contact(self, moment: Moment, status: Int[Array, ""]) -> Int[Array, ""]:
         """The status, or that of a robot that leaves the plane or slips."""

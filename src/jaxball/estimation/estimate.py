@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.arguments import refusal
 from ..interface.printing import Printed
-from ..interface.wording import counted
+from ..interface.wording import number_of
 from ..numerics import programs
 from ..numerics.arrays import is_traced
 from ..physics.state import PlacedState
@@ -266,7 +266,7 @@ class Estimate(AbstractEstimate):
         if is_traced(self.times):
             return "Estimate, traced"
         read = int(np.sum(np.asarray(self.read)))
-        lines = [f"Estimate at {counted(len(self.times), 'sample')}, from {counted(read, 'reading')}"]
+        lines = [f"Estimate at {number_of(len(self.times), 'sample')}, from {number_of(read, 'reading')}"]
         for name, size in self.deviations.items():
             lines.append(f"  {name}: ±{float(size[0]):.3g} at the start, ±{float(size[-1]):.3g} at the end")
         return "\n".join(lines)

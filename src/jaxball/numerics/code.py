@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from ..cache.executables import OWN, NoNameError, home_of, is_known
-from ..compat import jitted, node_functions
+from ..compat import node_functions, unwrap_jit
 
 _GLOBAL = ("LOAD_GLOBAL", "LOAD_NAME", "LOAD_FROM_DICT_OR_GLOBALS")
 _HELD = ("LOAD_DEREF", "LOAD_CLASSDEREF", "LOAD_FROM_DICT_OR_DEREF")
@@ -153,7 +153,7 @@ def of_other(value: Any) -> tuple[Any, ...] | None:
         if isinstance(value, kinds):
             return parts(value)
     try:
-        return jitted(value)
+        return unwrap_jit(value)
     except RuntimeError as error:
         raise NoNameError(str(error)) from None
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from ..interface.printing import is_array
-from ..interface.wording import all_of, counted
+from ..interface.wording import all_of, number_of
 from ..numerics import programs
 from ..numerics.arrays import AnyArray, Numbers, concatenated, default_dtype, namespace_of, to_array
 from .breaches import breaches, in_plane
@@ -47,8 +47,8 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
     __init__ = BodyParameters.__init__  # type checkers would derive another one from the fields
 
     def described(self) -> str:
-        parts = [counted(self.n_masses, "point mass", "point masses")] if self.n_masses else []
-        parts += [counted(len(self.mechanisms), "mechanism")] if self.mechanisms else []
+        parts = [number_of(self.n_masses, "point mass", "point masses")] if self.n_masses else []
+        parts += [number_of(len(self.mechanisms), "mechanism")] if self.mechanisms else []
         return f"{self.title} with {all_of(parts) if parts else 'no point masses'}"
 
     def conditions(self) -> Iterator[Condition]:

@@ -12,7 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..interface.arguments import described, require
+from ..interface.arguments import describe, require
 from ..interface.printing import Printed
 from ..numerics.arrays import concatenated, namespace_of, numbers
 from ..numerics.vectors import sine_cosine
@@ -62,7 +62,7 @@ def require_plane(ground: AbstractGround | None, purpose: str, error: type[Excep
     if not (ground is None or isinstance(ground, Ground)):
         raise error(
             f"Argument `ground` of the body must be a Ground or None for {purpose}, which is for planes, but it is "
-            f"{described(ground)}."
+            f"{describe(ground)}."
         )
 
 

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..interface.arguments import described, require, require_each
-from ..interface.printing import Printed, entry, shown, shown_fields
+from ..interface.arguments import describe, require, require_each
+from ..interface.printing import Printed, entry, format_fields, format_value
 from ..interface.wording import all_of
 from ..numerics.arrays import Numbers, is_traced, numbers
 from .feedback import AbstractLaw
@@ -137,7 +137,7 @@ class BodyParameters(Printed):
         known = vars(self)  # some are missing while the body is being made
         masses = _lines("masses", known.get("groups", ()), known.get("order", ()))
         mechanisms = _lines("mechanisms", known.get("mechanism_groups", ()), known.get("mechanism_order", ()))
-        return "\n".join([shown_fields(self, own), *masses, *mechanisms])
+        return "\n".join([format_fields(self, own), *masses, *mechanisms])
 
     @property
     def point_masses(self) -> tuple[PointMass, ...]:
@@ -234,7 +234,7 @@ def _lines(name: str, groups: Sequence[PointMass | AbstractMechanism], order: Se
         axis = max(np.ndim(group.mass) - (2 if isinstance(group, AbstractMechanism) else 1), 0)
         for k, index in enumerate(indices):  # the axes before are those of a batch
             item = jax.tree.map(lambda leaf, k=k, axis=axis: entry(leaf, axis, k), group)
-            lines[index] = f"  {name}[{index}]: {shown(item)}"
+            lines[index] = f"  {name}[{index}]: {format_value(item)}"
     shortened = [lines[index] for index in sorted(lines)]
     if len(shortened) > MOST_PRINTED:
         return [*shortened[:MOST_PRINTED], f"  and {len(shortened) - MOST_PRINTED} {name} more"]
@@ -260,7 +260,7 @@ def _require_plane(ground: AbstractGround | None) -> None:
     """Refuses what a disk cannot roll on."""
     if ground is not None and not isinstance(ground, Ground):
         raise ValueError(
-            f"Argument `ground` must be a plane under a disk, which rolls on a line, but it is {described(ground)}; "
+            f"Argument `ground` must be a plane under a disk, which rolls on a line, but it is {describe(ground)}; "
             "use a Ground, or a Ball."
         )
     if ground is not None and ground.turntable is not None:

@@ -20,7 +20,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from PIL import Image
 from PIL.GifImagePlugin import getdata
 
-from ..interface.interruption import blocked_in_children, on_interrupt
+from ..interface.interruption import block_in_children, on_interrupt
 from ..interface.output import OutputError, replacing
 from ..numerics.arrays import Numbers
 from ..simulation.trajectory import Trajectory
@@ -283,7 +283,7 @@ def mp4(path: Path, pictures: Iterable[Picture], fps: float | int, size: tuple[i
     coded = ["-c:v", "libx264", "-preset", "slow", "-tune", "animation", "-crf", str(QUALITY), "-pix_fmt", PIXELS]
     command = [FFMpegWriter.bin_path(), "-loglevel", "error", "-y", *raw, "-vf", EVEN, *coded]
     with tempfile.TemporaryFile() as said:
-        with blocked_in_children():
+        with block_in_children():
             process = subprocess.Popen(
                 [*command, "-movflags", "+faststart", str(path)], stdin=subprocess.PIPE, stdout=said, stderr=said
             )

@@ -13,7 +13,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 
-from ..interface.wording import counted
+from ..interface.wording import number_of
 from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array
 from ..physics.body import Disk, System
@@ -144,8 +144,8 @@ def _positions(system: System, t: Numbers, theta: Numbers) -> Positions:
     names = system.coordinates
     if angles.shape != (len(names),):
         raise ValueError(
-            f"Argument `theta` must have {counted(len(names), 'entry', 'entries')}, as many as the body's coordinates "
-            f"{list(names)}, but its shape is {angles.shape}."
+            f"Argument `theta` must have {number_of(len(names), 'entry', 'entries')}, as many as the body's "
+            f"coordinates {list(names)}, but its shape is {angles.shape}."
         )
     return Positions(*jax.tree.map(np.asarray, _evaluate(system, to_array(t), angles)))
 

@@ -26,13 +26,13 @@ from .files import FORMAT, SUFFIXES, UNKNOWN_SOLVER, check_format
 from .recording import write_mcap
 from .variables import (
     Variables,
-    described_fields,
+    describe_fields,
     event_values,
     history_attributes,
     history_values,
     labels,
-    measured_values,
     prefix_of_event,
+    sensor_values,
     switch_values,
     values,
 )
@@ -243,13 +243,13 @@ def _with_sensors(
 def _over_time(trajectory: Trajectory[Any, Any], sensors: Sensors) -> Variables:
     """Every variable over time, with its array."""
     return (
-        values(trajectory) | history_values(trajectory.history, trajectory.state) | measured_values(trajectory, sensors)
+        values(trajectory) | history_values(trajectory.history, trajectory.state) | sensor_values(trajectory, sensors)
     )
 
 
 def _of_switches(trajectory: Trajectory[Any, Any]) -> Variables:
     """Every variable of the switches between modes, with its array."""
-    return switch_values(trajectory.history, described_fields(trajectory.state))
+    return switch_values(trajectory.history, describe_fields(trajectory.state))
 
 
 def _write_netcdf(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None, sensors: Sensors) -> None:

@@ -4,7 +4,7 @@ import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from ..interface.wording import all_of, counted
+from ..interface.wording import all_of, number_of
 from ..physics.body import PointMass, System
 from ..physics.feedback import AbstractLaw, FollowSchedules, LinearLaw, Servo
 from ..physics.motion import Driven, OnRail
@@ -188,7 +188,7 @@ def _check_targets(values: Any, path: str, names: Sequence[str], joints: Sequenc
         if len(values[name]) != len(names):
             each = "one for each driven mass" if not joints else f"one for each of {all_of(names)}"
             raise key_error(
-                join(path, name), f"a list of {counted(len(names), 'number')}, {each}", f"one of {len(values[name])}"
+                join(path, name), f"a list of {number_of(len(names), 'number')}, {each}", f"one of {len(values[name])}"
             )
 
 

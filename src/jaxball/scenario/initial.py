@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from ..interface.wording import all_of, counted
+from ..interface.wording import all_of, number_of
 from ..numerics import programs
 from ..numerics.arrays import is_traced, to_array
 from ..numerics.vectors import length
@@ -136,7 +136,7 @@ def initial_state(
         elif len(values) != len(coordinates):
             joints = any(path.startswith("mechanisms") for path in coordinates)
             each = f"those of {all_of(coordinates)}" if joints else "one for each mass that a law drives"
-            must = f"a list of {counted(len(coordinates), 'number')}, {each}"
+            must = f"a list of {number_of(len(coordinates), 'number')}, {each}"
             raise key_error(join(path, name), must, f"one of {len(values)}")
     return (DiskState if kind == "disk" else BallState)(**fields)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..interface.arguments import refusal
 from ..interface.html import repr_html
-from ..interface.printing import shown
+from ..interface.printing import format_value
 from ..interface.wording import one_of
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
@@ -83,7 +83,7 @@ class Scenario:
         head = f"Scenario {self.title!r}: {span}, {self.solver} at rtol {self.rtol:g}"
         sensors = [f"{name}: {sensor}" for name, sensor in self.sensors.items()]
         events = [f"{name}: {event}" for name, event in self.events.items()]
-        parts = [self.system, shown(self.state), self.contact, *sensors, self.feedback, self.estimator, *events]
+        parts = [self.system, format_value(self.state), self.contact, *sensors, self.feedback, self.estimator, *events]
         parts = [str(part) for part in parts if part is not None]
         return "\n  ".join([head, *"\n".join(parts).splitlines()])
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..interface.arguments import described, refusal, require
+from ..interface.arguments import describe, refusal, require
 from ..interface.wording import UserError, all_of
 from ..numerics.arrays import Numbers, default_dtype, is_traced, require_numbers, to_array
 from ..numerics.differentiation import is_differentiated_forward
@@ -248,7 +248,7 @@ def system_to_solve(system: AbstractSystem, contact: Contact | None) -> Abstract
     if not isinstance(system, AbstractBody):
         raise TypeError(
             f"Argument `contact` must be None for a {type(system).__name__}, which is neither a Ball nor a Disk, but "
-            f"it is {described(contact)}."
+            f"it is {describe(contact)}."
         )
     require_plane(system.ground, "a law of contact, with slip and flight", TypeError)
     if system.sticking:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.arguments import require
-from ..interface.printing import Printed, is_single, shown
+from ..interface.printing import Printed, format_value, is_single
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.calculus import with_derivatives
@@ -79,7 +79,7 @@ class ContactExtremes(Printed):
 
     def __repr__(self) -> str:
         if not is_single(self.least_normal_force):
-            return shown(self)
+            return format_value(self)
         least = float(self.least_normal_force)
         lines = [f"least normal force {least:.10g} {self.when[0]}, {least / float(self.weight):.4g} of the weight"]
         if np.isfinite(self.friction_needed):

@@ -16,7 +16,7 @@ from typing_extensions import TypeVar
 from ..interface.html import as_html, sketch_of
 from ..interface.printing import Printed
 from ..interface.status import SUCCESSES, SolveError, Status
-from ..interface.wording import counted
+from ..interface.wording import number_of
 from ..numerics import programs
 from ..numerics.arrays import Numbers, is_traced, to_array
 from ..numerics.batches import map_rows
@@ -389,11 +389,11 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
             return self._of_many()
         lines = [
             f"Trajectory of a {self.system.described()}",
-            f"  {counted(self.times.size, 'time')} from {float(self.times[0]):g} to {float(self.times[-1]):g}",
+            f"  {number_of(self.times.size, 'time')} from {float(self.times[0]):g} to {float(self.times[-1]):g}",
         ]
         if int(self.status) == Status.IMPOSSIBLE:
             return "\n".join([*lines, f"  {self.message}"])
-        steps = f"  {counted(int(self.steps), 'step')}, {int(self.rejected)} of them rejected"
+        steps = f"  {number_of(int(self.steps), 'step')}, {int(self.rejected)} of them rejected"
         lines += [steps, f"  {self.message}"]
         if isinstance(self.state, BallState | DiskState):
             z = np.atleast_1d(np.asarray(self.state.z)[-1])

@@ -5,7 +5,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Complex, Float
 
-from ..interface.printing import Printed, shown
+from ..interface.printing import Printed, format_value
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array, to_numpy
@@ -56,7 +56,7 @@ class PeriodicMotion(Printed):
         multipliers = ", ".join(f"{value:.6g}" for value in self.multipliers)
         turns = f" and turns {self.turns}" if any(self.turns) else ""
         return (
-            f"Periodic motion of period {self.period:.8g}{turns} from {shown(self.state)}\n"
+            f"Periodic motion of period {self.period:.8g}{turns} from {format_value(self.state)}\n"
             f"  {self.message}\n  multipliers {multipliers}"
         )
 

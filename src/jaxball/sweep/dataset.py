@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..interface.wording import counted
+from ..interface.wording import number_of
 from ..scenario import Scenario, ScenarioError, read_document
 from ..scenario.paths import with_numbers
 from ..simulation.events import AbstractEvent, Detachment
@@ -87,8 +87,8 @@ def row_scenarios(folder: str | Path, rows: Sequence[int]) -> list[Scenario]:
     beyond = [row for row in rows if not 0 <= row < count]
     if beyond:
         raise StoreError(
-            f'Rows must be among the {counted(count, "row")} of "{folder}", from 0 to {count - 1}, but {beyond[0]} is '
-            "not."
+            f'Rows must be among the {number_of(count, "row")} of "{folder}", from 0 to {count - 1}, but {beyond[0]} '
+            "is not."
         )
     document, chosen = tomllib.loads(data.attrs["scenario"]), data[["row", *paths]].isel(row=list(rows)).load()
     scenarios = []

@@ -174,7 +174,7 @@ class Processes(concurrent.futures.ThreadPoolExecutor):
                 if os.name != "nt":  # where it starts one first, Python lets the signals through again
                     resource_tracker.ensure_running()
                 # Importing JAX takes seconds, in which a Ctrl-C at the terminal would reach it too.
-                with interruption.blocked_in_children():
+                with interruption.block_in_children():
                     process.start()
                 there.close()
                 self._started.append((process, here))

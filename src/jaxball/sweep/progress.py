@@ -11,7 +11,7 @@ from jaxtyping import Int
 
 from ..interface.activity import ERASE
 from ..interface.status import SUCCESSES, Status
-from ..interface.wording import counted
+from ..interface.wording import number_of
 from ..scenario import ScenarioError, read_document
 from ..scenario.paths import with_numbers
 from ..simulation.variables import LEFT_PLANE
@@ -100,8 +100,8 @@ def describe(folder: str | Path) -> str:
     lines += [f"  {int(counts.counts[status]):,} {status.name}" for status in Status if counts.counts[status]]
     if counts.left:
         lines.append(
-            f"  {counted(counts.left, 'row')} with a least normal force that is not positive (`left_plane`): the body "
-            "would leave the ground, and the equations of rolling do not hold after that"
+            f"  {number_of(counts.left, 'row')} with a least normal force that is not positive (`left_plane`): the "
+            "body would leave the ground, and the equations of rolling do not hold after that"
         )
     if counts.first is not None:
         lines.append(_failure(folder, attributes, counts.first))

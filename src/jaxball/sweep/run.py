@@ -16,7 +16,7 @@ import numpy as np
 from ..cpu import cores
 from ..interface.arguments import require_flags
 from ..interface.interruption import on_interrupt, stop_requested
-from ..interface.wording import counted
+from ..interface.wording import number_of
 from ..scenario import Scenario
 from .engine import solve_in_lanes
 from .errors import StudyError
@@ -109,10 +109,10 @@ def _describe_repair(study: Study, damages: list[Damage]) -> str:
     """Writes the line that says what is recomputed; empty if nothing is."""
     if not damages:
         return ""
-    others = f" and {counted(len(damages) - 1, 'other file')}" if damages[1:] else ""
+    others = f" and {number_of(len(damages) - 1, 'other file')}" if damages[1:] else ""
     chunks = {one.chunk for one in damages if one.chunk is not None}
     rows = sum(len(study.rows_of(chunk)) for chunk in chunks)
-    again = f"{counted(rows, 'row')} {'is' if rows == 1 else 'are'} computed again" if rows else "it is written again"
+    again = f"{number_of(rows, 'row')} {'is' if rows == 1 else 'are'} computed again" if rows else "it is written again"
     return f'Something has changed "{damages[0].path}"{others}; {again}.\n'
 
 
@@ -192,12 +192,12 @@ class Estimate(NamedTuple):
 
     def sentence(self) -> str:
         """The estimate as text."""
-        words = f"{counted(self.rows, 'row')} in {counted(self.chunks, 'chunk')}, a store of {_bytes(self.size)}"
+        words = f"{number_of(self.rows, 'row')} in {number_of(self.chunks, 'chunk')}, a store of {_bytes(self.size)}"
         if self.compiling is None or self.solving is None:
             return words
         share = f", {duration(self.starting)} of it to start" if self.starting else ""
         return (
-            f"{words}, about {duration(self.starting + self.solving)} with {counted(self.workers, 'worker')}{share} "
+            f"{words}, about {duration(self.starting + self.solving)} with {number_of(self.workers, 'worker')}{share} "
             f"after compiling for {duration(self.compiling)}"
         )
 

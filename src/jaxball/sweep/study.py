@@ -16,7 +16,7 @@ from jaxtyping import Float, Int
 from ..ensemble import REDUCTIONS, AbstractReduction, Drift, Integral, Maximum, Minimum
 from ..ensemble.reductions import reductions_of
 from ..interface.html import repr_html
-from ..interface.wording import counted, did_you_mean
+from ..interface.wording import did_you_mean, number_of
 from ..physics.rolling import AbstractRollingSystem
 from ..scenario import Scenario, ScenarioError, read_document
 from ..scenario.errors import each_of, raise_first, try_readers
@@ -142,9 +142,9 @@ class Study:
     _repr_html_ = repr_html
 
     def __repr__(self) -> str:
-        axes = [f"  {', '.join(axis.paths)}: {counted(axis.size, 'point')}" for axis in self.axes]
+        axes = [f"  {', '.join(axis.paths)}: {number_of(axis.size, 'point')}" for axis in self.axes]
         finds = [f"  finds {', '.join(find.name for find in self.finds)}"] if self.finds else []
-        return "\n".join([f"Study {self.title!r}: {counted(self.rows, 'row')}", *axes, *finds])
+        return "\n".join([f"Study {self.title!r}: {number_of(self.rows, 'row')}", *axes, *finds])
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -64,8 +64,8 @@ def read_tree(robot: ET.Element) -> Tree:
 
     **Raises:** :class:`URDFError` for links that are no tree, and for joints of other kinds.
     """
-    links = _named(robot, "link")
-    joints = [_joint(element, links) for element in _named(robot, "joint").values()]
+    links = _elements_by_name(robot, "link")
+    joints = [_joint(element, links) for element in _elements_by_name(robot, "joint").values()]
     above: dict[str, Joint] = {}
     for joint in joints:
         if joint.child in above:
@@ -92,7 +92,7 @@ def read_tree(robot: ET.Element) -> Tree:
     return Tree(links, frames, [joint for joint in joints if joint.kind in MOVING], rigid)
 
 
-def _named(robot: ET.Element, tag: str) -> dict[str, ET.Element]:
+def _elements_by_name(robot: ET.Element, tag: str) -> dict[str, ET.Element]:
     elements: dict[str, ET.Element] = {}
     for element in robot.findall(tag):
         name = element.get("name")

@@ -8,7 +8,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from ...interface.status import Status
-from ...interface.wording import counted
+from ...interface.wording import number_of
 from ...scenario.errors import ScenarioError
 from ...scenario.paths import check_number, entries, value_at
 from ..input import add_scenario, scenario_document, scenario_of
@@ -201,7 +201,7 @@ def _summary(motion: "PeriodicMotion") -> list[str]:
 
     angles = zip(_angles(motion.state), motion.turns, strict=True)
     turned = ", ".join(f"{name} {turns}" for name, turns in angles if turns)
-    steps = counted(motion.iterations, "step")
+    steps = number_of(motion.iterations, "step")
     lines = [
         state_line(motion),
         f"  {motion.message}",

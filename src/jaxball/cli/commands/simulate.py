@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...interface.output import check_view
-from ...interface.wording import counted
+from ...interface.wording import number_of
 from ...results.files import check_format
 from ...scenario.errors import ScenarioError
 from ...scenario.paths import with_values
@@ -288,11 +288,11 @@ def check_memory(options: argparse.Namespace, times: int) -> None:
     needed, free = times * (OF_STATES + OF_OBSERVABLES * observed), free_memory()
     if needed > free:
         raise BadInputError(
-            f"Key `time` asks for {counted(times, 'time')}, which need about {_gigabytes(needed)} of memory, but "
+            f"Key `time` asks for {number_of(times, 'time')}, which need about {_gigabytes(needed)} of memory, but "
             f"{_gigabytes(free)} are free; save fewer times."
         )
     if times > MANY_TIMES and not options.quiet:
-        warning = f"jaxball: {counted(times, 'time')} take minutes and about {_gigabytes(needed)} of memory."
+        warning = f"jaxball: {number_of(times, 'time')} take minutes and about {_gigabytes(needed)} of memory."
         print(warning, file=sys.stderr, flush=True)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ...interface.interruption import STOPPED, exit_code, interrupt_message
 from ...interface.output import check_folder
-from ...interface.wording import all_of, counted, pip_install
+from ...interface.wording import all_of, number_of, pip_install
 from ..input import gather_problems, text_and_document
 from ..jax_setup import set_up_jax
 from ..kinds import STUDY
@@ -136,7 +136,7 @@ def _plot(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
             )
     except plot.PictureError as error:
         raise BadInputError(str(error)) from None
-    print(f"{counted(len(paths), 'figure')} of {options.store}")
+    print(f"{number_of(len(paths), 'figure')} of {options.store}")
     for path in paths:
         print(f"  written: {path}")
     return 0

@@ -324,7 +324,7 @@ def _draw(
 ) -> str:
     """Draws what there is to see, and returns how many figures and where."""
     from ... import plot
-    from ...interface.wording import counted
+    from ...interface.wording import number_of
     from ...plot.files import run_mark, save_figures
     from ...plot.style import caption
     from ..files import figure_name, suffixes
@@ -356,7 +356,7 @@ def _draw(
         svg_text=options.svg_text,
         replace=options.force,
     )
-    return f"{counted(len(paths), 'figure')} in {options.plot}"
+    return f"{number_of(len(paths), 'figure')} in {options.plot}"
 
 
 def _parse_start(text: str) -> float | dict[str, float]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from ...interface.wording import counted
+from ...interface.wording import number_of
 from ...scenario.errors import ScenarioError, all_problems
 from ...scenario.logs import with_logs
 from ...scenario.sources import builtin_scenarios, builtin_text, document_of, text_of
@@ -82,7 +82,7 @@ def _study(document: dict[str, Any], folder: Path) -> str:
 
     study = read_study(tomli_w.dumps(document), folder)
     shape = " × ".join(f"{size:,}" for size in study.shape)
-    rows = counted(study.rows, "row")
+    rows = number_of(study.rows, "row")
     return _add_title(
         STUDY.words, f"{rows}{f' ({shape})' if len(study.shape) > 1 else ''} of {', '.join(study.paths)}", document
     )
@@ -93,7 +93,7 @@ def _problem(document: dict[str, Any], folder: Path) -> str:
 
     problem = problem_of(document, folder).problem
     size = problem.space.size
-    variables = counted(size, "variable")
+    variables = number_of(size, "variable")
     content = (variables, _names("objectives", problem.objectives), _names("constraints", problem.constraints))
     return _add_title(PROBLEM.words, "; ".join(content), document)
 

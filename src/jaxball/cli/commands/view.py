@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...interface.output import MOST_BODIES, check_view
-from ...interface.wording import counted
+from ...interface.wording import number_of
 from ...results.files import READ_BACK, RunError, check_saved
 from ..input import refuse_document
 from ..jax_setup import compile_for, set_up_jax
@@ -77,7 +77,7 @@ def _rows(text: str) -> tuple[int, ...]:
         raise argparse.ArgumentTypeError(f"it must be row numbers separated by commas, but it is {text}")
     rows = tuple(int(part) for part in parts)
     if len(set(rows)) < len(rows) or len(rows) > MOST_BODIES:
-        number = counted(len(rows), "row") + " with one twice" * (len(set(rows)) < len(rows))
+        number = number_of(len(rows), "row") + " with one twice" * (len(set(rows)) < len(rows))
         raise argparse.ArgumentTypeError(f"it must be up to {MOST_BODIES} different rows, but it is {number}")
     return rows
 

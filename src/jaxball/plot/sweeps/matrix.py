@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ...interface.status import Status
-from ...interface.wording import counted
+from ...interface.wording import number_of
 from ..palette import COMPONENTS
 from ..style import SMALL_FONT, caption, label_axes, plane_axes
 from .axes import (
@@ -102,7 +102,7 @@ def sweep_matrix(
             ax.tick_params(labelbottom=i == n - 1, labelleft=j == 0 and i > 0)
     figure.legend(
         handles=list(keys.values()),
-        title=left_out[0] if left_out else counted(len(rows), "row"),
+        title=left_out[0] if left_out else number_of(len(rows), "row"),
         loc="upper right",
         frameon=False,
         prop=SMALL_FONT,
