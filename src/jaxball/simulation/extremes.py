@@ -16,7 +16,7 @@ from ..numerics.calculus import with_derivatives
 from ..numerics.differentiation import differentiated_where, once
 from ..physics.packing import Packing
 from ..physics.rolling import AbstractRollingSystem, Reaction
-from ..solvers.dense.maxima import maxima, moved
+from ..solvers.dense.maxima import maxima, move
 from ..solvers.dense.steps import Steps
 from .trajectory import Interpolant, Trajectory, always_rolls
 
@@ -159,6 +159,6 @@ def _extremes(interpolant: Interpolant, reached: Float[Array, ""], status: Array
 def _at(steps: Steps, packing: Packing, index: Int[Array, "3"], times: Float[Array, "3"]) -> tuple[Array, ...]:
     """N, |f| / N and |f|, each with its time, at three times in steps, with their derivatives."""
     kinks = packing.system.kinks()
-    times, vectors = jax.vmap(lambda i, t: moved(steps, kinks, i, t))(index, times)
+    times, vectors = jax.vmap(lambda i, t: move(steps, kinks, i, t))(index, times)
     force = jax.lax.map(lambda at: packing.system.plane_reaction(at[0], packing.unpack(*at)), (times, vectors))
     return force.normal[0], times[0], force.ratio[1], times[1], force.friction[2], times[2]

@@ -24,7 +24,7 @@ from ...physics.body import System
 from ...simulation.simulate import simulate
 from ...simulation.trajectory import Trajectory
 from ...solvers import AbstractMassTerm, AbstractWrappingSolver
-from ...solvers.mass import mass_term, unwrapped
+from ...solvers.mass import mass_term, unwrap
 from .. import reference
 from ..reference import Reference
 
@@ -123,7 +123,7 @@ class CountingSolver(AbstractWrappingSolver):
         if with_mass is None:
             return CountingTerm(term, self.tick)
         # In its place, because solvers get g from it, and the direction of time from its wrappers.
-        return eqx.tree_at(unwrapped, term, CountingMassTerm(with_mass, self.tick))
+        return eqx.tree_at(unwrap, term, CountingMassTerm(with_mass, self.tick))
 
 
 @dataclass(frozen=True)
