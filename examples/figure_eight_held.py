@@ -71,7 +71,7 @@ for name, loop in loops.items():
 assert missed["without feedback"] > 10 * missed["with feedback"]
 assert missed["without feedback"] > 4 * missed["from sensors"]
 
-run = loops["from sensors"].run.made_by(held)
+run = loops["from sensors"].run.set_scenario(held)
 save(run, "figure_eight_held.nc")
 run.view("figure_eight_held.html")
 figures = {"paths": plot.held_paths(loops), "inputs": plot.held_inputs({"with feedback": loops["with feedback"]})}

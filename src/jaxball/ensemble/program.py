@@ -14,7 +14,7 @@ from ..numerics import programs
 from ..numerics.closures import put_captures, take_captures
 from ..numerics.differentiation import with_unknown_derivatives
 from ..simulation.observers import Found, Observation
-from ..simulation.simulate import Method, simulated_and_found
+from ..simulation.simulate import Method, simulate_and_observe
 from ..simulation.trajectory import Trajectory
 from ..solvers.collocation import fills_vectors
 from .reductions import AbstractReduction, Observed, Quantity, values
@@ -89,7 +89,7 @@ def _run(
     """One of the runs."""
     settings = put_captures(settings, [])
     method = settings.method._replace(observation=_observation(settings.reductions))
-    fields, found = simulated_and_found(method, system, times, state, rtol, atol, events)
+    fields, found = simulate_and_observe(method, system, times, state, rtol, atol, events)
     run = Trajectory.of(system.shown, times, *fields[:-1], state, fields[-1])
     reported = _reports(settings.reductions, found)
     reported = {name: jnp.where(run.status == Status.IMPOSSIBLE, jnp.nan, value) for name, value in reported.items()}

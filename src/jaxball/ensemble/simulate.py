@@ -22,10 +22,10 @@ from ..physics.system import AbstractState, AbstractSystem
 from ..simulation.arguments import (
     DEFAULT_TOLERANCE,
     NO_PROGRESS,
-    checked_adjoint,
-    checked_solver,
-    checked_steps,
-    checked_tolerances,
+    check_adjoint,
+    check_solver,
+    check_steps,
+    check_tolerances,
     require_dae,
     require_kind_of_state,
     system_to_solve,
@@ -196,8 +196,8 @@ def simulate_ensemble(
     require_kind_of_state(simulated, state)
     if dae:
         require_dae(simulated, state, solver)
-    events, solver = check_events(simulated, events), checked_solver(solver)
-    rtol, atol = checked_tolerances(rtol, atol, of_many=True)
+    events, solver = check_events(simulated, events), check_solver(solver)
+    rtol, atol = check_tolerances(rtol, atol, of_many=True)
     given = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
     reductions = _check_reductions(reductions)
     of_both, of_events = (in_axes[:2], in_axes[2]) if _has_three(in_axes) else (in_axes, None)
@@ -211,9 +211,9 @@ def simulate_ensemble(
     limits = tuple(x if x.ndim else jnp.broadcast_to(x, (runs,)) for x in (rtol, atol))
     method = Method(
         solver=solver,
-        adjoint=checked_adjoint(adjoint),
+        adjoint=check_adjoint(adjoint),
         progress=NO_PROGRESS,
-        max_steps=checked_steps(max_steps),
+        max_steps=check_steps(max_steps),
         step_to_times=step_to_times,
         dae=dae,
         project=project,

@@ -84,7 +84,7 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
     except KeyError as error:
         raise no_run(path, f"it has no {error}") from None
     settings_known = not str(about.get("scenario", "")).startswith(UNKNOWN_SOLVER)
-    return run.made_by(scenario) if scenario is not None and settings_known else run
+    return run.set_scenario(scenario) if scenario is not None and settings_known else run
 
 
 def saved_scenario(path: str | Path) -> Scenario:

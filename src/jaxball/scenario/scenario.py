@@ -154,7 +154,7 @@ class Scenario:
             events=self._with(events),
             contact=self.contact,
             progress=progress,
-        ).made_by(used)
+        ).set_scenario(used)
         return trajectory.raise_if_failed() if throw else trajectory
 
     def _with(self, events: "Mapping[str, AbstractEvent] | None") -> "Mapping[str, AbstractEvent] | None":
@@ -193,6 +193,6 @@ class Scenario:
             )
         run = closed_loop.nominal_run(self)
         if not run.ok:
-            return run.made_by(self)
+            return run.set_scenario(self)
         feedback = closed_loop.feedback_along(self, run)
-        return closed_loop.loop_along(self, closed_loop.with_estimator(self, feedback)).run.made_by(self)
+        return closed_loop.loop_along(self, closed_loop.with_estimator(self, feedback)).run.set_scenario(self)

@@ -44,14 +44,14 @@ class Recorded:
             results = function(operands)
             return results, (operands, results)
 
-        def recorded(*leaves: Array) -> list[Array]:
+        def record(*leaves: Array) -> list[Array]:
             return with_rule(function, forward, pull)(structure.unflatten(leaves))
 
-        recorded.__name__ = self.name
-        return jax.jit(recorded)(*leaves)
+        record.__name__ = self.name
+        return jax.jit(record)(*leaves)
 
-    def known(self, operands: Sequence[Any], results: Sequence[Array]) -> list[Array]:
-        """The known results, with their derivatives with respect to the operands."""
+    def with_derivatives(self, operands: Sequence[Any], results: Sequence[Array]) -> list[Array]:
+        """Gives known results their derivatives with respect to the operands."""
         pull = self._pull
         assert pull is not None
 
@@ -114,13 +114,13 @@ def while_loop(
         ]
 
     if not reverse:
-        return structure.unflatten(_repeated(goes_on, lambda k, leaves: step(leaves), leaves, max_steps)[1])
+        return structure.unflatten(_repeat(goes_on, lambda k, leaves: step(leaves), leaves, max_steps)[1])
     programs = jax.make_jaxpr(goes_on)(leaves), jax.make_jaxpr(step)(leaves)
     return structure.unflatten(_Loop(*programs, is_buffer, max_steps, rows, recorded, parts)(leaves))
 
 
-def _repeated(goes_on: Callable, step: Callable, carry: Any, most: int | Array) -> tuple[Array, Any]:
-    """How many steps were taken, and where they led to."""
+def _repeat(goes_on: Callable, step: Callable, carry: Any, most: int | Array) -> tuple[Array, Any]:
+    """Repeats ``step``; returns how many steps were taken, and where they led to."""
 
     def condition(at: tuple[Array, Any]) -> Array:
         return goes_on(at[1]) & (at[0] < most)
@@ -163,7 +163,7 @@ class _Loop:
         least = math.isqrt(max(max_steps - 1, 0)) + 1
         self.rows = min(max(BYTES_FOR_ALL // max(self.packing.size, 1), least) if rows is None else rows, max_steps)
         # Steps that are taken twice are taken by the same program, so that they are the same to the last bit.
-        self.stepped = self._stepped if self.rows == self.max_steps else jax.jit(self._stepped)
+        self.stepped = self._take_step if self.rows == self.max_steps else jax.jit(self._take_step)
 
     def __call__(self, leaves: list[Array]) -> list[Array]:
         constants = list(self.step.consts)
@@ -171,7 +171,7 @@ class _Loop:
             constants[self.place] = ()
         arrays = [] if self.parts is None else self.parts.arrays
         operands = constants, arrays, list(self.goes_on.consts), leaves
-        return with_rule(lambda given: self.forward(*given), lambda given: self.kept(*given), self.back)(operands)
+        return with_rule(lambda given: self.forward(*given), lambda given: self.go_forward(*given), self.back)(operands)
 
     def whole(self, constants: list[Any], arrays: list[Array]) -> list[Any]:
         """The constants with the array that was put together."""
@@ -186,10 +186,10 @@ class _Loop:
         def step(k: Array, leaves: list[Array]) -> list[Array]:
             return evaluate(self.step, constants, leaves)
 
-        return _repeated(lambda leaves: evaluate(self.goes_on, conditions, leaves)[0], step, leaves, self.max_steps)[1]
+        return _repeat(lambda leaves: evaluate(self.goes_on, conditions, leaves)[0], step, leaves, self.max_steps)[1]
 
-    def kept(self, constants, arrays, conditions, leaves) -> tuple[list[Array], _Kept]:
-        """The way forward, with what is kept of it."""
+    def go_forward(self, constants, arrays, conditions, leaves) -> tuple[list[Array], _Kept]:
+        """Goes forward, and keeps what the way back needs."""
         whole = self.whole(constants, arrays)
 
         def goes_on(at: Any) -> Array:
@@ -199,33 +199,33 @@ class _Loop:
             leaves, every, rows = at
             new, row = self.stepped(whole, leaves)
             if self.rows == self.max_steps:
-                return new, every, _written(rows, k, row)
+                return new, every, _write_row(rows, k, row)
             full = k == every * self.rows
-            rows = jax.lax.fori_loop(0, jnp.where(full, (self.rows + 1) // 2, 0), _thinned, rows)
+            rows = jax.lax.fori_loop(0, jnp.where(full, (self.rows + 1) // 2, 0), _thin, rows)
             every = jnp.where(full, 2 * every, every)
             place = jnp.where(k % every == 0, k // every, self.rows)
-            return new, every, _written(rows, place, row)
+            return new, every, _write_row(rows, place, row)
 
         start = leaves, jnp.asarray(1), self.packing.room(self.rows)
-        steps, (last, every, rows) = _repeated(goes_on, step, start, self.max_steps)
+        steps, (last, every, rows) = _repeat(goes_on, step, start, self.max_steps)
         return last, _Kept(steps, every, rows, constants, arrays)
 
-    def _stepped(self, constants: list[Any], leaves: list[Array]) -> tuple[list[Array], list[Array]]:
-        """The arrays after a step, and the row that is recorded of it."""
+    def _take_step(self, constants: list[Any], leaves: list[Array]) -> tuple[list[Array], list[Array]]:
+        """Takes a step, and returns the arrays after it, and the row that is recorded of it."""
         seen: list[Array] = []
 
-        def noted(equation: Any, operands: list[Any]) -> list[Array] | None:
+        def note(equation: Any, operands: list[Any]) -> list[Array] | None:
             if not any(equation is one for one, _ in self.recorded):
                 return None
             results = evaluate(argument(equation, "jaxpr"), argument(equation, "jaxpr").consts, operands)
             seen.extend(results)
             return results
 
-        new = evaluated(self.step, constants, leaves, [True] * len(leaves), noted)
-        return new, self.packing.packed([*chosen(leaves, self.is_carried), *seen])
+        new = evaluated(self.step, constants, leaves, [True] * len(leaves), note)
+        return new, self.packing.pack([*chosen(leaves, self.is_carried), *seen])
 
-    def recalled(self, equation: Any, known: list[Array]) -> tuple[Recorded | None, list[Array]]:
-        """The recorded part that an equation is, if it is one, with its results among those of all."""
+    def recall(self, equation: Any, known: list[Array]) -> tuple[Recorded | None, list[Array]]:
+        """Recalls the recorded part that an equation is, if it is one, with its results among those of all."""
         remaining = iter(known)
         for recorded, part in self.recorded:
             results = list(itertools.islice(remaining, len(recorded.outvars)))
@@ -270,12 +270,12 @@ class _WayBack:
             def again(k: Array, at: Any) -> Any:
                 leaves, rows = at
                 new, row = loop.stepped(self.constants, self.with_buffers(leaves))
-                return chosen(new, loop.is_carried), _written(rows, k, row)
+                return chosen(new, loop.is_carried), _write_row(rows, k, row)
 
             kept = [row[first // every] for row in self.kept.rows]
-            begun, count = loop.packing.unpacked(kept)[: sum(loop.is_carried)], end - first
-            rows = _written(rows, jnp.asarray(0), kept)
-            _, (_, rows) = _repeated(lambda _: True, again, (begun, rows), jnp.where(count == 1, 0, count))
+            begun, count = loop.packing.unpack(kept)[: sum(loop.is_carried)], end - first
+            rows = _write_row(rows, jnp.asarray(0), kept)
+            _, (_, rows) = _repeat(lambda _: True, again, (begun, rows), jnp.where(count == 1, 0, count))
             return first, self.through(rows, end - first, cotangents), rows
 
         start = self.kept.steps, at, loop.packing.room(min(longest, loop.max_steps))
@@ -286,9 +286,9 @@ class _WayBack:
 
         def step(at: Any) -> Any:
             k, (cotangents, summed) = at
-            arrays = self.loop.packing.unpacked([row[k - 1] for row in rows])
+            arrays = self.loop.packing.unpack([row[k - 1] for row in rows])
             carried = sum(self.loop.is_carried)
-            cotangents, new = self.pulled(self.with_buffers(arrays[:carried]), arrays[carried:], cotangents)
+            cotangents, new = self.pull_back(self.with_buffers(arrays[:carried]), arrays[carried:], cotangents)
             return k - 1, (cotangents, [added(*both) for both in zip(summed, new, strict=True)])
 
         return jax.lax.while_loop(lambda at: at[0] > 0, step, (count, at))[1]
@@ -298,15 +298,15 @@ class _WayBack:
         avals = self.loop.step.in_avals
         return replaced([jnp.zeros(aval.shape, aval.dtype) for aval in avals], self.loop.is_carried, carried)
 
-    def pulled(self, leaves: list[Array], known: list[Array], cotangents: list[Array]) -> tuple[Any, Any]:
-        """The cotangents at a step's beginning and of the values that all steps read, from those at its end."""
+    def pull_back(self, leaves: list[Array], known: list[Array], cotangents: list[Array]) -> tuple[Any, Any]:
+        """Computes the cotangents at a step's beginning, and of values that all steps read, from those at its end."""
         loop = self.loop
 
         def following(moving: list[Array], constants: list[Array], arrays: list[Array]) -> list[Array]:
             arrays = replaced(self.kept.arrays, self.of_arrays, arrays)
 
-            def recalled(equation: Any, operands: list[Any]) -> list[Array] | None:
-                part, results = loop.recalled(equation, known)
+            def recall(equation: Any, operands: list[Any]) -> list[Array] | None:
+                part, results = loop.recall(equation, known)
                 if part is None:
                     return None
                 if loop.place is not None:
@@ -315,10 +315,10 @@ class _WayBack:
                         arrays if variable is whole else operand
                         for variable, operand in zip(equation.invars, operands, strict=True)
                     ]
-                return part.known(operands, results)
+                return part.with_derivatives(operands, results)
 
             constants = replaced(self.constants, self.of_constants, constants)
-            return evaluated(loop.step, constants, replaced(leaves, self.which, moving), self.which, recalled)
+            return evaluated(loop.step, constants, replaced(leaves, self.which, moving), self.which, recall)
 
         given = (
             chosen(leaves, self.which),
@@ -356,14 +356,14 @@ class _Packing:
         """Room for ``rows`` rows."""
         return [uninitialised((rows, count), dtype) for count, dtype in zip(self.counts, self.dtypes, strict=True)]
 
-    def packed(self, arrays: Sequence[Array]) -> list[Array]:
-        """A row of arrays."""
+    def pack(self, arrays: Sequence[Array]) -> list[Array]:
+        """Packs arrays into a row."""
         return [
             jnp.concatenate([jnp.ravel(array) for array in arrays if array.dtype == dtype]) for dtype in self.dtypes
         ]
 
-    def unpacked(self, row: Sequence[Array]) -> list[Array]:
-        """The arrays of a row."""
+    def unpack(self, row: Sequence[Array]) -> list[Array]:
+        """Unpacks the arrays of a row."""
         places, arrays = [0] * len(self.dtypes), []
         for aval in self.avals:
             kind = self.dtypes.index(aval.dtype)
@@ -373,11 +373,11 @@ class _Packing:
         return arrays
 
 
-def _written(rows: list[Array], place: Array, row: list[Array]) -> list[Array]:
-    """The rows with one more; unchanged where there is no such place."""
+def _write_row(rows: list[Array], place: Array, row: list[Array]) -> list[Array]:
+    """Writes one more row; there is no change where there is no such place."""
     return [array.at[place].set(new, mode="drop") for array, new in zip(rows, row, strict=True)]
 
 
-def _thinned(k: Array, rows: list[Array]) -> list[Array]:
-    """Every second row in the place of every one, done one by one."""
+def _thin(k: Array, rows: list[Array]) -> list[Array]:
+    """Keeps every second row: row 2k moves to row k, one by one."""
     return [array.at[k].set(array[2 * k]) for array in rows]

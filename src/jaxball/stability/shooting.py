@@ -17,7 +17,7 @@ from ..physics.state import AbstractBodyState, BallState, DiskState
 from ..physics.system import AbstractState, AbstractSystem, vector_field
 from ..physics.validity import possible_start
 from ..simulation.arguments import DEFAULT_SOLVER
-from ..simulation.deviations import FIRST_STEP_SHARE, Flow, Steps, advanced
+from ..simulation.deviations import FIRST_STEP_SHARE, Flow, Steps, advance_deviations
 
 TURN = 2 * np.pi
 CLOSED_RESIDUAL = 100.0  # the residual, in units of the tolerance, up to which a motion counts as closed
@@ -177,7 +177,7 @@ def _follow_period(
     y, into = pack(x), jax.jacfwd(pack)(x)
     flow, steps = Flow.of(system, packing), Steps(DEFAULT_SOLVER, search.rtol, search.atol, search.max_steps)
     from_rows, possible = jnp.concatenate([y[None], into.T]), jnp.asarray(True)
-    solution = advanced(flow, steps, search.t, end, from_rows, FIRST_STEP_SHARE * period, possible)
+    solution = advance_deviations(flow, steps, search.t, end, from_rows, FIRST_STEP_SHARE * period, possible)
     rows = solution.rows
     arrived, out = unpack(rows[0]), jax.jacfwd(unpack)(rows[0])
     after = ravel_pytree(vector_field(prepared, end, unravel(arrived)))[0]
@@ -199,7 +199,7 @@ def _follow_period(
         after=jnp.where(back, after, 0.0),
         status=solution.status,
         reached=solution.reached,
-        least_normal_force=jnp.minimum(flow.monitored(search.t, y), solution.least),
+        least_normal_force=jnp.minimum(flow.monitor_value(search.t, y), solution.least),
     )
 
 

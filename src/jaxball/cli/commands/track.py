@@ -146,7 +146,7 @@ def _track(options: argparse.Namespace, scenario: "Scenario", axes: tuple[ChartA
     written = []
     if options.out is not None:
         with working(options, "evaluating and saving"):
-            results.save(_last(held[0]).run.made_by(disturbed[0]), options.out, disturbed[0])
+            results.save(_last(held[0]).run.set_scenario(disturbed[0]), options.out, disturbed[0])
         written.append(str(options.out))
     if options.plot is not None:
         with working(options, "drawing"):
@@ -351,7 +351,7 @@ def _draw(
     paths = save_figures(
         named,
         options.plot,
-        run_mark(last.run.made_by(scenario)),
+        run_mark(last.run.set_scenario(scenario)),
         suffixes(options.plot_format),
         svg_text=options.svg_text,
         replace=options.force,
