@@ -437,4 +437,4 @@ def test_sentences(make, error, sentence):
 def test_how_it_prints():
     assert repr(PARTICLE) == "LagrangianSystem(free, coordinates=('x', 'y', 'z'), constraints=with_y)"
     assert repr(LagrangianState([1.0, 2.0])) == "LagrangianState(q=(1.0, 2.0), qdot=(0.0, 0.0))"
-    assert PARTICLE.described() == "Lagrangian system in x, y, z"
+    assert PARTICLE.describe() == "Lagrangian system in x, y, z"

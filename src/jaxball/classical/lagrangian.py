@@ -213,7 +213,7 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
 
     # What is possible.
 
-    def described(self) -> str:
+    def describe(self) -> str:
         return f"{self.title} in {', '.join(self.coordinates)}"
 
     def default_state(self) -> LagrangianState:

@@ -225,4 +225,4 @@ def _is_driven(system: System, place: Place) -> bool:
 def _drive_joint(mechanism: AbstractMechanism, joint: int, drive: Drive) -> AbstractMechanism:
     drives = list(mechanism.drives)
     drives[joint] = drive
-    return mechanism.driven_by(drives)
+    return mechanism.with_drives(drives)

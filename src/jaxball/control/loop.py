@@ -83,10 +83,10 @@ class ClosedLoop(Printed):
 
     def __repr__(self) -> str:
         if is_traced(self.u):
-            return f"Run of a {self.plant.system.described()} under feedback, traced"
+            return f"Run of a {self.plant.system.describe()} under feedback, traced"
         sizes = np.linalg.norm(np.asarray(self.xi), axis=1)
         lines = [
-            f"Run of a {self.plant.system.described()} under feedback",
+            f"Run of a {self.plant.system.describe()} under feedback",
             f"  {len(self.u)} samples from {float(self.times[0]):g} to {float(self.times[-1]):g}",
             f"  |ξ| from {sizes[0]:.4g} to {sizes[-1]:.4g}",
         ]

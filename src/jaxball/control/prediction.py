@@ -104,7 +104,7 @@ class PredictiveControl(AbstractFeedback):
         return tuple(sentences)
 
     def __repr__(self) -> str:
-        lines = [f"Predictive control of a {self.sampled.system.described()}"]
+        lines = [f"Predictive control of a {self.sampled.system.describe()}"]
         lines += [f"  {self.horizon} of {self.nominal.samples} samples ahead, limits: {', '.join(self.names)}"]
         return "\n".join(lines)
 

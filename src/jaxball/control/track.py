@@ -70,10 +70,10 @@ class Track(AbstractFeedback):
 
     def __repr__(self) -> str:
         if is_traced(self.W):
-            return f"Track of a {self.sampled.system.described()}, traced"
+            return f"Track of a {self.sampled.system.describe()}, traced"
         times, sizes = self.nominal.times, np.max(np.abs(np.asarray(self.gains)), axis=(0, 2))
         lines = [
-            f"Track of a {self.sampled.system.described()}",
+            f"Track of a {self.sampled.system.describe()}",
             f"  {number_of(self.nominal.samples, 'sample')} of {format_value(self.sampled.sample)}, "
             f"from {float(times[0]):g} to {float(times[-1]):g}",
             *(f"  {name}: gains up to {size:.4g}" for name, size in zip(self.inputs, sizes, strict=True)),

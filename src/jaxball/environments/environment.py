@@ -325,7 +325,7 @@ class Environment(Printed):
 
     def __repr__(self) -> str:
         lines = [
-            f"Environment of a {self.sampled.system.described()}: {type(self.goal).__name__}",
+            f"Environment of a {self.sampled.system.describe()}: {type(self.goal).__name__}",
             f"  {self.samples} samples of {float(self.sampled.sample):g}, inputs {', '.join(self.sampled.inputs)}",
             f"  {self.n_observations} numbers observed: {type(self.observation).__name__}"
             + (" and the goal" if self.shows_goal else ""),

@@ -176,8 +176,8 @@ class AbstractSystem(Printed, Generic[AnyState]):
     def field(self, t: Float[Array, ""], state: AnyState) -> AnyState:
         """ẋ = f(t, x), in the form of a state."""
 
-    def described(self) -> str:
-        """What the system is, for a sentence after "a"."""
+    def describe(self) -> str:
+        """Describes the system, for a sentence after "a"."""
         return self.title
 
     # What is possible.

@@ -12,7 +12,7 @@ from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array
 from ..numerics.kinks import seen_from_before
 from ..physics.body import System
-from ..physics.dynamics import given_angles
+from ..physics.dynamics import angles_in_state
 from ..physics.mechanisms import Carriage, Hinge, Slider
 from ..physics.motion import Driven, OnRail
 from ..physics.rails import AbstractRail, FunctionRail, Tube
@@ -238,7 +238,7 @@ def _feedback_curves(trajectory: Trajectory) -> dict[int, Curve]:
 @programs.filter_jit
 def _feedback(system, times, reached, states):
     prepared, times = system.prepare(), times_looked_at(system, times, reached)
-    return jax.vmap(lambda t, state: given_angles(prepared, t, state)[2])(times, states)
+    return jax.vmap(lambda t, state: angles_in_state(prepared, t, state)[2])(times, states)
 
 
 def _close(a: np.ndarray, b: np.ndarray) -> bool:

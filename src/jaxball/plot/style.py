@@ -74,7 +74,7 @@ def describe_units(trajectory: "Trajectory[Any, Any]") -> str:
 
 def describe(system: "AbstractSystem") -> str:
     """Describes a system in words, as the beginning of a sentence."""
-    words = system.described()
+    words = system.describe()
     return words[0].upper() + words[1:]
 
 

@@ -28,7 +28,7 @@ from ..physics.confinement import until_left
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.hybrid import Accuracy
-from ..physics.packing import Packing, ravelled
+from ..physics.packing import Packing, ravel_state
 from ..physics.state import State
 from ..physics.system import AbstractState, AbstractSystem, require_system
 from ..physics.validity import possible_start
@@ -283,7 +283,7 @@ def solve(
     saved = _unpack(packing, finite, times, states, functions.projects)
     reached, status, occurrences = ended[0], status_of(solution.result), {}
     if events:
-        unravel_shown = ravelled(system.shown_state(packing.unpack(times[0], initial)))[1]
+        unravel_shown = ravel_state(system.shown_state(packing.unpack(times[0], initial)))[1]
         occurrences = occurrences_of(cast(Any, solution.stats["watched"]), events, unravel_shown, startable)
         reached, status = end_by_events(occurrences, events, reached, status)
         saved = jax.tree.map(lambda leaf: known_rows(times <= reached, leaf), saved)
@@ -355,7 +355,7 @@ class _Functions:
         """The state that an event's function is given, as a vector."""
         packing, _ = self.unpack(parameters)
         x = packing.projected(t, x) if self.projects else x
-        return ravelled(self._system.shown_state(packing.unpack(t, x)))[0]
+        return ravel_state(self._system.shown_state(packing.unpack(t, x)))[0]
 
     def projected(self, t, x, parameters):
         """The nearest vector on the constraints."""

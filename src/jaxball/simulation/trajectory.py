@@ -26,7 +26,7 @@ from ..physics.body import AbstractBody, System
 from ..physics.conditions import Problem
 from ..physics.contact.body_on_plane import ContactHistory
 from ..physics.hybrid import NO_HISTORY, AbstractHistory, NoHistory, Switches
-from ..physics.observables import Observables, movement, observed
+from ..physics.observables import Observables, compute_observables, movement
 from ..physics.packing import Packing
 from ..physics.rolling import AbstractRollingSystem, Reaction
 from ..physics.state import BallState, DiskState, ReducedState, State
@@ -384,11 +384,11 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
 
     def __repr__(self) -> str:
         if is_traced(self.status):
-            return f"Trajectory of a {self.system.described()}, traced, with {self.times.shape[-1]} times"
+            return f"Trajectory of a {self.system.describe()}, traced, with {self.times.shape[-1]} times"
         if np.ndim(self.status):
             return self._of_many()
         lines = [
-            f"Trajectory of a {self.system.described()}",
+            f"Trajectory of a {self.system.describe()}",
             f"  {number_of(self.times.size, 'time')} from {float(self.times[0]):g} to {float(self.times[-1]):g}",
         ]
         if int(self.status) == Status.IMPOSSIBLE:
@@ -413,7 +413,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         ends = ", ".join(f"{count} {Status(int(s)).name}" for s, count in zip(statuses, counts, strict=True))
         steps = np.asarray(self.steps)
         return (
-            f"Trajectories of a {self.system.described()}, a batch of shape {np.shape(self.status)}\n"
+            f"Trajectories of a {self.system.describe()}, a batch of shape {np.shape(self.status)}\n"
             f"  {self.times.shape[-1]} times from {np.min(self.times):g} to {np.max(self.times):g}\n"
             f"  {np.min(steps)} to {np.max(steps)} steps\n"
             f"  how they ended: {ends}"
@@ -437,7 +437,7 @@ def _outline() -> Any:
 @programs.filter_jit
 def _observe_all(system, times, state, reached) -> Observables:
     def observe_at(system, t, x):
-        return observed(system.shown, t, movement(system, t, x))
+        return compute_observables(system.shown, t, movement(system, t, x))
 
     return _at_each(observe_at, system, times, state, reached)
 

@@ -70,7 +70,7 @@ def _scenario(document: dict[str, Any], folder: Path) -> str:
     from ...scenario import read_document
 
     scenario = read_document(with_logs(document, folder))
-    times, what = scenario.times, scenario.system.described()
+    times, what = scenario.times, scenario.system.describe()
     content = f"{what}, {len(times)} times from {times[0]:g} to {times[-1]:g} by {scenario.solver}"
     return _add_title(SCENARIO.words, content, document)
 

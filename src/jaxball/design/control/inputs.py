@@ -148,7 +148,7 @@ def with_schedules(
         for item in system.point_masses
     ]
     mechanisms = [
-        mechanism.driven_by(
+        mechanism.with_drives(
             [next(following) if isinstance(drive, AbstractSchedule) else drive for drive in mechanism.drives]
         )
         for mechanism in system.mechanisms
@@ -190,5 +190,5 @@ def _with_motors(system: System, places: Sequence[MotorIndex], motors: Sequence[
     for place, motor in zip(places, motors, strict=True):
         drives = list(mechanisms[place.mechanism].drives)
         drives[place.joint] = place.replace_motor(drives[place.joint], motor)
-        mechanisms[place.mechanism] = mechanisms[place.mechanism].driven_by(drives)
+        mechanisms[place.mechanism] = mechanisms[place.mechanism].with_drives(drives)
     return type(system)(**{**system.arguments, "mechanisms": mechanisms})
