@@ -13,7 +13,7 @@ from jaxball.bench.contenders import ALL, Work
 from jaxball.bench.figures import GAP, apart, diagram
 from jaxball.bench.measure import Measured, Row, power, seconds
 from jaxball.bench.problems import ALL as PROBLEMS
-from jaxball.bench.report import asked, cheapest, markdown, spread
+from jaxball.bench.report import cheapest, markdown, select_rows, spread
 
 ROBERTSON = PROBLEMS["robertson"]
 
@@ -52,8 +52,8 @@ def test_the_cheapest_is_chosen_by_the_achieved_error_and_not_by_the_tolerance()
 
 
 def test_what_was_asked_for_is_chosen_by_the_tolerance():
-    assert {(r.solver, r.tolerance) for r in asked(ROWS, 1e-8)} == {("Gauss", 1e-8), ("heyoka Taylor", 1e-8)}
-    assert {(r.solver, r.tolerance) for r in asked(ROWS, 1e-9)} == {("heyoka Taylor", 1e-10)}
+    assert {(r.solver, r.tolerance) for r in select_rows(ROWS, 1e-8)} == {("Gauss", 1e-8), ("heyoka Taylor", 1e-8)}
+    assert {(r.solver, r.tolerance) for r in select_rows(ROWS, 1e-9)} == {("heyoka Taylor", 1e-10)}
 
 
 def test_the_spread_is_the_largest_relative_difference_of_two_states():

@@ -163,9 +163,9 @@ def _build(
 
 
 def _entry(contender: Contender, program: Program, tolerance: float) -> _Entry:
-    own_time, run = timed(lambda: program.run(tolerance))
-    first, _ = timed(run.solve)
-    once = first if first > 1 else timed(run.solve)[0]
+    own_time, run = time_call(lambda: program.run(tolerance))
+    first, _ = time_call(run.solve)
+    once = first if first > 1 else time_call(run.solve)[0]
     return _Entry(contender, tolerance, run, program.build_time + own_time, once)
 
 
@@ -179,7 +179,7 @@ def time_in_turns(entries: Sequence[_Entry], budget: float) -> None:
             continue
         if entry.once < COLD:
             entry.run.solve()
-        entry.times += [timed(entry.run.solve)[0] for _ in range(block)]
+        entry.times += [time_call(entry.run.solve)[0] for _ in range(block)]
 
 
 def _row(problem: Problem, entry: _Entry) -> Row:
@@ -203,8 +203,8 @@ def _row(problem: Problem, entry: _Entry) -> Row:
     )
 
 
-def timed(call: Callable[[], Result]) -> tuple[float, Result]:
-    """The time in seconds that ``call`` took, and its result; ``call`` must wait for what it started."""
+def time_call(call: Callable[[], Result]) -> tuple[float, Result]:
+    """Returns the time in seconds that ``call`` took, and its result; ``call`` must wait for what it started."""
     start = time.perf_counter()
     result = call()
     return time.perf_counter() - start, result

@@ -222,7 +222,7 @@ def _limits(track: Track, most: Array, mu: Array | None, limited: tuple[int, ...
     L, own = _limit_rows(track, mu, limited), np.asarray(limited, dtype=int)
 
     def one(t: Array, state: PlacedState, u: Array) -> tuple[Array, Array]:
-        def limited_quantities(v: Array) -> Array:
+        def quantities_with_limits(v: Array) -> Array:
             placed = state.retract(v[:n])
             placed = placed.in_space() if isinstance(placed, RotationState) else placed
             held = u + v[n:]
@@ -231,7 +231,7 @@ def _limits(track: Track, most: Array, mu: Array | None, limited: tuple[int, ...
 
         zero = jnp.zeros(n + u.size, u.dtype)
         most_of_rows = jnp.append(jnp.repeat((most / scale)[own], 2), jnp.zeros(len(L) - 2 * len(own), u.dtype))
-        return jax.jacfwd(limited_quantities)(zero), most_of_rows - L @ limited_quantities(zero)
+        return jax.jacfwd(quantities_with_limits)(zero), most_of_rows - L @ quantities_with_limits(zero)
 
     before = jax.tree.map(lambda leaf: leaf[:-1], nominal.states)
     G, d = jax.lax.map(lambda at: one(*at), (nominal.times[:-1], before, nominal.u))

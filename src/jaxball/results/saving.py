@@ -62,7 +62,7 @@ def attributes(
     known = trajectory.scenario if scenario is None else scenario
     if scenario is not None:
         text = write_scenario(scenario)
-    elif not (text := _text(trajectory.scenario)) and (made := _text(_made_of(trajectory, sensors or {}))):
+    elif not (text := _text(trajectory.scenario)) and (made := _text(_scenario_of(trajectory, sensors or {}))):
         text = UNKNOWN_SOLVER + made
     run: dict[str, str | int | float] = {
         "format": FORMAT,
@@ -116,8 +116,8 @@ def _text(scenario: Scenario | None) -> str:
     return text
 
 
-def _made_of(trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSensor]) -> Scenario | None:
-    """A scenario of the system, the initial state and the times; None where the state has no position."""
+def _scenario_of(trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSensor]) -> Scenario | None:
+    """Makes a scenario of the system, the initial state and the times; None where the state has no position."""
     state = jax.tree.map(lambda leaf: leaf[0], trajectory.state)
     state = state.in_space() if isinstance(state, RotationState) else state
     if isinstance(state, ReducedState):

@@ -65,7 +65,7 @@ def resample(
     """
     rows = len(differences)
     points = shift - ratio * jnp.arange(rows, dtype=ratio.dtype)
-    R, U = ascending(points, rows), jnp.asarray(_signed_binomials(rows), ratio.dtype)
+    R, U = ascending(points, rows), jnp.asarray(_binomials_with_signs(rows), ratio.dtype)
     weights = jnp.sum(R[:, :, None] * U[None], axis=1).astype(differences.dtype)
     return jnp.sum(weights[:, :, None] * differences[:, None, :], axis=0)
 
@@ -102,9 +102,9 @@ def _rates_of_stretching(rows: int) -> np.ndarray:
             factors = np.arange(i) - m
             slope = sum(np.prod(np.delete(factors, left)) for left in range(i)) / math.factorial(i)
             rates[i, m] = -m * slope
-    return rates @ _signed_binomials(rows)
+    return rates @ _binomials_with_signs(rows)
 
 
-def _signed_binomials(rows: int) -> np.ndarray:
-    """(−1)ᵐ (j over m), the weight of the value at point m in the difference j."""
+def _binomials_with_signs(rows: int) -> np.ndarray:
+    """Computes (−1)ᵐ (j over m), the weight of the value at point m in the difference j."""
     return np.array([[(-1.0) ** m * math.comb(j, m) for j in range(rows)] for m in range(rows)])
