@@ -94,9 +94,9 @@ def with_inputs(system: System, places: Sequence[Place]) -> System:
 
 
 def _free_inputs(system: System, places: Sequence[Place]) -> System:
-    own = {place.number for place in places if place.mechanism is None}
+    freed = {place.number for place in places if place.mechanism is None}
     masses = [
-        PointMass(item.mass, Driven(item.motion.rail)) if index in own and isinstance(item.motion, OnRail) else item
+        PointMass(item.mass, Driven(item.motion.rail)) if index in freed and isinstance(item.motion, OnRail) else item
         for index, item in enumerate(system.point_masses)
     ]
     mechanisms = list(system.mechanisms)

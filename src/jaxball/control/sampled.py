@@ -173,11 +173,11 @@ def reachability_factor(
 ) -> Float[np.ndarray, "n rank"]:
     """Computes a factor of the reachability Gramian, Σ Φ B Bᵀ Φᵀ, kept small by a QR factorisation at each sample."""
     n = A.shape[1]
-    found = np.zeros((n, n))
-    for step, own in zip(A, B, strict=True):
-        triangle = np.asarray(np.linalg.qr(np.concatenate([(step @ found).T, own.T]), mode="r"))
-        found = triangle.T
-    return found
+    factor = np.zeros((n, n))
+    for step, effect in zip(A, B, strict=True):
+        triangle = np.asarray(np.linalg.qr(np.concatenate([(step @ factor).T, effect.T]), mode="r"))
+        factor = triangle.T
+    return factor
 
 
 def null_space(factor: Float[np.ndarray, "n rank"]) -> Float[np.ndarray, "rows n"]:

@@ -256,12 +256,12 @@ def _has_three(in_axes: Any) -> bool:
 
 
 def _check_reductions(reductions: Mapping[str, AbstractReduction] | None) -> Mapping[str, AbstractReduction]:
-    given = {} if reductions is None else reductions
-    require("reductions", given, Mapping, "a dictionary of reductions by name, some of jaxball.ensemble.REDUCTIONS")
-    for name, one in given.items():
+    by_name = {} if reductions is None else reductions
+    require("reductions", by_name, Mapping, "a dictionary of reductions by name, some of jaxball.ensemble.REDUCTIONS")
+    for name, reduction in by_name.items():
         must = "one of jaxball.ensemble.REDUCTIONS, or a Maximum, Minimum, Drift or Integral"
-        require(f"reductions[{name!r}]", one, AbstractReduction, must)
-    return given
+        require(f"reductions[{name!r}]", reduction, AbstractReduction, must)
+    return by_name
 
 
 def _count(parameters: Any, shared: Sequence[bool], times: Any, *tolerances: Any) -> int:

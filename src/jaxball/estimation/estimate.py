@@ -32,11 +32,11 @@ class Belief(NamedTuple):
 
     def move(self, change: Float[Array, " n"]) -> "Belief":
         """Changes the estimate by an error, and takes the covariance to local coordinates around the new state."""
-        xi, own = change[: change.size - self.bias.size], change[change.size - self.bias.size :]
+        xi, bias_change = change[: change.size - self.bias.size], change[change.size - self.bias.size :]
         state = self.state.retract(xi)
         turn = jax.jacfwd(lambda d: state.difference(self.state.retract(xi + d)))(jnp.zeros_like(xi))
         G = jnp.eye(len(self.P), dtype=self.P.dtype).at[: xi.size, : xi.size].set(turn)
-        return Belief(state, self.bias + own, symmetric(G @ self.P @ G.T))
+        return Belief(state, self.bias + bias_change, symmetric(G @ self.P @ G.T))
 
 
 def symmetric(P: Float[Array, "n n"]) -> Float[Array, "n n"]:

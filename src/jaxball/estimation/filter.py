@@ -241,8 +241,8 @@ class ErrorStateFilter(Printed):
         system, of_bias = self.sampled.hold(u), self._of_bias(state)
 
         def of_error(error: Float[Array, " n"]) -> Float[Array, " m"]:
-            xi, own = error[: error.size - bias.size], error[error.size - bias.size :]
-            return self.measurement(system, t, state.retract(xi)) + of_bias @ (bias + own)
+            xi, bias_change = error[: error.size - bias.size], error[error.size - bias.size :]
+            return self.measurement(system, t, state.retract(xi)) + of_bias @ (bias + bias_change)
 
         zero = jnp.zeros(belief.P.shape[0], belief.P.dtype)
         return of_error(zero), jax.jacfwd(of_error)(zero)
@@ -273,10 +273,10 @@ class ErrorStateFilter(Printed):
                 raise ValueError(f"Argument `readings` must have those of every sensor, but {name!r} is missing.")
         columns = {}
         for name, sensor in sensors.items():
-            given = to_array(readings[name], f"readings[{name!r}]")
-            if given.ndim == 0:
+            values = to_array(readings[name], f"readings[{name!r}]")
+            if values.ndim == 0:
                 raise refusal(f"readings[{name!r}]", "readings at each sample", readings[name])
-            columns[name] = align_late(given.reshape(given.shape[0], -1), samples_late(name, sensor, self.sampled))
+            columns[name] = align_late(values.reshape(values.shape[0], -1), samples_late(name, sensor, self.sampled))
         lengths = {name: len(column) for name, column in columns.items()}
         if len(set(lengths.values())) > 1:
             raise ValueError(f"Argument `readings` must have as many samples of each sensor, but there are {lengths}.")

@@ -229,8 +229,8 @@ def _feedback_curves(trajectory: Trajectory) -> dict[int, Curve]:
     rows = finite_rows(trajectory)
     if rows.size == 0:
         return {}
-    given = trajectory.system, to_array(trajectory.times), trajectory.reached, trajectory.state
-    size = np.abs(np.asarray(_feedback(*given)))[rows]
+    arguments = trajectory.system, to_array(trajectory.times), trajectory.reached, trajectory.state
+    size = np.abs(np.asarray(_feedback(*arguments)))[rows]
     t = np.asarray(trajectory.times)[rows]
     return {index + 1: (t, size[:, slot]) for slot, index in enumerate(trajectory.system.driven)}
 

@@ -341,10 +341,10 @@ def _pad_arrays(arrays: Mapping[str, np.ndarray], count: int, capacity: int) -> 
     kept = min(count, capacity)
 
     def pad(name: str, shape: tuple[int, ...] = (), nothing: float | int | bool = np.nan) -> Array:
-        whole = np.full((capacity, *shape), nothing)
-        if kept and whole.size:
-            whole[:kept] = arrays[f"switch_{name}"]
-        return jnp.asarray(whole)
+        padded = np.full((capacity, *shape), nothing)
+        if kept and padded.size:
+            padded[:kept] = arrays[f"switch_{name}"]
+        return jnp.asarray(padded)
 
     return pad
 

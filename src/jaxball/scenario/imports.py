@@ -34,13 +34,13 @@ def import_name(path: str, named: str, what: str = "function") -> Any:
     _require_permission(path, named, module)
     try:
         with _current_folder():
-            found = getattr(importlib.import_module(module), name)
+            target = getattr(importlib.import_module(module), name)
     except Exception as error:  # of any kind: the module is the user's
         reason = f"{error}" if isinstance(error, ImportError | AttributeError) else f"{type(error).__name__}: {error}"
         reason = " ".join(reason.split())
     else:
-        if callable(found):
-            return found
+        if callable(target):
+            return target
         reason = f"it is not a {what}"
     many, form = ("functions", "module:function") if what == "function" else ("classes", "module:Class")
     raise ScenarioError(

@@ -143,7 +143,10 @@ def with_errors(
 
 @programs.filter_jit
 def _apply_all(errors: dict[str, SensorErrors], times: Array, exact: dict[str, Array], key: Any) -> dict[str, Array]:
-    return {name: one.apply(times, exact[name], key_of(name, one, key)) for name, one in errors.items()}
+    return {
+        name: sensor_errors.apply(times, exact[name], key_of(name, sensor_errors, key))
+        for name, sensor_errors in errors.items()
+    }
 
 
 def key_of(name: str, errors: SensorErrors, key: Any) -> Any:

@@ -139,7 +139,7 @@ class _Stages(NamedTuple):
         return jnp.asarray(matrix, self.k.dtype), jnp.asarray(nodes, self.t0.dtype)
 
     def pull_back_stage(self, row: Array, node: Array, control: Any, cotangents: Any) -> tuple[Array, list[Array]]:
-        """Computes the cotangents of the state at a stage, of its time, times its node, of the control, and of args."""
+        """Computes cotangents of the state at a stage; those of its time, times its node, of the control, of args."""
         leaves, structure = jax.tree.flatten(self.args)
         y = self.y0 + jnp.sum(row[:, None] * self.k, axis=0)
         t = jnp.where(node == 1, self.t1, self.t0 + node * (self.t1 - self.t0))

@@ -110,7 +110,7 @@ def _describe_repair(study: Study, damages: list[Damage]) -> str:
     if not damages:
         return ""
     others = f" and {number_of(len(damages) - 1, 'other file')}" if damages[1:] else ""
-    chunks = {one.chunk for one in damages if one.chunk is not None}
+    chunks = {damage.chunk for damage in damages if damage.chunk is not None}
     rows = sum(len(study.rows_of(chunk)) for chunk in chunks)
     again = f"{number_of(rows, 'row')} {'is' if rows == 1 else 'are'} computed again" if rows else "it is written again"
     return f'Something has changed "{damages[0].path}"{others}; {again}.\n'

@@ -92,9 +92,13 @@ def _compare(problem: Problem, y: Float[Array, " n"]) -> tuple[Evaluation, Evalu
         run = run_of(candidate, problem.solve())
         fine = run_of(candidate._replace(times=_finer(candidate.times)), other, FINER * RAIL_SAMPLES)
         apart = jnp.max(jnp.sqrt(jnp.sum((run.z - fine.z[::FINER]) ** 2, axis=-1))) / run.length
-        missed = {name: one.farthest(fine) for name, one in problem.objectives.items() if isinstance(one, TARGETS)}
+        missed = {
+            name: objective.farthest(fine)
+            for name, objective in problem.objectives.items()
+            if isinstance(objective, TARGETS)
+        }
         lift = jnp.max(NormalForce(0.0)(fine))
-        (first, coarse), (second, finer) = (problem.evaluate_each(one) for one in (run, fine))
+        (first, coarse), (second, finer) = (problem.evaluate_each(solved) for solved in (run, fine))
         violations = {name: (_worst(coarse[name]), _worst(finer[name])) for name in problem.constraints}
         most = {"apart": apart, "violations": violations, "lift": lift, "missed": missed}
         return first, second, most
@@ -136,8 +140,8 @@ def _each(problem: Problem, y: Float[Array, " n"]) -> Evaluation:
 
 def as_built(problem: Problem) -> Perturbations:
     """The balls on which a finished design is evaluated: for a robust problem, new random ones."""
-    given = problem.perturbations
-    return AS_BUILT if given is None else dataclasses.replace(given, count=FRESH, seed=given.seed + 1)
+    usual = problem.perturbations
+    return AS_BUILT if usual is None else dataclasses.replace(usual, count=FRESH, seed=usual.seed + 1)
 
 
 STEPS = tuple(10.0 ** -np.arange(1.0, 6.5, 0.5))
