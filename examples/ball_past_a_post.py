@@ -71,18 +71,18 @@ def visit(solution):
 
 
 mesh = np.linspace(START, END, 17)
-solution = control.started(problem((0.0, 0.0), 0.0, 0.0, 1e-2), mesh)
+solution = control.solve_from_guess(problem((0.0, 0.0), 0.0, 0.0, 1e-2), mesh)
 print("at rest")
 for step in (problem(PLACE, 0.0, 0.0, 1e-2), problem(PLACE, 0.0, 0.0, 0.0), problem(PLACE, 0.01, WEIGHTS[0], 0.0)):
-    branch, solution = control.continued(solution, step, tolerance=1e-4)
+    branch, solution = control.continue_to(solution, step, tolerance=1e-4)
     print(f"{len(branch.parameter)} points, {len(branch.folds)} folds, effort {control.means(solution)['effort']:.4f}")
 straight = solution
-branch, past = control.continued(straight, problem(PLACE, 0.01, WEIGHTS[1], 0.0), tolerance=1e-6, visit=visit)
+branch, past = control.continue_to(straight, problem(PLACE, 0.01, WEIGHTS[1], 0.0), tolerance=1e-6, visit=visit)
 curvature = control.least_curvature(past)
 print(f"the least curvature of the cost is {curvature:.3g}")
 
 Path("ball_past_a_post.toml").write_text(write_scenario(control.scenario_of(past, "The ball past a post")))
-check = control.resimulated(past)
+check = control.resimulate(past)
 print(f"simulated again, the path is {check.apart:.1e} r away; at the end the ball moves at {check.speed:.1e}, and the")
 print(f"centre of mass is {check.below:.4f} r below the geometric centre and {check.away:.1e} r beside it")
 print(f"least normal force {check.margin:.3f} M g, friction needed {check.friction:.3f}")

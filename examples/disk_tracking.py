@@ -38,8 +38,8 @@ def visit(solution):
     print("weight {:8.3g}   root mean square error {:.3e} r   effort {:.4f}".format(*rows[-1]))
 
 
-easy = control.started(problem(1e-2), np.linspace(START, END, 21))
-branch, hard = control.continued(easy, problem(1e2), visit=visit)
+easy = control.solve_from_guess(problem(1e-2), np.linspace(START, END, 21))
+branch, hard = control.continue_to(easy, problem(1e2), visit=visit)
 weights, errors, efforts = np.transpose(rows)
 print(f"the tracking error falls by a factor of {errors[0] / errors[-1]:.0f} along the branch")
 curvature = control.least_curvature(hard)
@@ -47,7 +47,7 @@ print(f"the least curvature of the cost is {curvature:.3g}")
 
 # The schedules are written as a scenario for `jaxball simulate`, and simulated again by a solver of another family.
 Path("disk_tracking.toml").write_text(write_scenario(control.scenario_of(hard, "The disk there and back")))
-check = control.resimulated(hard)
+check = control.resimulate(hard)
 print(f"simulated again, the path is {check.apart:.1e} r away; at the end the disk moves at {check.speed:.1e}, and the")
 print(f"centre of mass is {check.below:.4f} r below the geometric centre and {check.away:.1e} r beside it")
 print(f"least normal force {check.margin:.3f} M g, friction needed {check.friction:.3f}")

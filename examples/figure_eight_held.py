@@ -36,7 +36,7 @@ objectives = {
 }
 depth = -sum(places) / float(ball.total_mass)
 problem = control.Rolling(ball, (0.0, END), objectives, place=(0.0, 0.0), depth=depth)
-found = control.started(problem, np.linspace(0.0, END, 61), guess=control.rolling_along)
+found = control.solve_from_guess(problem, np.linspace(0.0, END, 61), guess=control.rolling_along)
 designed = control.scenario_of(found, "Six magnets in tubes, a figure eight that is held")
 
 # Its feedback, pushes and sensors, as they could stand in a scenario file.
@@ -71,7 +71,7 @@ for name, loop in loops.items():
 assert missed["without feedback"] > 10 * missed["with feedback"]
 assert missed["without feedback"] > 4 * missed["from sensors"]
 
-run = loops["from sensors"].run.made_by(held)
+run = loops["from sensors"].run.set_scenario(held)
 save(run, "figure_eight_held.nc")
 run.view("figure_eight_held.html")
 figures = {"paths": plot.held_paths(loops), "inputs": plot.held_inputs({"with feedback": loops["with feedback"]})}

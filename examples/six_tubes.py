@@ -49,15 +49,15 @@ def visit(solution):
     print("weight {:8.3g}   root mean square error {:.3e} r   effort {:.5f}".format(*rows[-1]), flush=True)
 
 
-tight = control.started(problem(WEIGHTS[0]), np.linspace(START, END, 61), guess=control.rolling_along)
-_, loose = control.continued(tight, problem(WEIGHTS[1]), tolerance=1e-4, visit=visit)
+tight = control.solve_from_guess(problem(WEIGHTS[0]), np.linspace(START, END, 61), guess=control.rolling_along)
+_, loose = control.continue_to(tight, problem(WEIGHTS[1]), tolerance=1e-4, visit=visit)
 weights, errors, efforts = np.transpose(rows)
 curvature = control.least_curvature(tight)
 print(f"the least curvature of the cost is {curvature:.3g}")
 
 # The schedules are written as a scenario for `jaxball simulate`, and simulated again by a solver of another family.
 Path("six_tubes.toml").write_text(write_scenario(control.scenario_of(tight, "Six masses in tubes, a figure eight")))
-check = control.resimulated(tight)
+check = control.resimulate(tight)
 print(f"simulated again, the path is {check.apart:.1e} r away; at the end the ball moves at {check.speed:.1e}, and the")
 print(f"centre of mass is {check.below:.4f} r below the geometric centre and {check.away:.1e} r beside it")
 print(f"least normal force {check.margin:.3f} M g, friction needed {check.friction:.3f}")

@@ -242,10 +242,10 @@ _own_vjp.defvjp(lambda x: (_own_vjp(x), None), lambda _, cotangent: (7 * cotange
 
 
 def test_programs_within_are_found_where_their_operations_say_all():
-    inner = compat.called(the_equation(jax.jit(jnp.sin), 1.0))
+    inner = compat.inner_program(the_equation(jax.jit(jnp.sin), 1.0))
     assert [e.primitive.name for e in inner.jaxpr.eqns] == ["sin"]
     for function in (_own_jvp, _own_vjp, jnp.sin, lambda x: lax.scan(_sum, x, A)):
-        assert compat.called(the_equation(function, 1.0)) is None
+        assert compat.inner_program(the_equation(function, 1.0)) is None
 
 
 @pytest.mark.parametrize("function", [jax.jit(jnp.sin), _own_jvp, _own_vjp, jax.checkpoint(jnp.sin)])
@@ -334,9 +334,9 @@ def test_what_is_compiled_tells_what_it_was_made_of():
     def f(x, n):
         return x * n
 
-    assert compat.jitted(jax.jit(f, static_argnums=1)) == (f, (1,), ("n",))
-    assert compat.jitted(jax.jit(f)) == (f, (), ())
-    assert compat.jitted(f) is None
+    assert compat.unwrap_jit(jax.jit(f, static_argnums=1)) == (f, (1,), ("n",))
+    assert compat.unwrap_jit(jax.jit(f)) == (f, (), ())
+    assert compat.unwrap_jit(f) is None
 
 
 def test_classes_tell_how_their_objects_are_taken_apart():

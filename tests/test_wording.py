@@ -3,18 +3,18 @@
 import pytest
 
 from jaxball.cli import main
-from jaxball.interface.wording import all_of, counted, did_you_mean, one_of, pip_install
+from jaxball.interface.wording import all_of, did_you_mean, number_of, one_of, pip_install
 from jaxball.scenario import ScenarioError
 from jaxball.scenario.values import Choice, Integer, Numbers
 
 
 def test_numbers_of_things():
-    assert [counted(n, "point mass", "point masses") for n in (0, 1, 2)] == [
+    assert [number_of(n, "point mass", "point masses") for n in (0, 1, 2)] == [
         "0 point masses",
         "1 point mass",
         "2 point masses",
     ]
-    assert counted(12000, "row") == "12,000 rows"
+    assert number_of(12000, "row") == "12,000 rows"
 
 
 def test_enumerations():

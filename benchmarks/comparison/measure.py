@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from jaxball.interface.wording import counted
+from jaxball.interface.wording import number_of
 
 from .contenders import Contender, Program, Run
 from .problem import Problem
@@ -127,7 +127,7 @@ def measure(problem: Problem, contenders: Sequence[Contender], settings: Setting
             continue
         built, failures = _build(problem, contender, settings, leave_out)
         if built:
-            echo(f"  {contender.name}: {counted(len(built), 'setting')}, built in {seconds(built[0].build_time)}")
+            echo(f"  {contender.name}: {number_of(len(built), 'setting')}, built in {seconds(built[0].build_time)}")
         entries += built
         measured.rows += failures
     time_in_turns(entries, settings.budget)
@@ -164,9 +164,9 @@ def _build(
 
 
 def _entry(contender: Contender, program: Program, tolerance: float) -> _Entry:
-    own_time, run = timed(lambda: program.run(tolerance))
-    first, _ = timed(run.solve)
-    once = first if first > 1 else timed(run.solve)[0]
+    own_time, run = time_call(lambda: program.run(tolerance))
+    first, _ = time_call(run.solve)
+    once = first if first > 1 else time_call(run.solve)[0]
     return _Entry(contender, tolerance, run, program.build_time + own_time, once)
 
 
@@ -180,7 +180,7 @@ def time_in_turns(entries: Sequence[_Entry], budget: float) -> None:
             continue
         if entry.once < COLD:
             entry.run.solve()
-        entry.times += [timed(entry.run.solve)[0] for _ in range(block)]
+        entry.times += [time_call(entry.run.solve)[0] for _ in range(block)]
 
 
 def _row(problem: Problem, entry: _Entry) -> Row:
@@ -204,8 +204,8 @@ def _row(problem: Problem, entry: _Entry) -> Row:
     )
 
 
-def timed(call: Callable[[], Result]) -> tuple[float, Result]:
-    """The time in seconds that ``call`` took, and its result; ``call`` must wait for what it started."""
+def time_call(call: Callable[[], Result]) -> tuple[float, Result]:
+    """Returns the time in seconds that ``call`` took, and its result; ``call`` must wait for what it started."""
     start = time.perf_counter()
     result = call()
     return time.perf_counter() - start, result

@@ -37,8 +37,8 @@ def cheapest(rows: Sequence[Row], goal: float) -> list[Row]:
     return list(fastest.values())
 
 
-def asked(rows: Sequence[Row], goal: float) -> list[Row]:
-    """The row of each solver with the loosest tolerance that is not above ``goal``."""
+def select_rows(rows: Sequence[Row], goal: float) -> list[Row]:
+    """Selects the row of each solver with the loosest tolerance that is not above ``goal``."""
     good = [row for row in rows if not row.failure and row.tolerance <= goal]
     return list({row.solver: row for row in sorted(good, key=lambda row: row.tolerance)}.values())
 
@@ -122,7 +122,9 @@ def _cells(row: Row, fastest: float) -> list[str]:
 def _agreement(problem: Problem, rows: Sequence[Row], goal: float) -> str:
     sentences = [
         _apart(spread(problem, cheapest(rows, goal)), "The final states of these solvers"),
-        _apart(spread(problem, asked(rows, goal)), f"The final states of all solvers at the tolerance {power(goal)}"),
+        _apart(
+            spread(problem, select_rows(rows, goal)), f"The final states of all solvers at the tolerance {power(goal)}"
+        ),
     ]
     return " ".join(filter(None, sentences))
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from jaxball.interface.output import replacing
-from jaxball.interface.wording import counted, nearest
+from jaxball.interface.wording import nearest, number_of
 
 from . import problems, report
 from .contenders import ALL, FAMILIES, Contender
@@ -171,7 +171,7 @@ def _present(contenders: Sequence[Contender]) -> tuple[list[Contender], list[str
 def _finding(rows: Sequence[Row]) -> str:
     good = [row for row in rows if not row.failure]
     solvers = len({row.solver for row in good})
-    done = f"{counted(solvers, 'solver')}, {counted(len(good), 'setting')}"
+    done = f"{number_of(solvers, 'solver')}, {number_of(len(good), 'setting')}"
     for goal in reversed(report.GOALS):
         cheapest = report.cheapest(rows, goal)
         if cheapest:

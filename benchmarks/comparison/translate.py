@@ -48,7 +48,7 @@ class Expression:
         return _operation("/", other, self)
 
     def __neg__(self) -> Operand:
-        return _made(self.known, "-", self)
+        return _make(self.known, "-", self)
 
 
 class FunctionsOfExpressions:
@@ -57,18 +57,18 @@ class FunctionsOfExpressions:
     @staticmethod
     def sin(x: Operand) -> Operand:
         """The sine."""
-        return _made(x.known, "sin", x) if isinstance(x, Expression) else math.sin(x)
+        return _make(x.known, "sin", x) if isinstance(x, Expression) else math.sin(x)
 
     @staticmethod
     def cos(x: Operand) -> Operand:
         """The cosine."""
-        return _made(x.known, "cos", x) if isinstance(x, Expression) else math.cos(x)
+        return _make(x.known, "cos", x) if isinstance(x, Expression) else math.cos(x)
 
 
-def given(names: Sequence[str]) -> list[Expression]:
-    """The numbers with these names, of one program."""
+def make_numbers(names: Sequence[str]) -> list[Expression]:
+    """Makes the numbers with these names, of one program."""
     known: dict[Any, Expression] = {}
-    return [_made(known, name) for name in names]
+    return [_make(known, name) for name in names]
 
 
 def in_order(results: Sequence[Operand]) -> Iterator[Expression]:
@@ -126,11 +126,11 @@ def _operation(name: str, a: Operand, b: Operand) -> Operand:
     if (a == 0 and name == "+") or (a == 1 and name == "*"):
         return b
     known = a.known if isinstance(a, Expression) else b.known  # pyright: ignore
-    return _made(known, name, a, b)
+    return _make(known, name, a, b)
 
 
-def _made(known: dict[Any, Expression], operation: str, *operands: Operand) -> Expression:
-    """The expression, which is made if there is none."""
+def _make(known: dict[Any, Expression], operation: str, *operands: Operand) -> Expression:
+    """Makes the expression if there is none yet."""
     keys = [id(x) if isinstance(x, Expression) else ("number", float(x)) for x in operands]
     if operation in COMMUTATIVE:
         keys.sort(key=str)
@@ -164,7 +164,7 @@ def python_source(g: Rates, states: int, parameters: int) -> str:
 
     Its globals must have ``sin`` and ``cos``.
     """
-    t, x, p = _given(states, parameters)
+    t, x, p = _make_arguments(states, parameters)
     targets = {f"rates[{i}]": rate for i, rate in enumerate(g(t, x, p, FunctionsOfExpressions))}
     return _source("rates(t, x, p, rates)", targets)
 
@@ -174,16 +174,16 @@ def jacobian_source(g: Rates, states: int, parameters: int) -> str:
 
     Its globals must have ``sin`` and ``cos``.
     """
-    t, x, p = _given(states, parameters)
+    t, x, p = _make_arguments(states, parameters)
     rates = g(t, x, p, FunctionsOfExpressions)
     columns = [derivatives(rates, variable) for variable in x]
     targets = {f"jacobian[{i}, {j}]": columns[j][i] for i in range(len(rates)) for j in range(states)}
     return _source("jacobian(t, x, p, jacobian)", targets)
 
 
-def _given(states: int, parameters: int) -> tuple[Expression, list[Expression], list[Expression]]:
+def _make_arguments(states: int, parameters: int) -> tuple[Expression, list[Expression], list[Expression]]:
     names = [f"x[{i}]" for i in range(states)], [f"p[{i}]" for i in range(parameters)]
-    t, *others = given(["t", *names[0], *names[1]])
+    t, *others = make_numbers(["t", *names[0], *names[1]])
     return t, others[:states], others[states:]
 
 

@@ -14,7 +14,7 @@ from jaxball.classical import HeavyTop, LagrangianState, RollingEllipsoid
 from jaxball.classical.state import OrientedState
 from jaxball.plot.palette import FAINT, INK, SHELL, TRAIL
 from jaxball.plot.shapes import split, view, wireframe
-from jaxball.plot.style import described
+from jaxball.plot.style import describe
 from jaxball.plot.view.free import REACH, THROUGH_CENTRE, axis_of_revolution, ellipsoid_of
 
 FAR = 3.0  # radii from the start to where a body is shown, which is the smaller the longer its path is
@@ -86,7 +86,7 @@ def rolling(scenario: Scenario, run: Trajectory[Any, Any]) -> tuple[Figure, str]
         one.remove()
     figure.set_size_inches(SMALLER * figure.get_size_inches())
     ground = _ground_of(scenario.system)
-    return figure, f"{described(scenario.system)}, {ground}, with the path of its contact point behind it"
+    return figure, f"{describe(scenario.system)}, {ground}, with the path of its contact point behind it"
 
 
 def _ground_of(system: Any) -> str:
@@ -121,7 +121,7 @@ def rigid_body(scenario: Scenario, whole: Trajectory[Any, Any]) -> tuple[Figure,
     ax.plot(*tips.T, color=TRAIL, linewidth=1.2, zorder=4)
     axis = THROUGH_CENTRE["name"] if isinstance(system, HeavyTop) else f"its axis E{axis_of_revolution(system) + 1}"
     point = "its centre" if isinstance(system, RollingEllipsoid) else "the fixed point"
-    return figure, f"{described(system)}: an ellipsoid about {point}, and the path of the tip of {axis}"
+    return figure, f"{describe(system)}: an ellipsoid about {point}, and the path of the tip of {axis}"
 
 
 def particle(run: Trajectory[Any, Any]) -> tuple[Figure, str]:
@@ -136,7 +136,7 @@ def particle(run: Trajectory[Any, Any]) -> tuple[Figure, str]:
     for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
         axis.labelpad = -14
     ax.set_box_aspect((1, 1, 1), zoom=0.85)
-    return figure, f"{described(run.system)} at the end of its path in a box, with the path's shadow on the bottom"
+    return figure, f"{describe(run.system)} at the end of its path in a box, with the path's shadow on the bottom"
 
 
 def vehicle(run: Trajectory[Any, Any]) -> tuple[Figure, str]:
@@ -152,4 +152,4 @@ def vehicle(run: Trajectory[Any, Any]) -> tuple[Figure, str]:
         ax.plot(*ends.T, color=INK, linewidth=2.0, solid_capstyle="round")
     ax.set_aspect("equal")
     ax.set_axis_off()
-    return figure, f"{described(run.system)}: its path from above, with short lines along its blade"
+    return figure, f"{describe(run.system)}: its path from above, with short lines along its blade"

@@ -59,18 +59,17 @@ __all__ = [
     "array_type",
     "batch_by",
     "branches",
-    "called",
     "captures",
     "declare_linear",
     "differentiate_by",
     "evaluate",
     "function_of",
+    "inner_program",
     "is_for_export",
     "is_for_one_device",
     "is_traced",
     "is_tracer_type",
     "is_within_trace",
-    "jitted",
     "loop",
     "new_primitive",
     "no_tangent",
@@ -86,6 +85,7 @@ __all__ = [
     "stablehlo_passes",
     "trace_context",
     "unvmap_any",
+    "unwrap_jit",
     "without_locations",
     "zero_tangent",
 ]
@@ -198,8 +198,8 @@ def node_functions(of: type) -> tuple[Any, ...]:
     return tuple(_registry.get(of, ()))
 
 
-def jitted(value: Any) -> tuple[Any, ...] | None:
-    """The function that ``jax.jit`` was given, and which arguments are static; None if ``jax.jit`` did not return it.
+def unwrap_jit(value: Any) -> tuple[Any, ...] | None:
+    """Returns the function that ``jax.jit`` was given, and which arguments are static; None for other values.
 
     **Raises:** ``RuntimeError`` where this version of JAX does not tell.
     """
@@ -267,7 +267,7 @@ def new_primitive(name: str, rules: Rules) -> Any:
     )
     written = mlir.lower_fun(rules.write, multiple_results=True)
 
-    def called(platform: str, context: Any, *operands: Any, **params: Any) -> Any:
+    def call(platform: str, context: Any, *operands: Any, **params: Any) -> Any:
         target = rules.target(platform, context, context.avals_in, **params)
         if target is None:
             return written(context, *operands, **params)
@@ -275,7 +275,7 @@ def new_primitive(name: str, rules: Rules) -> Any:
 
     mlir.register_lowering(new, written)
     for platform in ("cpu", "cuda"):
-        mlir.register_lowering(new, functools.partial(called, platform), platform=platform)
+        mlir.register_lowering(new, functools.partial(call, platform), platform=platform)
     ad.primitive_jvps[new] = rules.differentiate
     batching.primitive_batchers[new] = rules.batch
     if rules.transpose is not None:
@@ -352,8 +352,8 @@ def branches(equation: Any) -> tuple[Program, ...]:
     return argument(equation, "branches")
 
 
-def called(equation: Any) -> Program | None:
-    """The program that an equation calls, if its operations say all: not where it has a rule for derivatives."""
+def inner_program(equation: Any) -> Program | None:
+    """Returns the program that an equation calls; None where it has a rule for derivatives, or calls none."""
     if equation.primitive.name == "scan" or equation.primitive.name.startswith(("custom_jvp_call", "custom_vjp_call")):
         return None
     inner = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))

@@ -49,7 +49,7 @@ def prepare() -> bool:
     own = {flag.split("=")[0] for flag in present}
     version = tuple(int(part) for part in re.findall(r"\d+", importlib.metadata.version("jaxlib"))[:3])
     flags = " ".join([*present, *(flag for flag in flags_of(version) if flag.split("=")[0] not in own)])
-    if not KNOWN_GOOD[0] <= version < KNOWN_GOOD[1] and not _accepted(flags):
+    if not KNOWN_GOOD[0] <= version < KNOWN_GOOD[1] and not _accepts(flags):
         return False
     os.environ["XLA_FLAGS"] = flags
     return True
@@ -71,7 +71,7 @@ def _run_in_the_calling_thread() -> None:
     jax.config.update("jax_cpu_enable_async_dispatch", False)
 
 
-def _accepted(flags: str) -> bool:
+def _accepts(flags: str) -> bool:
     """Whether a process that runs a compiled loop with these flags succeeds."""
     program = "import jax; jax.jit(lambda x: jax.lax.fori_loop(0, 3, lambda i, x: x + i, x))(0.0)"
     environment = {**os.environ, "XLA_FLAGS": flags}

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from comparison.engines import CASES, DRAKE, ENGINES, MUJOCO, PYBULLET, gradients, report
 from comparison.engines.contract import Motion
-from comparison.engines.inside import hung, in_space, prescribed
+from comparison.engines.inside import angles_by_schedule, in_space, masses_on_hinges
 from comparison.engines.run import Row, listing, measure, plan
 from comparison.run import SelectionError
 
@@ -98,11 +98,11 @@ def test_the_papers_disk_moves_in_other_engines(engine, setting, package):
 @pytest.mark.thorough
 def test_the_masses_of_the_disk_are_on_hinges_of_a_ball():
     """With the radii of its circles, about an axis across its plane."""
-    links = hung(to_mjcf(in_space(CASES["disk"].scenario())))
+    links = masses_on_hinges(to_mjcf(in_space(CASES["disk"].scenario())))
     assert [link.name for link in links] == [f"masses[{k}]" for k in range(4)]
     np.testing.assert_allclose([np.linalg.norm(link.place) for link in links], [0.9, 19 / 30, 11 / 30, 0.1])
     assert all(np.array_equal(np.abs(link.axis), [0.0, 1.0, 0.0]) and np.all(link.point == 0) for link in links)
-    angles = prescribed(CASES["disk"].scenario().system, np.array([0.0, 1.0]))
+    angles = angles_by_schedule(CASES["disk"].scenario().system, np.array([0.0, 1.0]))
     assert [values[0][0] for values in angles.values()] == [-np.pi / 2] * 4
 
 

@@ -10,7 +10,7 @@ from comparison.contenders import ALL, Work
 from comparison.figures import GAP, apart, diagram
 from comparison.measure import Measured, Row, power, seconds
 from comparison.problems import ALL as PROBLEMS
-from comparison.report import asked, cheapest, markdown, spread
+from comparison.report import cheapest, markdown, select_rows, spread
 from hypothesis import given, strategies as st
 from matplotlib.text import Text
 
@@ -51,8 +51,8 @@ def test_the_cheapest_is_chosen_by_the_achieved_error_and_not_by_the_tolerance()
 
 
 def test_what_was_asked_for_is_chosen_by_the_tolerance():
-    assert {(r.solver, r.tolerance) for r in asked(ROWS, 1e-8)} == {("Gauss", 1e-8), ("heyoka Taylor", 1e-8)}
-    assert {(r.solver, r.tolerance) for r in asked(ROWS, 1e-9)} == {("heyoka Taylor", 1e-10)}
+    assert {(r.solver, r.tolerance) for r in select_rows(ROWS, 1e-8)} == {("Gauss", 1e-8), ("heyoka Taylor", 1e-8)}
+    assert {(r.solver, r.tolerance) for r in select_rows(ROWS, 1e-9)} == {("heyoka Taylor", 1e-10)}
 
 
 def test_the_spread_is_the_largest_relative_difference_of_two_states():

@@ -103,7 +103,7 @@ def test_a_coordinate_without_mass_may_be_fixed_by_a_constraint():
     bowl = LagrangianSystem(lagrangian, ("x", "y", "z"), holonomic=lambda t, q: q[2] - 0.5 * (q[0] ** 2 + q[1] ** 2))
     state = LagrangianState([0.3, -0.4, 0.125], [0.4, 0.3, 0.0])
     assert jaxball.problems(bowl, state) == []
-    acceleration, multipliers = jax.jit(lambda state: bowl.equations(jnp.array(0.0), state).solved())(state)
+    acceleration, multipliers = jax.jit(lambda state: bowl.equations(jnp.array(0.0), state).solve())(state)
     np.testing.assert_allclose(acceleration[:2], [-0.3 * G, 0.4 * G], rtol=1e-15)
     np.testing.assert_allclose(multipliers, [G], rtol=1e-15)
 
@@ -437,4 +437,4 @@ def test_sentences(make, error, sentence):
 def test_how_it_prints():
     assert repr(PARTICLE) == "LagrangianSystem(free, coordinates=('x', 'y', 'z'), constraints=with_y)"
     assert repr(LagrangianState([1.0, 2.0])) == "LagrangianState(q=(1.0, 2.0), qdot=(0.0, 0.0))"
-    assert PARTICLE.described() == "Lagrangian system in x, y, z"
+    assert PARTICLE.describe() == "Lagrangian system in x, y, z"

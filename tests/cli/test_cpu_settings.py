@@ -54,7 +54,7 @@ def test_a_vector_width_of_the_user_stays(flags):
 )
 def test_known_versions_are_not_probed(flags, version, older):
     flags.setattr("importlib.metadata.version", lambda name: version)
-    flags.setattr(cpu, "_accepted", lambda flags: pytest.fail("probed"))
+    flags.setattr(cpu, "_accepts", lambda flags: pytest.fail("probed"))
     assert cpu.prepare()
     assert (cpu.OLDER in os.environ["XLA_FLAGS"].split()) is older
 
@@ -63,18 +63,18 @@ def test_known_versions_are_not_probed(flags, version, older):
 @pytest.mark.parametrize("accepted", [True, False])
 def test_other_versions_are_probed(flags, version, accepted):
     flags.setattr("importlib.metadata.version", lambda name: version)
-    flags.setattr(cpu, "_accepted", lambda flags: accepted)
+    flags.setattr(cpu, "_accepts", lambda flags: accepted)
     assert cpu.prepare() is accepted
     assert ("XLA_FLAGS" in os.environ) is accepted
 
 
 @pytest.mark.thorough
 def test_the_installed_version_accepts_its_flags():
-    assert cpu._accepted(" ".join(cpu.flags_of(jaxlib.version.__version_info__)))
+    assert cpu._accepts(" ".join(cpu.flags_of(jaxlib.version.__version_info__)))
 
 
 def test_the_probe_finds_what_is_not_accepted():
-    assert not cpu._accepted("--xla_no_such_flag=1")
+    assert not cpu._accepts("--xla_no_such_flag=1")
 
 
 @pytest.mark.thorough

@@ -9,7 +9,7 @@ from scipy.optimize import LinearConstraint, minimize
 
 import jaxball
 from jaxball.control import closed_loop, mpc, tvlqr
-from jaxball.control.predictive import solved
+from jaxball.control.predictive import solve_stages
 from jaxball.physics.observables import observe
 from tests.control import robots
 
@@ -132,7 +132,7 @@ def test_the_rows_are_derivatives_of_the_reaction(track):
     weight = float(track.sampled.system.total_mass * track.sampled.system.gravity)
 
     def reaction(v):
-        seen = observe(track.sampled.held(u + v[12:]), t, state.retract(v[:12]))
+        seen = observe(track.sampled.hold(u + v[12:]), t, state.retract(v[:12]))
         return jnp.append(seen.friction, seen.normal_force) / weight
 
     compiled = jax.jit(reaction)
@@ -224,7 +224,7 @@ def test_derivatives_of_a_plan_are_those_of_its_conditions(track):
     def result(by):
         M = control.track.W * (1 + by[2])
         changed = eqx.tree_at(lambda c: (c.limits.d, c.track.W), control, (control.limits.d * (1 + by[1]), M))
-        plan = solved(changed.stages(jnp.asarray(0)), jnp.asarray(XI) + by[0] * along)
+        plan = solve_stages(changed.stages(jnp.asarray(0)), jnp.asarray(XI) + by[0] * along)
         return jnp.sum(plan.z * of_cost)
 
     zero = jnp.zeros(3)

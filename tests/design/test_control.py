@@ -67,7 +67,7 @@ def double(far=2.0):
 def test_the_least_effort_from_rest_to_rest_is_exact():
     """States of degree 3 are what collocation with three nodes has."""
     collocation = control.Collocation(double(), np.array([0.0, 0.3, 1.0]), 3)
-    found = control.solved(collocation, still(collocation))
+    found = control.solve_near(collocation, still(collocation))
     t = np.linspace(0.0, 1.0, 41)
     np.testing.assert_allclose(found.path.inputs(t)[:, 0], 2 * (6 - 12 * t), atol=1e-11)
     np.testing.assert_allclose(found.path.states(t)[:, 0], 2 * (3 * t**2 - 2 * t**3), atol=1e-12)
@@ -83,7 +83,7 @@ def test_the_regulator_converges_with_order_twice_the_stages():
     errors = []
     for intervals in (4, 8):
         collocation = control.Collocation(problem, np.linspace(0.0, T, intervals + 1), 2)
-        found = control.solved(collocation, still(collocation), tolerance=np.inf)
+        found = control.solve_near(collocation, still(collocation), tolerance=np.inf)
         knots = found.path.knots[:, 0]
         errors.append(np.max(np.abs(knots - np.cosh(T - collocation.mesh) / np.cosh(T))))
         cost = collocation.cost(found.y, 0.0)
@@ -96,7 +96,7 @@ def pendulum():
     """A pendulum's mesh refined to 1e-8."""
     problem = Pendulum(jnp.asarray(0.0), jnp.asarray(6.0), jnp.asarray(2.5))
     collocation = control.Collocation(problem, np.linspace(0.0, 6.0, 7), 3)
-    return control.solved(collocation, still(collocation), tolerance=1e-8)
+    return control.solve_near(collocation, still(collocation), tolerance=1e-8)
 
 
 def test_the_pendulum_obeys_pontryagin(pendulum):

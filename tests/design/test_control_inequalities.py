@@ -102,8 +102,8 @@ PROBLEMS = {"speed": (LimitedSpeed, 1.23), "force": (LimitedForce, 4.5), "Bryson
 def begun(request):
     """A solution with a large barrier, and the same with a small one."""
     collocation = posed(*PROBLEMS[request.param])
-    first = control.solved(collocation, still(collocation))
-    return first, control.sharpened(first)
+    first = control.solve_near(collocation, still(collocation))
+    return first, control.sharpen(first)
 
 
 @pytest.mark.thorough
@@ -153,7 +153,7 @@ def test_a_boundary_makes_a_minimum(u, minimum):
     """With L = −u² − σ g the curvature is σ − 2, and the barrier's σ² / µ is added where g = 0, σ = 2."""
     collocation = posed(Away, 1.0, intervals=2)
     path = still(collocation)
-    found = control.sharpened(control.solved(collocation, path._replace(controls=path.controls + u)))
+    found = control.sharpen(control.solve_near(collocation, path._replace(controls=path.controls + u)))
     np.testing.assert_allclose(found.path.controls, 1.0 if minimum else 0.0, atol=1e-7)
     curvature = control.least_curvature(found)
     np.testing.assert_allclose(curvature, 4 / found.collocation.barrier if minimum else -2.0, rtol=1e-6)
@@ -161,8 +161,8 @@ def test_a_boundary_makes_a_minimum(u, minimum):
 
 def test_what_has_no_inequalities_is_sharp_already():
     collocation = posed(Limited, 0.0, intervals=2)
-    found = control.solved(collocation, still(collocation))
-    assert control.sharpened(found) is found
+    found = control.solve_near(collocation, still(collocation))
+    assert control.sharpen(found) is found
     assert np.max(control.violations(found.collocation, found.path, 0.0)) == 0
 
 
@@ -193,11 +193,11 @@ def test_a_smaller_barrier_where_newton_does_not_come_to_a_larger_one(monkeypatc
     newton = module.newton
     monkeypatch.setattr(module, "newton", fails_above)
     collocation = posed(LimitedForce, 4.5)
-    found = control.solved(collocation, still(collocation))
+    found = control.solve_near(collocation, still(collocation))
     np.testing.assert_allclose(found.collocation.barrier, 1e-5)
     assert np.max(np.abs(found.collocation.residual(found.y, 0.0))) < 1e-9
     # Nothing is to be found without inequalities, because there is no barrier to make smaller.
     free = posed(Limited, 0.0)
     monkeypatch.setattr(module, "newton", lambda *arguments: fails_above(collocation, *arguments[1:]))
     with pytest.raises(DesignError, match="too large"):
-        control.solved(free, still(free))
+        control.solve_near(free, still(free))

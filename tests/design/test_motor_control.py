@@ -30,7 +30,7 @@ def climb(drive, theta, **constraints):
 @pytest.fixture(scope="module")
 def driven():
     """Up a slope, by the torque on a pendulum."""
-    return control.started(climb(jaxball.Motor(0.0), [LEAN - SLOPE]), MESH)
+    return control.solve_from_guess(climb(jaxball.Motor(0.0), [LEAN - SLOPE]), MESH)
 
 
 @pytest.mark.long
@@ -90,14 +90,14 @@ def test_motors_take_it_there_and_it_stays(driven):
     np.testing.assert_allclose(run.state.theta[rest, 0], LEAN - SLOPE + run.state.phi[rest], atol=1e-5)
     found = control.places(driven, times[~rest])
     np.testing.assert_allclose(run.state.z[~rest], found, atol=1e-5)
-    seen = control.resimulated(driven)
+    seen = control.resimulate(driven)
     assert max(seen.apart, seen.speed, seen.away, seen.missed) < 1e-5
 
 
 @pytest.mark.slow
 def test_a_joint_that_is_accelerated_finds_the_same_torque(driven):
     """The same optimum by another control, θ̈ of a joint that has a schedule, and its effort."""
-    other = control.started(climb(jaxball.ConstantRate(LEAN - SLOPE), []), MESH)
+    other = control.solve_from_guess(climb(jaxball.ConstantRate(LEAN - SLOPE), []), MESH)
     times = np.linspace(0.0, END, 41)
     np.testing.assert_allclose(control.places(other, times), control.places(driven, times), atol=1e-5)
     np.testing.assert_allclose(control.means(other)["effort"], control.means(driven)["effort"], rtol=1e-6)
@@ -118,7 +118,7 @@ def test_a_rotor_rolls_a_disk_as_a_double_integrator_does():
     disk = jaxball.Disk(mass=1.0, inertia=inertia, mechanisms=[rotor])
     start = jaxball.DiskState(theta=[0.0], thetadot=[0.0])
     problem = control.Rolling(disk, (0.0, END), {"effort": design.JointEffort()}, start, PLACE, softness=1e-7)
-    found = control.started(problem, MESH)
+    found = control.solve_from_guess(problem, MESH)
     times = np.linspace(0.0, END, 21)[:-1]
     torque = -6 * (inertia + (1.0 + m)) * PLACE * (1 - 2 * times / END) / END**2
     np.testing.assert_allclose(jax.vmap(control.signals_of(found)[0])(times), torque, atol=1e-8)
@@ -130,10 +130,10 @@ def test_a_limit_holds_and_is_kept(driven):
     free = np.max(np.abs(driven.path.controls))
     limit = 0.95 * free
     problem = climb(jaxball.Motor(0.0, limit=limit) + jaxball.Damper(0.0), [LEAN - SLOPE])
-    found = control.sharpened(control.started(problem, MESH))
+    found = control.sharpen(control.solve_from_guess(problem, MESH))
     largest = np.max(np.abs(control.system_of(found).mechanisms[0].drives[0].terms[0].signal(jnp.asarray(0.0))))
     assert 0.99 * limit < largest < limit
-    seen = control.resimulated(found)
+    seen = control.resimulate(found)
     assert seen.violations["motor-limits"] < 0
     assert max(seen.apart, seen.speed, seen.away, seen.missed) < 1e-5
 

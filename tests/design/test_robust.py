@@ -10,7 +10,7 @@ import pytest
 
 import jaxball
 from jaxball import design
-from jaxball.design.problem.problem import perturbed_system
+from jaxball.design.problem.problem import perturb_system
 from jaxball.design.report import write_report
 from tests.support.paper import paper_ball, paper_disk
 
@@ -89,7 +89,7 @@ def lightness():
 
 @pytest.mark.long
 def test_objectives_are_means_over_the_balls(optimiser):
-    looked = optimiser.evaluate(np.array([[0.3]]), optimiser.penalised(1))
+    looked = optimiser.evaluate(np.array([[0.3]]), optimiser.first_multipliers(1))
     expected = np.asarray([(0.3 * T - PLACE) ** 2, (0.3 * T) ** 2 * lightness()])
     np.testing.assert_allclose(looked.at.terms[0], expected, rtol=1e-8)
 
@@ -103,7 +103,7 @@ def test_optimum_of_the_mean(optimiser):
 
 @pytest.mark.thorough
 def test_constraints_are_counted_for_each_ball(optimiser):
-    looked, found = optimiser.evaluate(np.array([[0.3]]), optimiser.penalised(1)), problem().problem
+    looked, found = optimiser.evaluate(np.array([[0.3]]), optimiser.first_multipliers(1)), problem().problem
     parts = found.layout.by_constraint(looked.at.violations[0])
     assert {name: part.shape for name, part in parts.items()} == {"within": (COUNT * 20,), "within 2": (COUNT * 20,)}
     np.testing.assert_allclose([np.max(part) for part in parts.values()], [0.3 * T - 9.0, 0.3 * T - 1.0], rtol=1e-8)
@@ -127,7 +127,7 @@ def test_a_robust_design_is_verified_and_shown_on_balls_that_it_has_not_seen(tmp
 @pytest.mark.parametrize("system", [paper_ball(), paper_disk()], ids=["ball", "disk"])
 def test_errors_are_as_large_as_was_said(system):
     given = design.Perturbations(400, 0.02, 0.03, seed=2)
-    found = jax.vmap(lambda one: perturbed_system(system, one))(given.errors(system))
+    found = jax.vmap(lambda one: perturb_system(system, one))(given.errors(system))
     flat = isinstance(system, jaxball.Disk)
     shares = [found.mass / system.mass - 1, *(a.mass / b.mass[None] - 1 for a, b in _groups(found, system))]
     for share in shares:

@@ -37,7 +37,7 @@ def problem(weight, **constraints):
 @pytest.fixture(scope="module")
 def easy():
     """The solution where the tracking hardly counts."""
-    return control.started(problem(0.01), np.linspace(0.0, END, 9), tolerance=1e-6)
+    return control.solve_from_guess(problem(0.01), np.linspace(0.0, END, 9), tolerance=1e-6)
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +78,7 @@ def test_the_costs_are_those_of_the_simulation(easy, run):
 
 @pytest.mark.long
 def test_newton_comes_to_the_same_optimum_from_rest_and_from_the_wanted_path(easy):
-    other = control.started(problem(0.01), np.linspace(0.0, END, 9), guess=control.rolling_along)
+    other = control.solve_from_guess(problem(0.01), np.linspace(0.0, END, 9), guess=control.rolling_along)
     times = np.linspace(0.0, END, 41)
     np.testing.assert_allclose(other.path.states(times), easy.path.states(times), atol=1e-5)
 
@@ -95,14 +95,14 @@ def test_a_scenario_file_holds_the_schedules(easy):
 @pytest.mark.slow
 def test_the_tracking_error_falls_along_the_branch(easy):
     """To what the same problem has that is solved at once."""
-    branch, hard = control.continued(easy, problem(10.0))
+    branch, hard = control.continue_to(easy, problem(10.0))
     assert branch.ended == "end"
     assert control.least_curvature(hard) > 0
     assert control.means(easy)["follow-trajectory"] > 100 * control.means(hard)["follow-trajectory"]
-    at_once = control.started(problem(10.0), np.linspace(0.0, END, 9), guess=control.rolling_along)
+    at_once = control.solve_from_guess(problem(10.0), np.linspace(0.0, END, 9), guess=control.rolling_along)
     for name, value in control.means(hard).items():
         np.testing.assert_allclose(control.means(at_once)[name], value, rtol=1e-4)
-    seen = control.resimulated(hard)
+    seen = control.resimulate(hard)
     assert max(seen.apart, seen.speed, seen.away, seen.missed) < 1e-5
     assert seen.below > 0
     assert seen.margin > 0
@@ -220,7 +220,7 @@ def test_ctrl_c_leaves_the_last_motion(tmp_path, capsys, easy, monkeypatch):
 
 def test_ctrl_c_before_a_motion_is_found(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
-    monkeypatch.setattr("jaxball.design.control.solve.started", interrupted)
+    monkeypatch.setattr("jaxball.design.control.solve.solve_from_guess", interrupted)
     assert command(tmp_path, PROBLEM) == 130
     assert capsys.readouterr().err == "jaxball: Stopped; no motion was found yet.\n"
     assert not (tmp_path / "out").exists()
@@ -263,7 +263,7 @@ def limited():
     solutions = []
     for most in LIMITS:
         one = problem(0.01, limit=design.AccelerationLimit(most))
-        solutions.append(control.sharpened(control.started(one, np.linspace(0.0, END, 9))))
+        solutions.append(control.sharpen(control.solve_from_guess(one, np.linspace(0.0, END, 9))))
     return solutions
 
 
@@ -290,7 +290,7 @@ def test_a_limit_holds_in_the_simulation(limited):
     rates = [jax.vmap(schedule.derivatives)(t) for schedule in control.schedules_of(limited[1])]
     found = [r * np.hypot(one[2], one[1] ** 2) for r, one in zip((0.9, 0.6), rates, strict=True)]
     assert LIMITS[1] - 1e-4 < np.max(found) < LIMITS[1] + 1e-4
-    seen = control.resimulated(limited[1])
+    seen = control.resimulate(limited[1])
     np.testing.assert_allclose(seen.violations["limit"], np.max(found) - LIMITS[1], atol=1e-4)
     assert control.least_curvature(limited[1]) > 0
 

@@ -75,8 +75,8 @@ def test_what_is_no_number_distinguishes():
     solver = {**PROBLEM, "scenario": {**PROBLEM["scenario"], "solve": {"solver": "tsit5"}}}
     longer = {**PROBLEM, "scenario": {**PROBLEM["scenario"], "time": {"start": 0.0, "end": 2.0, "saves": 7}}}
     fewer = {**PROBLEM, "constraints": PROBLEM["constraints"][:1]}
-    forms = [shared.parted(design.read_problem(tomli_w.dumps(d)).problem)[0] for d in (solver, longer, fewer)]
-    assert len({*forms, shared.parted(program().problem)[0]}) == 4
+    forms = [shared.split_problem(design.read_problem(tomli_w.dumps(d)).problem)[0] for d in (solver, longer, fewer)]
+    assert len({*forms, shared.split_problem(program().problem)[0]}) == 4
 
 
 def test_users_objectives_are_not_traced():
@@ -87,6 +87,6 @@ def test_users_objectives_are_not_traced():
             return run.length if float(self.weight) > 0 else -run.length
 
     objectives = {"radius": Radius()}
-    form, content = shared.parted(design.Problem(program().problem.space, objectives, {}))
+    form, content = shared.split_problem(design.Problem(program().problem.space, objectives, {}))
     assert content == ()
     assert form(content).objectives["radius"] is objectives["radius"]

@@ -47,8 +47,8 @@ def turning(angle, rate, place):
 @pytest.mark.long
 def test_defects_in_closed_form():
     """Nothing where the pieces join; and where one starts 1 % too fast, what that comes to by its end."""
-    at, y = optimiser(), program().joined(problem().problem.space.start[None])[0]
-    np.testing.assert_allclose(defects(at.evaluate(y[None], at.penalised(1))), 0.0, atol=1e-8)
+    at, y = optimiser(), program().append_joints(problem().problem.space.start[None])[0]
+    np.testing.assert_allclose(defects(at.evaluate(y[None], at.first_multipliers(1))), 0.0, atol=1e-8)
     Omega, t = np.array([0.1, 0.5, 0.0]), T / PIECES
     faster, speed = 1.01 * Omega, np.array([0.5, -0.1])
     size = np.linalg.norm(Omega)
@@ -58,19 +58,19 @@ def test_defects_in_closed_form():
     changed[2 : 2 + start.size] = start
     end = turning(size * (t + 1.01 * t), faster, t * speed + 1.01 * t * speed)
     expected = np.stack([joints[0] - start, end - joints[1], np.zeros(start.size)])
-    np.testing.assert_allclose(defects(at.evaluate(changed[None], at.penalised(1))), expected, atol=1e-8)
+    np.testing.assert_allclose(defects(at.evaluate(changed[None], at.first_multipliers(1))), expected, atol=1e-8)
 
 
 @pytest.mark.slow
 def test_the_gradient_is_right_where_pieces_do_not_join():
     """In reverse mode, as BFGS has it, beside forward mode, as Gauss and Newton have it, and differences."""
     at, random = optimiser(), np.random.default_rng(2)
-    y = program().joined(problem().problem.space.start[None])[0]
+    y = program().append_joints(problem().problem.space.start[None])[0]
     y, direction = y + 0.1 * random.normal(size=y.shape), random.normal(size=y.shape)
-    looked = at.evaluate(y[None], at.penalised(1))
-    reverse = optimiser("bfgs").evaluate(y[None], at.penalised(1)).gradient
+    looked = at.evaluate(y[None], at.first_multipliers(1))
+    reverse = optimiser("bfgs").evaluate(y[None], at.first_multipliers(1)).gradient
     np.testing.assert_allclose(reverse, looked.gradient, atol=1e-9 * np.max(np.abs(reverse)))
-    ahead, behind = (at.evaluate((y + h * direction)[None], at.penalised(1)).value[0] for h in (1e-4, -1e-4))
+    ahead, behind = (at.evaluate((y + h * direction)[None], at.first_multipliers(1)).value[0] for h in (1e-4, -1e-4))
     np.testing.assert_allclose((ahead - behind) / 2e-4, looked.gradient[0] @ direction, rtol=1e-6)
 
 
@@ -106,7 +106,7 @@ def test_a_run_in_pieces_that_join_is_worth_what_it_is_in_one(given):
     given = given()
     whole, cut = design.Shooting(given), design.Shooting(given, 2)
     z = given.space.start[None]
-    found = [jax.jit(one.evaluate)(jnp.asarray(one.joined(z)[0])) for one in (whole, cut)]
+    found = [jax.jit(one.evaluate)(jnp.asarray(one.append_joints(z)[0])) for one in (whole, cut)]
     np.testing.assert_allclose(found[1].terms, found[0].terms, atol=1e-7)
     parts = cut.layout.by_constraint(np.asarray(found[1].violations))
     assert parts[CONTINUITY].size == given.balls * cut.components.size

@@ -127,9 +127,9 @@ def test_a_quantity_that_is_written_anew_is_known_again():
         return runs.reductions["most"]
 
     np.testing.assert_allclose(largest(1.0), [2.0, 4.0], rtol=1e-12)
-    compiled = program._compiled.cache_info().misses
+    compiled = program._compile.cache_info().misses
     np.testing.assert_allclose(largest(1.0), [2.0, 4.0], rtol=1e-12)
-    assert program._compiled.cache_info().misses == compiled
+    assert program._compile.cache_info().misses == compiled
     np.testing.assert_allclose(largest(3.0), [6.0, 12.0], rtol=1e-12)
     slopes = jax.jacfwd(largest)(3.0)
     np.testing.assert_allclose(slopes, [2.0, 4.0], rtol=1e-9)

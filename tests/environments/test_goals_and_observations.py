@@ -60,7 +60,7 @@ def test_what_is_observed_is_the_same_wherever_the_robot_is_and_whichever_way_it
     def observed(state, point):
         moment = moment_of(state)
         return jnp.concatenate(
-            [ObservedState()(None, moment, (), jnp.ones(()))[0], ReachPoint().observed(point, moment)]
+            [ObservedState()(None, moment, (), jnp.ones(()))[0], ReachPoint().observe(point, moment)]
         )
 
     there = observed(turned(somewhere, angle, shift), rotation(angle) @ point + shift)
@@ -86,7 +86,7 @@ def test_what_a_path_and_a_speed_are_missed_by():
     moment = moment_of(rolling, 0.5)
     path = FollowPath(jaxball.ConstantRate(0.0, rate=3.0), jaxball.ConstantRate(2.0, rate=1.0), preview=(1.0,))
     np.testing.assert_allclose(path.misses((), moment), [0.5, 1.5, 1.0, 1.0], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(path.observed((), moment), [0.5, 1.5, 1.0, 1.0, 3.5, 2.5], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(path.observe((), moment), [0.5, 1.5, 1.0, 1.0, 3.5, 2.5], rtol=0, atol=1e-12)
     steps = jaxball.PiecewiseSignal([0.0, 1.0, 2.0], [1.5, -1.0])
     missed = HoldSpeed(steps).misses(jnp.asarray(2.0), moment_of(turned(rolling, 0.7, 0.0), 0.5))
     np.testing.assert_allclose(missed, [1.0, 0.0], rtol=0, atol=1e-12)

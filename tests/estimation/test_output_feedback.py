@@ -74,7 +74,7 @@ def test_late_readings_are_taken_for_what_they_were(track):
     loop = closed_loop(OutputFeedback.of(track, late, spread=SPREAD), START, limits=0.1, delay=2)
     assert bool(loop.saturated.any())
     read = loop.run.measured(late)
-    known = ErrorStateFilter.for_sampled(track.sampled, late)
+    known = ErrorStateFilter.for_sampled_system(track.sampled, late)
     for k in (1, 2, 40):
         log = {name: values[: k + 1] for name, values in read.items()}
         found = known(log, track.nominal.state(0), SPREAD, u=loop.u[:k])

@@ -112,7 +112,7 @@ def known(monkeypatch):
         refuse(values, path, known)
 
     monkeypatch.setattr(table, "refuse_unknown", noted)
-    monkeypatch.setattr("jaxball.scenario.files.check_confined", lambda system, times, state: None)
+    monkeypatch.setattr("jaxball.scenario.files.check_confinement", lambda system, times, state: None)
     return found
 
 

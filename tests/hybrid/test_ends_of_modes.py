@@ -11,7 +11,7 @@ from jaxball.simulation import mode_ends
 from jaxball.simulation.mode_ends import RootBracket
 from jaxball.solvers.dense.steps import sampling
 
-bracketed = jax.jit(mode_ends.bracketed)
+bracketed = jax.jit(mode_ends.bracket_zero)
 DENSE = np.linspace(0.0, 1.0, 20_001)[1:]
 CLOSE = 1e-9  # of the time: ten times what the search allows, relative to the step
 

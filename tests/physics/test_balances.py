@@ -13,7 +13,7 @@ import pytest
 
 import jaxball
 from jaxball.physics import integrals, momentum
-from jaxball.physics.dynamics import given_angles
+from jaxball.physics.dynamics import angles_in_state
 from jaxball.physics.load import load
 from jaxball.physics.moments import moments
 from tests.support.flow import along_flow
@@ -38,7 +38,7 @@ def energy_balance(system, t, state):
 
 def momentum_quantities(ball, t, state):
     """Π, L·s and their rates by the laws."""
-    at = moments(ball, t, given_angles(ball, t, state))
+    at = moments(ball, t, angles_in_state(ball, t, state))
     place = at, ball.radius, state.Omega, state.Gamma
     Ftilde = state.Lambda.T @ ball.force(t)
     Pi = momentum.contact_momentum(*place)
@@ -55,7 +55,7 @@ def balances_of_balls(ball, t, state):
         return energies(ball, t, x), momentum_quantities(ball, t, x)
 
     ((energy, power), ((Pi, _), predicted)), ((rate, _), (changed, _)) = along_flow(seen, ball, t, state)
-    angles = given_angles(ball, t, state)
+    angles = angles_in_state(ball, t, state)
     P = momentum.linear_momentum(moments(ball, t, angles), ball.radius, state.Omega, state.Gamma)
     return (energy, rate, power), (changed, predicted), (Pi, P, state.Gamma, all_masses(ball, t, angles))
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.physics.dynamics import given_angles
+from jaxball.physics.dynamics import angles_in_state
 from tests.support.direct_sum import newton_disk_acceleration
 from tests.support.flow import along_flow
 from tests.support.systems import all_masses, random_cases, random_disks
@@ -14,7 +14,7 @@ from tests.support.systems import all_masses, random_cases, random_disks
 
 def places_in_space(system, t, state):
     """Where every mass and the shell's centre of mass are in space, from the origin."""
-    _, chi, _, _ = all_masses(system, t, given_angles(system, t, state))
+    _, chi, _, _ = all_masses(system, t, angles_in_state(system, t, state))
     state = state.in_space() if isinstance(state, jaxball.DiskState) else state
     centre = jnp.concatenate([state.z, jnp.zeros(1)])
     return centre[None] + chi @ state.Lambda.T
@@ -29,7 +29,7 @@ def reaction(system, t, state):
         return along_flow(lambda t, x: places_in_space(system, t, x), system, t, x)[1]
 
     accelerations = along_flow(velocities, system, t, state)[1]
-    m = all_masses(system, t, given_angles(system, t, state))[0]
+    m = all_masses(system, t, angles_in_state(system, t, state))[0]
     R = jnp.sum(m[:, None] * accelerations, axis=0) - system.force(t)
     R = R.at[2].add(jnp.sum(m) * system.gravity)
     seen = jaxball.observe(system, t, state)

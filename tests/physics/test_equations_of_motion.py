@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.physics.dynamics import given_angles
+from jaxball.physics.dynamics import angles_in_state
 from tests.support import direct_sum
 from tests.support.precision import scaled
 from tests.support.systems import (
@@ -48,7 +48,7 @@ def relative(found, expected):
 def sums_and_rates(system, t, state):
     """What the direct sum needs, and the library's rates."""
     Fe = system.force(t)
-    masses = all_masses(system, t, given_angles(system, t, state))
+    masses = all_masses(system, t, angles_in_state(system, t, state))
     return masses, Fe, jaxball.vector_field(system, t, state)
 
 

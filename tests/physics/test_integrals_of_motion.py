@@ -9,7 +9,7 @@ import pytest
 
 import jaxball
 from jaxball.physics import integrals, momentum
-from jaxball.physics.dynamics import given_angles
+from jaxball.physics.dynamics import angles_in_state
 from jaxball.physics.moments import moments
 
 TIMES = np.linspace(0.0, 10.0, 41)
@@ -22,7 +22,7 @@ def momenta(trajectory):
 
     def at_time(t, state):
         ball = trajectory.system.prepare()
-        place = moments(ball, t, given_angles(ball, t, state)), ball.radius, state.Omega, state.Gamma
+        place = moments(ball, t, angles_in_state(ball, t, state)), ball.radius, state.Omega, state.Gamma
         Pi = momentum.contact_momentum(*place)
         return Pi, state.Lambda @ Pi, state.Gamma, integrals.routh_integrals(*place)
 

@@ -18,7 +18,7 @@ from jaxball.physics.contact.released import (
     response,
     slip_velocity,
 )
-from jaxball.physics.dynamics import given_angles
+from jaxball.physics.dynamics import angles_in_state
 from jaxball.physics.moments import moments
 from tests.support.precision import differences_need_float64
 from tests.support.systems import ball_state, disk_state, random_cases, random_disks, stacked
@@ -46,7 +46,7 @@ def flying_rates(system, t, state):
 def momenta(system, t, state):
     """Linear momentum, and angular momentum about the origin, in space; both mass by mass through moments."""
     body = state.body
-    at = moments(system, t, given_angles(system, t, body))
+    at = moments(system, t, angles_in_state(system, t, body))
     Lambda, Omega = body.Lambda, body.Omega
     P = at.M * state.V + Lambda @ (jnp.cross(Omega, at.p) + at.pdot)
     centre = jnp.append(body.z, state.height)
@@ -63,7 +63,7 @@ def along(function, t, state, changes):
 def balances(system, t, state, mu):
     """The momenta's rates while it slides and while it flies, the forces, and what they must be."""
     place = jnp.append(state.body.z, state.height)
-    at = moments(system, t, given_angles(system, t, state.body))
+    at = moments(system, t, angles_in_state(system, t, state.body))
     weight = -system.gravity * jnp.asarray(E3)
     of_weight = jnp.cross(at.M * place + state.body.Lambda @ at.p, weight)
     found = []

@@ -12,7 +12,7 @@ import jaxball
 from jaxball import ConstantRate, Ground, HarmonicSeries, Oscillating, Turntable
 from jaxball.plot import ColourScale, write_view
 from jaxball.plot.view.document import in_element, view_document
-from jaxball.plot.view.scene import packed, sampled
+from jaxball.plot.view.scene import pack, thin_curve
 from jaxball.scenario import load_scenario
 from tests.plot.test_data_drawn import travelled
 from tests.support.pages import arrays_of, unpacked
@@ -202,15 +202,15 @@ def test_obstacles_are_on_a_floor_that_has_room_for_them(ball_trajectory, disk_o
 
 def test_numbers_are_in_float64_where_float32_would_show_a_point_elsewhere():
     near, far = np.array([1 / 3]), np.array([100 + 1 / 3])  # float32 is off by 1e-8 and by 2e-6
-    assert [packed(near, 1.0)["type"], packed(far, 1.0)["type"]] == ["float32", "float64"]
-    assert [packed(far)["type"], packed(far, 10.0)["type"], packed(near, 1e-3)["type"]] == [
+    assert [pack(near, 1.0)["type"], pack(far, 1.0)["type"]] == ["float32", "float64"]
+    assert [pack(far)["type"], pack(far, 10.0)["type"], pack(near, 1e-3)["type"]] == [
         "float32",
         "float32",
         "float64",
     ]
-    assert unpacked(packed(far, 1.0))[0] == far[0]
-    assert packed(np.array([1e300]), 1.0)["type"] == "float64"
-    assert packed(np.zeros((3, 0, 3)), 1.0)["shape"] == [3, 0, 3]
+    assert unpacked(pack(far, 1.0))[0] == far[0]
+    assert pack(np.array([1e300]), 1.0)["type"] == "float64"
+    assert pack(np.zeros((3, 0, 3)), 1.0)["shape"] == [3, 0, 3]
 
 
 @pytest.mark.thorough
@@ -250,11 +250,11 @@ def test_a_run_without_room_is_thinned_evenly_and_says_so(ball_trajectory):
 def test_rails_are_sampled_no_more_closely_than_can_be_seen():
     angle = np.linspace(0.0, 2 * np.pi, 241)
     circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    few = sampled(circle, 1e-3)
+    few = thin_curve(circle, 1e-3)
     assert len(few) == 81  # every third point: 1 − cos(π / 80) = 8e-4, and with every fourth it would be 1.4e-3
     np.testing.assert_array_equal(few, circle[::3])
-    assert sampled(circle[:2], 1e-3).tolist() == circle[:2].tolist()
-    assert len(sampled(circle, 1e-9)) == 241
+    assert thin_curve(circle[:2], 1e-3).tolist() == circle[:2].tolist()
+    assert len(thin_curve(circle, 1e-9)) == 241
 
 
 def test_a_failed_run_is_shown_as_far_as_it_came(failed_trajectory):

@@ -123,7 +123,7 @@ def test_a_file_without_a_scenario_needs_the_system(tmp_path):
     ball = jaxball.Ball(mass=1.0, inertia=(0.9, 1.0, 1.1), masses=[jaxball.PointMass(0.2, motion)])
     trajectory = simulate(ball, np.linspace(0.0, 0.1, 3), jaxball.ReducedState(Omega=[0.1, 0.2, 0.3]))
     scenario = jaxball.Scenario("A helix", ball, trajectory.start, np.asarray(trajectory.times))
-    assert trajectory.made_by(scenario).to_dataset().attrs["title"] == "A helix"
+    assert trajectory.set_scenario(scenario).to_dataset().attrs["title"] == "A helix"
     path = trajectory.save(tmp_path / "run.nc")
     with pytest.raises(RunError, match=r"contains no scenario.*give its system: load_run\(path, system\)\.$"):
         load_run(path)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.simulation.arguments import checked_times
+from jaxball.simulation.arguments import check_times
 
 BALL = jaxball.Ball(mass=1.0, inertia=(0.5, 0.6, 0.7))
 
@@ -40,12 +40,12 @@ def test_times(times, sentence):
 
 def test_plain_times_are_checked_as_arrays_are():
     for times in ((0, 2), [0, 2], (0.0, 2), [0.0, 2.0], np.array([0, 2])):
-        found = checked_times(times)
+        found = check_times(times)
         assert found.dtype == np.float64
         np.testing.assert_array_equal(found, [0.0, 2.0])
-    np.testing.assert_array_equal(checked_times((-1e300, 1e300)), [-1e300, 1e300])
+    np.testing.assert_array_equal(check_times((-1e300, 1e300)), [-1e300, 1e300])
     with pytest.raises(TypeError, match="Argument `times` must be numbers"):
-        checked_times((0, 10**400))
+        check_times((0, 10**400))
 
 
 def test_the_state_of_another_body():

@@ -63,7 +63,7 @@ def test_a_thumbnail_is_filled_by_what_it_shows(name, extensions, tmp_path):
     assert np.ptp(down) > 0.6 * dark.shape[0]
     assert np.ptp(across) > 0.3 * dark.shape[1]
     words = (tmp_path / "thumbnail.txt").read_text()
-    assert words.split()[0].lower() == scenario.system.described().split()[0]
+    assert words.split()[0].lower() == scenario.system.describe().split()[0]
 
 
 @pytest.mark.long

@@ -8,7 +8,7 @@ import optimistix as optx
 
 from jaxball.solvers import Adams, AdamsController
 from jaxball.solvers.adams import AdamsState
-from jaxball.solvers.differences import folded
+from jaxball.solvers.differences import fold
 from jaxball.solvers.multistep import PairedNorm
 
 ROWS = 13
@@ -36,7 +36,7 @@ def state_of(times, slopes, order):
     products = np.concatenate([[1.0], np.cumprod(times[0] - times[1:])])
     differences = divided_differences(times, slopes.reshape(ROWS, -1)) * products[:, None]
     return AdamsState(
-        differences=folded(jnp.asarray(differences)),
+        differences=fold(jnp.asarray(differences)),
         past=jnp.asarray(times[0] - times),
         order=jnp.asarray(order),
         equal=jnp.asarray(0),

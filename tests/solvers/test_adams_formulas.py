@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.solvers.differences import Points, error_constants, folded, unfolded
+from jaxball.solvers.differences import Points, error_constants, fold, unfold
 from tests.solvers import rotating
 from tests.solvers.adams_steps import ROWS, state_of, step
 from tests.solvers.fixed_steps import FRACTIONS, observed_order
@@ -115,9 +115,9 @@ def map_of_step(order, z):
     def image(row):
         basis = jnp.eye(ROWS + 1)[row]
         parts = jnp.stack([basis, jnp.zeros_like(basis)], axis=1)
-        state = state_of(EVEN, np.zeros((ROWS, 2)), order)._replace(differences=folded(parts[1:]))
+        state = state_of(EVEN, np.zeros((ROWS, 2)), order)._replace(differences=fold(parts[1:]))
         y1, _, _, after = step(rotation, state, jnp.asarray(0.0), jnp.asarray(1.0), parts[0], z)
-        return jnp.concatenate([y1[None], unfolded(after.differences, 2)])
+        return jnp.concatenate([y1[None], unfold(after.differences, 2)])
 
     return jax.vmap(image)(jnp.arange(ROWS + 1))
 

@@ -15,7 +15,7 @@ from jaxball.solvers.backward_differences import (
     HIGHEST_BDF,
     KAPPAS as VALUES,
     error_constants,
-    resampled,
+    resample,
 )
 from tests.solvers import rotating
 from tests.solvers.fixed_steps import FRACTIONS, observed_order
@@ -96,7 +96,7 @@ def test_differences_for_points_at_another_distance_and_elsewhere():
     differences = jnp.asarray(backward_differences(p(PAST))[:6, None])
     moved = PAST[0] + DISTANCE * (shift - ratio * np.arange(6))
     np.testing.assert_allclose(
-        resampled(differences, jnp.asarray(ratio), shift)[:, 0], backward_differences(p(moved)), rtol=0, atol=1e-11
+        resample(differences, jnp.asarray(ratio), shift)[:, 0], backward_differences(p(moved)), rtol=0, atol=1e-11
     )
 
 

@@ -118,7 +118,7 @@ def study_with(name, paths, values):
 def compare(name, paths, values):
     """Which rows are possible, once they and their numbers are found to be those of their own documents."""
     with np.errstate(all="ignore"):
-        stacked = rows._read_stacked(study_with(name, paths, values), values)
+        stacked = rows._read_stack(study_with(name, paths, values), values)
         parts, possible = stacked.parts, stacked.possible
         for k, row in enumerate(values):
             own = contents(name, paths, row)
@@ -261,7 +261,7 @@ def test_balance_is_read_row_by_row_where_it_may_change(tmp_path, monkeypatch):
     text = with_rail('{ kind = "circle", radius = 0.9 }') + "[initial]\nbalance = { masses = [0] }\n"
     found = study(tmp_path, '[[axes]]\npath = "body.mass"\nvalues = [1.0, 2.0, -1.0]\n', scenario=text)
     with pytest.raises(UntraceableError, match=r"`initial\.balance` must not depend on a number that changes"):
-        rows._read_stacked(found, found.values(np.arange(3)))
+        rows._read_stack(found, found.values(np.arange(3)))
     possible, batch = read_rows(found, found.template(), np.arange(3), found.values(np.arange(3)))
     assert list(possible) == [0, 1]
     assert list(batch.system.mass) == [1.0, 2.0]

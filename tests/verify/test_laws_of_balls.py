@@ -123,7 +123,7 @@ def thousandth_wrong(monkeypatch):
 
     monkeypatch.setattr(locked, "contact_momentum_rate", rate)
     # Programs that were compiled from right equations are set aside.
-    monkeypatch.setattr(simulation, "_compiled", functools.cache(simulation._compiled.__wrapped__))
+    monkeypatch.setattr(simulation, "_compile_program", functools.cache(simulation._compile_program.__wrapped__))
     with current.keep_within(None):
         yield
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..problem import Problem
 from . import MAX_STEPS_OF_BENCH, Outcome, Program, Run, Work
-from .scipy_ import compiled_rates
+from .scipy_ import compile_rates
 
 # Untyped, because it need not be installed where types are checked.
 numba: Any = importlib.import_module("numba")
@@ -23,7 +23,7 @@ METHODS = {"LSODA": numbalsoda.lsoda, "DOP853": numbalsoda.dop853}
 def program(method: str, problem: Problem) -> Program:
     """The problem in one of :data:`METHODS`, compiled from piece to piece."""
     start = time.perf_counter()
-    rates = compiled_rates(problem)
+    rates = compile_rates(problem)
     run = functools.partial(_Run, problem, advance(method), right_hand_side(problem))
     run(1e-3).solve()  # Numba compiles for the types of the first call
     return Program(max(time.perf_counter() - start, rates.seconds), run)
@@ -85,7 +85,7 @@ def advance(name: str) -> Callable[..., tuple[np.ndarray, bool]]:
 
 def right_hand_side(problem: Problem) -> Any:
     """The C function of the rates of ``problem``."""
-    rates = compiled_rates(problem).fill
+    rates = compile_rates(problem).fill
     n, size = len(problem.initial), 1 + len(problem.pieces[0].parameters)
 
     def fill(t, x, out, data):

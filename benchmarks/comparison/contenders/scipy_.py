@@ -38,17 +38,17 @@ class Compiled:
 
 
 @functools.cache
-def compiled_rates(problem: Problem) -> Compiled:
-    """f, for which ``out`` is a vector."""
+def compile_rates(problem: Problem) -> Compiled:
+    """Compiles f, for which ``out`` is a vector."""
     source = python_source(problem.rates, len(problem.initial), len(problem.pieces[0].parameters))
-    return _compiled(source, "rates", VECTOR)
+    return _compile(source, "rates", VECTOR)
 
 
 @functools.cache
-def compiled_jacobian(problem: Problem) -> Compiled:
-    """∂f/∂x, exact, for which ``out`` is a matrix."""
+def compile_jacobian(problem: Problem) -> Compiled:
+    """Compiles ∂f/∂x, exact, for which ``out`` is a matrix."""
     source = jacobian_source(problem.rates, len(problem.initial), len(problem.pieces[0].parameters))
-    return _compiled(source, "jacobian", MATRIX)
+    return _compile(source, "jacobian", MATRIX)
 
 
 def parameters(piece: Piece) -> np.ndarray:
@@ -56,7 +56,7 @@ def parameters(piece: Piece) -> np.ndarray:
     return np.array(piece.parameters, dtype=float)
 
 
-def _compiled(source: str, name: str, out: Any) -> Compiled:
+def _compile(source: str, name: str, out: Any) -> Compiled:
     start = time.perf_counter()
     names: dict[str, object] = {"sin": math.sin, "cos": math.cos, "sqrt": math.sqrt}
     exec(source, names)
@@ -66,8 +66,8 @@ def _compiled(source: str, name: str, out: Any) -> Compiled:
 
 def program(method: str, problem: Problem) -> Program:
     """The problem in one of :data:`METHODS`."""
-    jacobian = None if method in EXPLICIT else compiled_jacobian(problem)
-    rates = compiled_rates(problem)
+    jacobian = None if method in EXPLICIT else compile_jacobian(problem)
+    rates = compile_rates(problem)
     build_time = rates.seconds + (jacobian.seconds if jacobian else 0.0)
     return Program(build_time, functools.partial(_Run, method, problem, rates, jacobian))
 

@@ -95,8 +95,8 @@ class Derivative(NamedTuple):
     seconds: float
 
 
-def timed(program: Callable[[], Any], repeats: int) -> tuple[np.ndarray, list[float]]:
-    """The value of a program, and the processor times of its first call, which compiles, and of ``repeats`` others."""
+def time_calls(program: Callable[[], Any], repeats: int) -> tuple[np.ndarray, list[float]]:
+    """Returns a program's value, and processor times of its first call, which compiles, and of ``repeats`` others."""
     calls = []
     for _ in range(repeats):
         begin = time.process_time()

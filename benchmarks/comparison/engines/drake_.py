@@ -16,7 +16,7 @@ from jaxball.physics.mechanisms import Hinge
 from jaxball.scenario import Scenario
 
 from .contract import Case, Motion, Row, Setting, motion_of
-from .inside import in_space, prescribed
+from .inside import angles_by_schedule, in_space
 
 # Untyped, because it need not be installed where types are checked.
 drake: Any = importlib.import_module("pydrake.all")
@@ -31,7 +31,7 @@ def run(case: Case, setting: Setting, timestep: float) -> Motion:
     """
     scenario, continuous = in_space(case.scenario()), setting.values.get("continuous", False)
     exported = to_mjcf(scenario) if continuous else to_mjcf(scenario, timestep=timestep)
-    angles = prescribed(scenario.system, scenario.times[:1])
+    angles = angles_by_schedule(scenario.system, scenario.times[:1])
     _check(scenario, bool(angles), setting)
     step = 0.0 if continuous else timestep
     config = drake.MultibodyPlantConfig(time_step=step, contact_model="point", **setting.values.get("plant", {}))

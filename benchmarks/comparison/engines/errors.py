@@ -43,16 +43,16 @@ def exact(scenario: Scenario) -> Exact:
     run = scenario.simulate(throw=True)
     r = float(system.radius)
     g = float(system.gravity)
-    return Exact(*_seen(run), r, float(system.total_mass) * g * r, float(np.sqrt(g * r)))
+    return Exact(*_measure(run), r, float(system.total_mass) * g * r, float(np.sqrt(g * r)))
 
 
 def of_run(run: Trajectory[Any, Any], true: Exact) -> Errors:
     """The errors of another run of the scenario."""
-    return _between(*_seen(run), true)
+    return _between(*_measure(run), true)
 
 
-def _seen(run: Trajectory[Any, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The path, the speed of slip and the energy along a run."""
+def _measure(run: Trajectory[Any, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Measures the path, the speed of slip and the energy along a run."""
     path = np.asarray(run.observables.geometric_centre)[:, :2]
     slips = np.linalg.norm(run.history.over_time.get("slip", np.zeros((len(path), 3))), axis=-1)
     return path, slips, np.asarray(run.observables.energy)

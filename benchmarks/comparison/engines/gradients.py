@@ -27,7 +27,7 @@ from jaxball.simulation.simulate import simulate
 
 from ..measure import Echo, machine, power, seconds, versions
 from . import MUJOCO
-from .contract import CASES, Derivative, pendulum_robot, timed
+from .contract import CASES, Derivative, pendulum_robot, time_calls
 
 CASE = CASES["pendulum"]
 STIFF = next(setting for setting in MUJOCO.settings if setting.name == "RK4, stiff")
@@ -117,7 +117,7 @@ def own(adjoint: diffrax.AbstractAdjoint, tolerance: float) -> Derivative:
 
     forward = isinstance(adjoint, diffrax.ForwardMode)
     program = programs.jit(jax.jacfwd(place) if forward else jax.jacrev(place))
-    value, calls = timed(lambda: program(jnp.ones(())), 3)
+    value, calls = time_calls(lambda: program(jnp.ones(())), 3)
     return Derivative(value, calls[0] - min(calls), min(calls))
 
 

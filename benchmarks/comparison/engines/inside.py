@@ -36,8 +36,8 @@ def in_space(scenario: Scenario) -> Scenario:
     return dataclasses.replace(scenario, system=ball, state=state.in_space())
 
 
-def hung(exported: Exported) -> list[Hung]:
-    """The masses on hinges of a robot.
+def masses_on_hinges(exported: Exported) -> list[Hung]:
+    """Returns the masses on hinges of a robot.
 
     **Raises:** :class:`~jaxball.mjcf.MJCFError` for a robot that carries something else.
     """
@@ -61,8 +61,8 @@ def _vector(element: ET.Element, name: str, default: str) -> Float[np.ndarray, "
     return np.asarray([float(word) for word in element.get(name, default).split()])
 
 
-def prescribed(system: Any, times: Float[np.ndarray, " T"]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """θ and θ̇ of the masses that move on circles by schedules at some times, by the names of their hinges.
+def angles_by_schedule(system: Any, times: Float[np.ndarray, " T"]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Computes θ and θ̇ of the masses that move on circles by schedules at some times, by the names of their hinges.
 
     **Raises:** :class:`~jaxball.mjcf.MJCFError` for a mass that moves in another way.
     """

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .contract import Derivative, timed
+from .contract import Derivative, time_calls
 
 # Untyped, because they need not be installed where types are checked.
 mujoco: Any = importlib.import_module("mujoco")
@@ -30,7 +30,7 @@ def derivatives(models: list[tuple[Any, np.ndarray]]) -> list[Derivative]:
         padded = np.zeros((longest, model.nu))
         padded[: len(controls)] = controls
         given = mjx.put_model(model), mjx.put_data(model, data), jnp.asarray(padded), jnp.asarray(len(controls))
-        value, calls = timed(lambda given=given: program(*given), REPEATS)
+        value, calls = time_calls(lambda given=given: program(*given), REPEATS)
         compiling = calls[0] - min(calls) if not found else 0.0
         found.append(Derivative(value, compiling, min(calls)))
     return found

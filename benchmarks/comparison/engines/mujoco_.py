@@ -31,7 +31,7 @@ def run(case: Case, setting: Setting, timestep: float) -> Motion:
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     rows, seconds = [_row(data, scenario)], 0.0
-    with _controlled(exported, scenario.times[0], timestep, int(steps.sum())):
+    with _set_controls(exported, scenario.times[0], timestep, int(steps.sum())):
         for count in steps:
             begin = time.process_time()
             mujoco.mj_step(model, data, int(count))
@@ -60,8 +60,8 @@ def final_place(model: Any, controls: np.ndarray) -> np.ndarray:
 
 
 @contextlib.contextmanager
-def _controlled(exported: Exported, start: float, timestep: float, steps: int) -> Iterator[None]:
-    """Controls at the time of each evaluation, which for a Runge–Kutta method is also the middle of the step."""
+def _set_controls(exported: Exported, start: float, timestep: float, steps: int) -> Iterator[None]:
+    """Sets controls at the time of each evaluation, for a Runge–Kutta method also the middle of the step."""
     if not exported.controls:
         yield
         return

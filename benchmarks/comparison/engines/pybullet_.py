@@ -15,7 +15,7 @@ from jaxball.physics.contact.released import ReleasedState, released
 from jaxball.scenario import Scenario
 
 from .contract import Case, Motion, Row, Setting, motion_of
-from .inside import Hung, hung, in_space, prescribed
+from .inside import Hung, angles_by_schedule, in_space, masses_on_hinges
 
 # Untyped, because it need not be installed where types are checked.
 bullet: Any = importlib.import_module("pybullet")
@@ -32,7 +32,7 @@ def run(case: Case, setting: Setting, timestep: float) -> Motion:
     scenario = in_space(case.scenario())
     system: Any = scenario.system
     exported = to_mjcf(scenario)
-    links = hung(exported)
+    links = masses_on_hinges(exported)
     client = bullet.connect(bullet.DIRECT)
     try:
         ground = system.ground
@@ -43,7 +43,7 @@ def run(case: Case, setting: Setting, timestep: float) -> Motion:
         steps = np.rint(np.diff(scenario.times) / timestep).astype(int)
         times = scenario.times[0] + timestep * np.arange(steps.sum() + 1)
         torques = dict(zip(exported.controls, exported.controls_at(times).T, strict=True))
-        driving = Driving(links, prescribed(system, times), torques)
+        driving = Driving(links, angles_by_schedule(system, times), torques)
         robot = _add_robot(scenario, links, driving, scenario.friction_or(case.friction))
         rows, seconds, step = [_row(robot, links, system)], 0.0, 0
         for count in steps:

@@ -58,12 +58,12 @@ def plan(case_names: Sequence[str] = (), engine_names: Sequence[str] = (), *, qu
 
     **Raises:** :class:`~comparison.SelectionError` for a name that none has.
     """
-    cases = _selected("problems", case_names or (QUICK_CASES if quick else ()), CASES)
-    engines = _selected("solvers", engine_names, ENGINES)
+    cases = _select("problems", case_names or (QUICK_CASES if quick else ()), CASES)
+    engines = _select("solvers", engine_names, ENGINES)
     return Plan(cases, engines, QUICK_TIMESTEPS if quick else TIMESTEPS)
 
 
-def _selected(argument: str, names: Sequence[str], known: dict[str, Any]) -> list[Any]:
+def _select(argument: str, names: Sequence[str], known: dict[str, Any]) -> list[Any]:
     by_name = {name.lower(): value for name, value in known.items()}
     for name in names:
         if name.lower() not in by_name:

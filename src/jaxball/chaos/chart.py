@@ -14,7 +14,7 @@ from ..interface.arguments import require_callable, traceable
 from ..numerics.arrays import Numbers, to_array
 from ..physics.packing import normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem
-from ..simulation.arguments import checked_solver, checked_tolerances
+from ..simulation.arguments import check_solver, check_tolerances
 from ..simulation.deviations import Steps
 from .spectrum import Method, interval_edges, system_spectrum
 
@@ -69,8 +69,8 @@ def chart(
     grid = grid_of(parameters)
     edges, skipped = interval_edges(times, transient, interval)
     require_callable("make", make, "first", "second")
-    rtol, atol = map(to_array, checked_tolerances(rtol, atol))
-    method = Method(Steps(checked_solver(solver), rtol, atol, max_steps), 1, skipped, None)
+    rtol, atol = map(to_array, check_tolerances(rtol, atol))
+    method = Method(Steps(check_solver(solver), rtol, atol, max_steps), 1, skipped, None)
     rows = grid.map(lambda cell: _solve(make, method, cell, to_array(edges)), chunk, workers, progress)
     exponent, error, force, status = np.moveaxis(rows, -1, 0)
     variables = {

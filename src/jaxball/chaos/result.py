@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..interface.printing import Printed, is_single, shown
+from ..interface.printing import Printed, format_value, is_single
 from ..interface.status import SolveError, Status
 
 PARTS_OF_RUN = 16  # parts of the run, to whose means the limit is fitted
@@ -182,7 +182,7 @@ class LyapunovSpectrum(Printed):
 
     def __repr__(self) -> str:
         if not is_single(self.status):
-            return shown(self)
+            return format_value(self)
         pairs = zip(np.asarray(self.exponents), np.asarray(self.standard_error), strict=True)
         lines = [f"  λ{i} = {value: .6f} ± {error:.6f}" for i, (value, error) in enumerate(pairs, start=1)]
         if self.least_normal_force is not None:

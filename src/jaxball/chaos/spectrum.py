@@ -16,16 +16,16 @@ from ..numerics.arrays import Numbers, numbers, to_array, to_numpy
 from ..physics.packing import Packing, dimension, normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import possible_start
-from ..simulation.arguments import DEFAULT_TOLERANCE, checked_solver, checked_steps, checked_tolerances
+from ..simulation.arguments import DEFAULT_TOLERANCE, check_solver, check_steps, check_tolerances
 from ..simulation.deviations import (
     FIRST_STEP_SHARE,
     Field,
     Flow,
     Normal,
     Steps,
-    advanced,
+    advance_deviations,
     generic_vectors,
-    orthonormalised,
+    orthonormalise,
     without_normal,
 )
 from ..simulation.simulate import at_rest
@@ -72,9 +72,9 @@ def lyapunov_spectrum(
     """
     state = phase_point(system, at_rest(system) if state is None else state)
     edges, skipped = interval_edges(times, transient, interval)
-    exponents = checked_count(exponents, dimension(state))
-    rtol, atol = map(to_array, checked_tolerances(rtol, atol))
-    steps = Steps(checked_solver(solver), rtol, atol, checked_steps(max_steps))
+    exponents = check_count(exponents, dimension(state))
+    rtol, atol = map(to_array, check_tolerances(rtol, atol))
+    steps = Steps(check_solver(solver), rtol, atol, check_steps(max_steps))
     method = Method(steps, exponents, skipped, normal_of(state))
     return _solve_system(method, system, state, to_array(edges))
 
@@ -134,10 +134,10 @@ def lyapunov_spectrum_of(
     """
     require_callable("field", field, "t", "x", "args")
     x = numbers("x", ("size",))(x)
-    exponents = checked_count(exponents, x.size - (normal is not None))
+    exponents = check_count(exponents, x.size - (normal is not None))
     edges, skipped = interval_edges(times, transient, interval)
-    rtol, atol = map(to_array, checked_tolerances(rtol, atol))
-    method = Method(Steps(checked_solver(solver), rtol, atol, checked_steps(max_steps)), exponents, skipped, normal)
+    rtol, atol = map(to_array, check_tolerances(rtol, atol))
+    method = Method(Steps(check_solver(solver), rtol, atol, check_steps(max_steps)), exponents, skipped, normal)
     with traceable("field", field):
         return _solve(method, Flow(field, args, to_array(kinks, "kinks")), x, to_array(edges), jnp.asarray(True))
 
@@ -151,8 +151,8 @@ class Method(NamedTuple):
     normal: Normal | None
 
 
-def checked_count(exponents: int | None, largest: int) -> int:
-    """How many exponents; by default all.
+def check_count(exponents: int | None, largest: int) -> int:
+    """Checks how many exponents; by default all.
 
     **Raises:** ``ValueError`` when the phase space has fewer.
     """
@@ -240,20 +240,20 @@ def _start(
     generic = jnp.asarray(generic_vectors(method.exponents, x.size), x.dtype)
     status = jnp.where(startable, Status.SUCCESS, Status.IMPOSSIBLE)
     return _Progress(
-        rows=jnp.concatenate([x[None], orthonormalised(without_normal(generic, x, method.normal))[0]]),
+        rows=jnp.concatenate([x[None], orthonormalise(without_normal(generic, x, method.normal))[0]]),
         step=FIRST_STEP_SHARE * (edges[1] - edges[0]),
         status=status,
         reached=edges[0],
         steps=jnp.zeros_like(status),
-        least=flow.monitored(edges[0], x),
+        least=flow.monitor_value(edges[0], x),
     )
 
 
 def _interval(method: Method, flow: Flow, progress: _Progress, ends) -> tuple[_Progress, Float[Array, " k"]]:
     """The progress after one interval, and the growth rates within it; after a failure nothing moves."""
     (t0, t1), alive = ends, progress.status == Status.SUCCESS
-    after, length = advanced(flow, method.steps, t0, t1, progress.rows, progress.step, alive), t1 - t0
-    vectors, lengths = orthonormalised(without_normal(after.rows[1:], after.rows[0], method.normal))
+    after, length = advance_deviations(flow, method.steps, t0, t1, progress.rows, progress.step, alive), t1 - t0
+    vectors, lengths = orthonormalise(without_normal(after.rows[1:], after.rows[0], method.normal))
     status = jnp.where(alive, after.status, progress.status)
     after = _Progress(
         # A failed run stays at 1 from there on, because step-size control rejects NaN.

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from ..numerics.arrays import Numbers, numbers
 from ..numerics.vectors import cross, dot
 from ..physics.conditions import Condition, positive, positive_inertia, real_inertia
-from .rigid_body import gyroscopic_torque, kinetic_energy, principal_moments, turned, versor_squared
+from .rigid_body import gyroscopic_torque, kinetic_energy, principal_moments, rates_of, versor_squared
 from .state import AbstractClassicalSystem, RigidBodyState
 
 
@@ -74,7 +74,7 @@ class HeavyTop(AbstractClassicalSystem[RigidBodyState]):
     def field(self, t: Float[Array, ""], state: RigidBodyState) -> RigidBodyState:
         """𝕀Ω̇ = 𝕀Ω × Ω + mgΓ × χ and q̇ = ½ q Ω♯, which implies Γ̇ = Γ × Ω."""
         weight = self.mass * self.gravity * cross(state.Gamma, self.chi)
-        return turned(state, (gyroscopic_torque(self.inertia, state.Omega) + weight) / self.inertia)
+        return rates_of(state, (gyroscopic_torque(self.inertia, state.Omega) + weight) / self.inertia)
 
     def laws(self, t: Float[Array, ""], state: RigidBodyState) -> HeavyTopLaws:
         momentum, Gamma = self.inertia * state.Omega, state.Gamma

@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from .. import programs
-from ..interface.arguments import described, refusal, require_callable, require_value, traceable
-from ..interface.printing import shown
+from ..interface.arguments import describe, refusal, require_callable, require_value, traceable
+from ..interface.printing import format_value
 from ..numerics.arrays import Numbers, default_dtype, numbers, to_array
 from ..numerics.kinks import Traced, kinks_of_functions, kinks_seen
 from ..physics.conditions import Condition
@@ -136,7 +136,7 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
 
     def accelerations(self, t: Float[Array, ""], state: LagrangianState) -> Float[Array, " n"]:
         """q̈, shape (n,)."""
-        return self.equations(t, state).solved()[0]
+        return self.equations(t, state).solve()[0]
 
     def multipliers(self, t: Float[Array, ""], state: LagrangianState) -> Float[Array, " m"]:
         """λ of each constraint, shape (m,), those of holonomic constraints after the others.
@@ -144,12 +144,12 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
         λ_k is the force, or torque, by which constraint k acts, in the unit of energy over that of φ, or of power over
         that of A q̇ + b: at right angles to a blade for ẋ sin θ − ẏ cos θ.
         """
-        return self.equations(t, state).solved()[1]
+        return self.equations(t, state).solve()[1]
 
     def reactions(self, t: Float[Array, ""], state: LagrangianState) -> Float[Array, " n"]:
         """Aᵀλ, the generalised forces of all constraints on each coordinate, shape (n,)."""
         terms = self.equations(t, state)
-        return jnp.sum(terms.rows * terms.solved()[1][:, None], axis=0)
+        return jnp.sum(terms.rows * terms.solve()[1][:, None], axis=0)
 
     def equations(self, t: Float[Array, ""], state: LagrangianState) -> Equations:
         """M, f, A and Ȧ q̇ + ḃ in one state."""
@@ -193,7 +193,7 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
 
     def projected(self, t: Float[Array, ""], packed: LagrangianState) -> LagrangianState:
         """The nearest state that keeps all constraints, for one that is as near as the end of a step."""
-        return self._moved(t, packed, IN_STEP)
+        return self._move(t, packed, IN_STEP)
 
     def consistent(self, t: Numbers, state: LagrangianState) -> LagrangianState:
         """The nearest state that keeps all constraints: first q, then q̇, in the metric M of the kinetic energy.
@@ -203,7 +203,7 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
         self.require_state(state)
         return _move_from_afar(self, to_array(t, "t"), state)
 
-    def _moved(self, t: Float[Array, ""], state: LagrangianState, steps: int) -> LagrangianState:
+    def _move(self, t: Float[Array, ""], state: LagrangianState, steps: int) -> LagrangianState:
         q, qdot = state.q, state.qdot
         mass = self.equations(t, state).mass
         if self.always_projected:
@@ -213,7 +213,7 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
 
     # What is possible.
 
-    def described(self) -> str:
+    def describe(self) -> str:
         return f"{self.title} in {', '.join(self.coordinates)}"
 
     def default_state(self) -> LagrangianState:
@@ -238,8 +238,8 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
         mass, measured = _measure(self, t, state)
         yield from start_conditions(mass, Constraints(names, v, *measured))
 
-    def _measured(self, t: Float[Array, ""], state: LagrangianState) -> tuple[Array, tuple[Array, ...]]:
-        """M, and the fields of :class:`Constraints` from ``rows`` on."""
+    def _compute_constraints(self, t: Float[Array, ""], state: LagrangianState) -> tuple[Array, tuple[Array, ...]]:
+        """Computes M, and the fields of :class:`Constraints` from ``rows`` on."""
         q, qdot = state.q, state.qdot
         terms, places = self.equations(t, state), self._of_place(t, q)
         free, residual = self._rates(t, q, jnp.zeros_like(qdot)), self._rates(t, q, qdot)
@@ -279,12 +279,12 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
 
 @programs.filter_jit
 def _move_from_afar(system: AbstractLagrangianSystem, t: Array, state: LagrangianState) -> LagrangianState:
-    return system._moved(t, state, FROM_AFAR)
+    return system._move(t, state, FROM_AFAR)
 
 
 @programs.filter_jit
 def _measure(system: AbstractLagrangianSystem, t: Array, state: LagrangianState) -> tuple[Array, tuple[Array, ...]]:
-    return system._measured(t, state)
+    return system._compute_constraints(t, state)
 
 
 class LagrangianSystem(AbstractLagrangianSystem):
@@ -366,18 +366,18 @@ class LagrangianSystem(AbstractLagrangianSystem):
         self.projects = always_projected
 
     def lagrangian(self, t: Float[Array, ""], q: Float[Array, " n"], qdot: Float[Array, " n"]) -> Float[Array, ""]:
-        return self._called("lagrangian", t, q, qdot)
+        return self._call("lagrangian", t, q, qdot)
 
     def constraints(self, t: Float[Array, ""], q: Float[Array, " n"], qdot: Float[Array, " n"]) -> Any:
-        return self._called("constraints", t, q, qdot)
+        return self._call("constraints", t, q, qdot)
 
     def holonomic(self, t: Float[Array, ""], q: Float[Array, " n"]) -> Any:
-        return self._called("holonomic", t, q)
+        return self._call("holonomic", t, q)
 
     def forces(self, t: Float[Array, ""], q: Float[Array, " n"], qdot: Float[Array, " n"]) -> Any:
-        return self._called("forces", t, q, qdot)
+        return self._call("forces", t, q, qdot)
 
-    def _called(self, name: str, *at: Array) -> Any:
+    def _call(self, name: str, *at: Array) -> Any:
         function = getattr(self.functions, name)
         if function is None:
             return getattr(super(), name)(*at)
@@ -396,7 +396,7 @@ class LagrangianSystem(AbstractLagrangianSystem):
             if function is not None:
 
                 def evaluate(system: "LagrangianSystem", t: Array, *at: Array, name: str = name) -> Any:
-                    return system._called(name, t, *at)
+                    return system._call(name, t, *at)
 
                 seen.append(Traced(function, evaluate, (q,) * (len(takes) - 1)))
         return kinks_of_functions(self, seen, jnp.zeros((0,), q.dtype) if self.kink_times is None else self.kink_times)
@@ -405,10 +405,10 @@ class LagrangianSystem(AbstractLagrangianSystem):
         first, *others = (
             (name, function) for name, function in self.functions._asdict().items() if function is not None
         )
-        parts = [shown(first[1]), f"coordinates={self.coordinates}"]
-        parts += [f"{name}={shown(function)}" for name, function in others]
-        parts += [] if self.parameters is None else [f"parameters={shown(self.parameters)}"]
-        parts += [f"kink_times={shown(self.kink_times)}"] if self.kink_times is not None else []
+        parts = [format_value(first[1]), f"coordinates={self.coordinates}"]
+        parts += [f"{name}={format_value(function)}" for name, function in others]
+        parts += [] if self.parameters is None else [f"parameters={format_value(self.parameters)}"]
+        parts += [f"kink_times={format_value(self.kink_times)}"] if self.kink_times is not None else []
         parts += [] if self.projects else ["always_projected=False"]
         return f"LagrangianSystem({', '.join(parts)})"
 
@@ -447,5 +447,5 @@ def _vector(name: str, value: Any, dtype: Any) -> Float[Array, " m"]:
             require_value(f"{name}[{k}]", item, ())
         return jnp.stack([jnp.asarray(item, dtype) for item in value]) if value else jnp.zeros((0,), dtype)
     if np.ndim(value) > 1 or not isinstance(value, jax.Array | np.ndarray | np.generic | int | float):
-        raise TypeError(f"Argument `{name}` must give a number, or a list of numbers, but it gives {described(value)}.")
+        raise TypeError(f"Argument `{name}` must give a number, or a list of numbers, but it gives {describe(value)}.")
     return jnp.atleast_1d(jnp.asarray(value, dtype))

@@ -43,8 +43,8 @@ class Equations(NamedTuple):
         """[M −Aᵀ; A 0]."""
         return saddle(self.mass, self.rows)
 
-    def solved(self) -> tuple[Float[Array, " n"], Float[Array, " m"]]:
-        """q̈ and λ, with one step of iterative refinement."""
+    def solve(self) -> tuple[Float[Array, " n"], Float[Array, " m"]]:
+        """Solves for q̈ and λ, with one step of iterative refinement."""
         K, right = self.matrix, jnp.concatenate([self.force, -self.bend])
         K_inverse = inverse(K)
         first = _times(K_inverse, right)

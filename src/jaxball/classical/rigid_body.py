@@ -57,7 +57,7 @@ class FreeRigidBody(AbstractClassicalSystem[RigidBodyState]):
 
     def field(self, t: Float[Array, ""], state: RigidBodyState) -> RigidBodyState:
         """𝕀Ω̇ = 𝕀Ω × Ω and q̇ = ½ q Ω♯."""
-        return turned(state, gyroscopic_torque(self.inertia, state.Omega) / self.inertia)
+        return rates_of(state, gyroscopic_torque(self.inertia, state.Omega) / self.inertia)
 
     def laws(self, t: Float[Array, ""], state: RigidBodyState) -> FreeBodyLaws:
         momentum = self.inertia * state.Omega
@@ -78,8 +78,8 @@ def principal_moments(inertia: Numbers) -> Float[Array, "3"]:
     return numbers("inertia", (3,))(inertia)
 
 
-def turned(state: RigidBodyState, Omegadot: Float[Array, "3"]) -> RigidBodyState:
-    """The rates of a state where Ω̇ is known: q̇ = ½ q Ω♯."""
+def rates_of(state: RigidBodyState, Omegadot: Float[Array, "3"]) -> RigidBodyState:
+    """Computes the rates of a state where Ω̇ is known: q̇ = ½ q Ω♯."""
     return RigidBodyState(q=derivative(state.q, state.Omega), Omega=Omegadot)
 
 

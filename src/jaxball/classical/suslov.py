@@ -18,7 +18,7 @@ from ..numerics.functions import HarmonicSeries, OfKinkedFunction
 from ..numerics.kinks import kinks_seen
 from ..numerics.vectors import apply, dot
 from ..physics.conditions import Condition, positive_inertia, real_inertia
-from .rigid_body import gyroscopic_torque, kinetic_energy, principal_moments, turned, versor_squared
+from .rigid_body import gyroscopic_torque, kinetic_energy, principal_moments, rates_of, versor_squared
 from .state import AbstractClassicalSystem, RigidBodyState
 
 ALLOWED_SINE = 1e-6  # how far the sine of the angle between Ω and the constraint's plane may be from 0
@@ -165,7 +165,7 @@ class SuslovProblem(AbstractClassicalSystem[RigidBodyState]):
     def field(self, t: Float[Array, ""], state: RigidBodyState) -> RigidBodyState:
         """𝕀Ω̇ = 𝕀Ω × Ω + λξ and q̇ = ½ q Ω♯."""
         torque = gyroscopic_torque(self.inertia, state.Omega) + self.reaction(t, state)
-        return turned(state, torque / self.inertia)
+        return rates_of(state, torque / self.inertia)
 
     def multiplier(self, t: Float[Array, ""], state: RigidBodyState) -> Float[Array, ""]:
         """λ of ``eq_suslov_lambda``, a torque over the length of ξ."""

@@ -14,13 +14,13 @@ import numpy as np
 from ..interface.output import replacing, write_text
 from ..interface.printing import json_types
 from ..interface.status import Status
-from ..interface.wording import counted
+from ..interface.wording import number_of
 from ..plot.files import check_others, figures_in, plain_name, scenario_mark
 from ..scenario import Scenario, ScenarioError, read_document, write_scenario
 from ..scenario.paths import entries
 from ..simulation.trajectory import Trajectory
 from .input import STDIN
-from .options import FAILED_SOLVE, STDOUT, ChartAxis, in_commands, say, working, written_line
+from .options import FAILED_SOLVE, STDOUT, ChartAxis, in_commands, name_files, say, working
 
 if TYPE_CHECKING:
     import xarray
@@ -64,7 +64,7 @@ def write_outputs(
         with working(options, "drawing"):
             write_figure(draw(plot), options.plot, scenario.system, scenario.title)
         written.append(options.plot)
-    return written_line(written)
+    return name_files(written)
 
 
 def report(
@@ -109,7 +109,7 @@ def draw_figures(
         svg_text=options.svg_text,
         replace=options.force,
     )
-    return f"{counted(len(paths), 'figure')} in {folder}"
+    return f"{number_of(len(paths), 'figure')} in {folder}"
 
 
 def check_figures(options: argparse.Namespace, scenario: Scenario) -> None:
@@ -197,7 +197,7 @@ def save_chart(chart: "xarray.Dataset", path: Path) -> None:
 
 def state_line(motion: "Motion") -> str:
     """The state of a motion."""
-    return ", ".join(f"{name} = {_shown(leaf)}" for name, leaf in _state(motion).items())
+    return ", ".join(f"{name} = {_format(leaf)}" for name, leaf in _state(motion).items())
 
 
 def complex_numbers(values: np.ndarray) -> str:
@@ -236,11 +236,11 @@ def _state(motion: "Motion") -> dict[str, np.ndarray]:
     return {name: np.asarray(leaf) for name, leaf in vars(motion.state).items() if np.size(leaf)}
 
 
-def _shown(values: np.ndarray) -> str:
-    return _shown_number(float(values)) if values.ndim == 0 else f"({', '.join(map(_shown_number, values.tolist()))})"
+def _format(values: np.ndarray) -> str:
+    return _format_number(float(values)) if values.ndim == 0 else f"({', '.join(map(_format_number, values.tolist()))})"
 
 
-def _shown_number(x: float) -> str:
+def _format_number(x: float) -> str:
     return f"{x + 0.0:.6g}" if abs(x) > 1e-12 else "0"
 
 

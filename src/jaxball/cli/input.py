@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import scenario
-from ..results.files import READ_BACK, saved_text
+from ..results.files import READ_BACK, load_text
 from ..scenario.errors import ScenarioError, all_problems
 from ..scenario.logs import with_logs
 from ..scenario.paths import with_values
@@ -57,7 +57,7 @@ def input_text(source: str) -> str | None:
     **Raises:** :class:`~jaxball.ScenarioError` where it is not text, and where there is no scenario.
     """
     if is_run(source):
-        return saved_text(Path(source))
+        return load_text(Path(source))
     if source != STDIN:
         return None
     try:
@@ -71,7 +71,7 @@ def scenario_document(options: argparse.Namespace, end: float | None = None) -> 
 
     **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read or changed.
     """
-    document = changed_document(options.scenario, options.set)
+    document = change_document(options.scenario, options.set)
     if end is not None:
         times = document.get("time")
         if isinstance(times, dict) and "at" in times:
@@ -83,17 +83,17 @@ def scenario_document(options: argparse.Namespace, end: float | None = None) -> 
     return document
 
 
-def changed_document(source: str, changes: Sequence[str]) -> dict[str, Any]:
-    """The document of a source, changed, with the numbers of the logs that it names, relative to its file.
+def change_document(source: str, changes: Sequence[str]) -> dict[str, Any]:
+    """Loads the document of a source, changed, with the numbers of the logs that it names, relative to its file.
 
-    **Raises:** as :func:`named_document`, and where a change cannot be made.
+    **Raises:** as :func:`load_document`, and where a change cannot be made.
     """
-    document = with_values(named_document(source), changes)
+    document = with_values(load_document(source), changes)
     return with_logs(document, Path() if source == STDIN else Path(source).parent)
 
 
-def named_document(source: str) -> dict[str, Any]:
-    """The document of a scenario file, of a built-in name, of a saved run, or on standard input.
+def load_document(source: str) -> dict[str, Any]:
+    """Loads the document of a scenario file, of a built-in name, of a saved run, or on standard input.
 
     **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read, and for a file of another kind.
     """
@@ -133,13 +133,13 @@ def scenario_of(document: dict[str, Any], source: str) -> "Scenario":
 
     **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read.
     """
-    with all_told(source):
+    with gather_problems(source):
         return scenario.read_document(document)
     raise AssertionError("A document that cannot be read has a problem.")
 
 
 @contextlib.contextmanager
-def all_told(source: str) -> Iterator[None]:
+def gather_problems(source: str) -> Iterator[None]:
     """Makes the error raised within, in what ``source`` has, one of all its problems, each in a line of its own."""
     with all_problems() as problems:
         yield

@@ -25,7 +25,7 @@ def set_up_jax(device: str | None = None) -> None:
     try:
         import jax
     except ValueError as error:
-        raise _refused_by_jax(error) from None
+        raise _explain_refusal(error) from None
 
     from .. import cache, cpu
 
@@ -36,8 +36,8 @@ def set_up_jax(device: str | None = None) -> None:
     cache.load_early()
 
 
-def _refused_by_jax(error: ValueError) -> BadInputError:
-    """The sentence for an environment variable that JAX cannot read; JAX's own uses another name for it."""
+def _explain_refusal(error: ValueError) -> BadInputError:
+    """Explains an environment variable that JAX cannot read; JAX's own sentence uses another name for it."""
     reason = str(error).splitlines()[0] if str(error) else "JAX does not say which"
     of_jax = [name for name in sorted(os.environ) if name.startswith("JAX_")]
     named = [name for name in of_jax if name in reason or name.lower() in reason] or of_jax
@@ -77,8 +77,8 @@ def _require_platform(device: str | None = None) -> None:
         ) from None
 
 
-def compiled_for(scenario: "Scenario") -> AbstractContextManager[None]:
-    """Programs in this block are compiled quickly, unless the scenario allows many steps.
+def compile_for(scenario: "Scenario") -> AbstractContextManager[None]:
+    """Compiles programs in this block quickly, unless the scenario allows many steps.
 
     Up to that many, an optimised program seldom saves the time that optimising it takes.
     """

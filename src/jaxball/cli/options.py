@@ -41,7 +41,7 @@ class BadInputError(UserError):
 
 def positive(text: str) -> float:
     """A positive number, for argparse."""
-    value = _parsed(text)
+    value = _parse_number(text)
     if not 0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"it must be a positive number, but it is {text}")
     return value
@@ -49,7 +49,7 @@ def positive(text: str) -> float:
 
 def number(text: str) -> float:
     """A finite number, for argparse."""
-    value = _parsed(text)
+    value = _parse_number(text)
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"it must be a finite number, but it is {text}")
     return value
@@ -145,8 +145,8 @@ def check_figures_folder(options: argparse.Namespace, folder: str, formats: str)
     check_folder(path, f"--{folder}")
 
 
-def written_line(written: Sequence[str | Path]) -> str:
-    """The line that names the files that were written; empty where there are none."""
+def name_files(written: Sequence[str | Path]) -> str:
+    """Names the files that were written, in a line; empty where there are none."""
     return f"  written: {', '.join(map(str, written))}" if written else ""
 
 
@@ -209,7 +209,7 @@ def _chart_axis(text: str, option: str, example: str) -> ChartAxis:
     return path.strip(), low, high, count
 
 
-def _parsed(text: str) -> float:
+def _parse_number(text: str) -> float:
     try:
         return float(text)
     except ValueError:

@@ -18,7 +18,7 @@ from ..physics.body import System
 from ..physics.force import AbstractWrench
 from ..programs.operation import in_threads
 from .feedback import AbstractFeedback
-from .loop import looped, plant_of
+from .loop import plant_of, run_loop
 from .sampled import SampledSystem
 from .weights import Weights, weight_matrix
 
@@ -169,12 +169,12 @@ def _starts(
 @programs.filter_jit
 def _outcome(feedback: AbstractFeedback, plant: SampledSystem, samples: int, delay: int, xi: Array) -> Outcome:
     start = feedback.nominal.state(0).retract(xi)
-    times, states, u, _, deviations, _ = looped(feedback, plant, start, samples, delay)
+    times, states, u, _, deviations, _ = run_loop(feedback, plant, start, samples, delay)
 
-    def needed(t: Array, state: Any, u: Array) -> tuple[Array, Array]:
-        force = plant.held(u).prepare().plane_reaction(t, state)
+    def contact_force(t: Array, state: Any, u: Array) -> tuple[Array, Array]:
+        force = plant.hold(u).prepare().plane_reaction(t, state)
         return force.normal, force.ratio
 
     before = jax.tree.map(lambda leaf: leaf[:-1], states)
-    normal, ratio = jax.lax.map(lambda at: needed(*at), (times[:-1], before, u))
+    normal, ratio = jax.lax.map(lambda at: contact_force(*at), (times[:-1], before, u))
     return Outcome(deviations[-1], jnp.min(normal), jnp.max(ratio))

@@ -19,7 +19,7 @@ from ..physics.schedules import AbstractSchedule
 from ..physics.state import BallState, DiskState, RotationState
 from ..simulation.simulate import simulate
 from ..simulation.trajectory import Trajectory
-from .inputs import Place, kept_drive
+from .inputs import Place, drive_without_motors
 from .sampled import PlacedState, SampledSystem
 
 GAUSS = (0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5)  # of a sample
@@ -160,7 +160,7 @@ class _Coordinates:
             values[:, k] for values in (self._seen.joint_efforts, self._seen.joint_angles, self._seen.joint_rates)
         )
         drive = self._mechanisms[i].drives[a]
-        kept = None if isinstance(drive, AbstractSchedule) else kept_drive(drive)
+        kept = None if isinstance(drive, AbstractSchedule) else drive_without_motors(drive)
         return effort if kept is None else effort - jax.vmap(kept)(self._times, theta, thetadot, self._states)
 
 
@@ -173,7 +173,7 @@ class AbstractFeedback(Printed):
     """What adds to the inputs of a nominal motion, at each sample, by the state measured there.
 
     A kind of feedback implements ``__call__``, and ``begin`` if it remembers something from sample to sample, and
-    ``applied`` if that depends on the inputs which act in the end. All are traced, for one state.
+    ``remember_inputs`` if that depends on the inputs which act in the end. All are traced, for one state.
 
     - ``sampled``: the robot that it is designed for.
     - ``nominal``: the motion that it holds.
@@ -190,12 +190,12 @@ class AbstractFeedback(Printed):
     def __call__(self, k: Int[Array, ""], state: PlacedState, memory: Any) -> tuple[Float[Array, " m"], Any]:
         """δu of sample ``k`` at ``state``, before limits, and what it remembers of it."""
 
-    def applied(self, k: Int[Array, ""], u: Float[Array, " m"], memory: Any) -> Any:
-        """What it remembers of sample ``k`` once it is known which inputs act, after delay and limits."""
+    def remember_inputs(self, k: Int[Array, ""], u: Float[Array, " m"], memory: Any) -> Any:
+        """Remembers of sample ``k`` which inputs act, once they are known, after delay and limits."""
         return memory
 
-    def estimated(self, times: Float[Array, " T"], memory: Any) -> Any:
-        """What it has estimated at the samples of a run and its end, by what it remembers then; None if nothing."""
+    def estimates(self, times: Float[Array, " T"], memory: Any) -> Any:
+        """Returns what it has estimated at the samples of a run and its end, by what it remembered; None if nothing."""
         return None
 
     def deviation(self, k: Int[Array, ""], state: PlacedState) -> Float[Array, " n"]:

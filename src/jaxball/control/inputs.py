@@ -90,69 +90,71 @@ def with_inputs(system: System, places: Sequence[Place]) -> System:
     """
     motors = {place.name: motor_of(system, place) for place in places}
     limits = {name: motor.limit for name, motor in motors.items() if motor is not None}
-    return _held(_freed(system, places), places, jnp.zeros(len(places)), limits)
+    return _hold(_free_inputs(system, places), places, jnp.zeros(len(places)), limits)
 
 
-def _freed(system: System, places: Sequence[Place]) -> System:
-    own = {place.number for place in places if place.mechanism is None}
+def _free_inputs(system: System, places: Sequence[Place]) -> System:
+    freed = {place.number for place in places if place.mechanism is None}
     masses = [
-        PointMass(item.mass, Driven(item.motion.rail)) if index in own and isinstance(item.motion, OnRail) else item
+        PointMass(item.mass, Driven(item.motion.rail)) if index in freed and isinstance(item.motion, OnRail) else item
         for index, item in enumerate(system.point_masses)
     ]
     mechanisms = list(system.mechanisms)
     for place in places:
         if place.mechanism is not None and place.is_effort:
             mechanism = mechanisms[place.mechanism]
-            mechanisms[place.mechanism] = _driven(mechanism, place.number, kept_drive(mechanism.drives[place.number]))
+            mechanisms[place.mechanism] = _drive_joint(
+                mechanism, place.number, drive_without_motors(mechanism.drives[place.number])
+            )
     accelerations = sum(not place.is_effort for place in places)
     law = GivenAccelerations(jnp.zeros(accelerations)) if accelerations else None
     return type(system)(**{**system.arguments, "masses": masses, "mechanisms": mechanisms, "law": law})
 
 
-def held(system: System, places: Sequence[Place], u: Float[Array, " m"]) -> System:
-    """A system that :func:`with_inputs` made, with given inputs, which no motor limits any more; traceable."""
-    return _held(system, places, u, {})
+def hold_inputs(system: System, places: Sequence[Place], u: Float[Array, " m"]) -> System:
+    """Holds the inputs of a system that :func:`with_inputs` made, which no motor limits any more; traceable."""
+    return _hold(system, places, u, {})
 
 
-def _held(system: System, places: Sequence[Place], u: Float[Array, " m"], limits: Mapping[str, Array | None]) -> System:
+def _hold(system: System, places: Sequence[Place], u: Float[Array, " m"], limits: Mapping[str, Array | None]) -> System:
     values = {place.name: u[k] for k, place in enumerate(places)}
     names = [system.coordinates[slot] for slot in system.accelerated]
     law = GivenAccelerations(jnp.stack([values[name] for name in names])) if names else None
-    return _moved(system, places, values, limits, law)
+    return _drive_motors(system, places, values, limits, law)
 
 
-def _moved(
+def _drive_motors(
     system: System,
     places: Sequence[Place],
     signals: Mapping[str, Any],
     limits: Mapping[str, Array | None],
     law: AbstractLaw | None,
 ) -> System:
-    """The system with motors that follow ``signals`` within ``limits``, by the names of inputs, and another law."""
+    """Gives the system motors that follow ``signals`` within ``limits``, by the names of inputs, and another law."""
     mechanisms = list(system.mechanisms)
     for place in places:
         if place.mechanism is not None and place.is_effort:
             mechanism, motor = mechanisms[place.mechanism], Motor(signals[place.name], limits.get(place.name))
-            kept = kept_drive(mechanism.drives[place.number])
-            mechanisms[place.mechanism] = _driven(mechanism, place.number, motor if kept is None else kept + motor)
+            kept = drive_without_motors(mechanism.drives[place.number])
+            mechanisms[place.mechanism] = _drive_joint(mechanism, place.number, motor if kept is None else kept + motor)
     return type(system)(**{**system.arguments, "mechanisms": mechanisms, "law": law})
 
 
-def recorded(
+def replay_inputs(
     system: System,
     places: Sequence[Place],
     limits: Float[Array, " m"],
     times: Float[Array, " samples_and_end"],
     u: Float[Array, "samples m"],
 ) -> System:
-    """The same with inputs that follow ``u``, each row from one of ``times`` to the next, by motors with ``limits``."""
+    """Makes the inputs follow ``u``, each row from one of ``times`` to the next, by motors with ``limits``."""
     values = {place.name: u[:, k] for k, place in enumerate(places)}
     zero, names = jnp.zeros_like(times[0]), [system.coordinates[slot] for slot in system.accelerated]
     schedules = [PiecewiseAcceleration(zero, times, values[name][:, None], zero) for name in names]
     law = FollowSchedules(tuple(schedules)) if schedules else None
     signals = {name: PiecewiseSignal(times, row) for name, row in values.items()}
     limited = {place.name: limits[k] for k, place in enumerate(places) if is_traced(limits) or np.isfinite(limits[k])}
-    return _moved(system, places, signals, limited, law)
+    return _drive_motors(system, places, signals, limited, law)
 
 
 def limits_of(system: System, places: Sequence[Place]) -> Float[Array, " m"]:
@@ -179,8 +181,8 @@ def motor_of(system: System, place: Place) -> Motor | None:
     return motors[0] if motors else None
 
 
-def kept_drive(drive: Drive) -> AbstractJointForce | None:
-    """What remains of the drive of a joint whose effort becomes an input: forces other than motors."""
+def drive_without_motors(drive: Drive) -> AbstractJointForce | None:
+    """Returns what remains of the drive of a joint whose effort becomes an input: forces other than motors."""
     terms = [term for term in _terms(drive) if not isinstance(term, Motor)]
     if not terms:
         return None
@@ -220,7 +222,7 @@ def _is_driven(system: System, place: Place) -> bool:
     return place.name in [system.coordinates[slot] for slot in system.accelerated]
 
 
-def _driven(mechanism: AbstractMechanism, joint: int, drive: Drive) -> AbstractMechanism:
+def _drive_joint(mechanism: AbstractMechanism, joint: int, drive: Drive) -> AbstractMechanism:
     drives = list(mechanism.drives)
     drives[joint] = drive
-    return mechanism.driven_by(drives)
+    return mechanism.with_drives(drives)

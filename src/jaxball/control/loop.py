@@ -22,7 +22,7 @@ from ..physics.system import require_one_state
 from ..simulation.trajectory import Trajectory
 from .feedback import AbstractFeedback
 from .history import FeedbackHistory, until_end
-from .inputs import recorded
+from .inputs import replay_inputs
 from .sampled import PlacedState, SampledSystem
 from .weights import by_name
 
@@ -62,7 +62,7 @@ class ClosedLoop(Printed):
     @property
     def run(self) -> Trajectory[Any, Any]:
         """The run as a trajectory of the robot with the inputs that acted: with observables, figures and files."""
-        system = recorded(self.plant.system, self.plant.places, self.plant.limits, self.times, self.u)
+        system = replay_inputs(self.plant.system, self.plant.places, self.plant.limits, self.times, self.u)
         reached = self.times[jnp.sum(jnp.all(jnp.isfinite(self.xi), axis=1)) - 1]
         status = jnp.where(reached == self.times[-1], int(Status.SUCCESS), int(Status.SOLVER_FAILED))
         start, none = jax.tree.map(lambda leaf: leaf[0], self.states), jnp.zeros_like(status)
@@ -77,16 +77,16 @@ class ClosedLoop(Printed):
         count, nominal = len(self.times), self.feedback.nominal
         numbered = jnp.minimum(jnp.arange(count), nominal.samples)
         states = jax.tree.map(lambda leaf: leaf[numbered], nominal.states)
-        estimate = self.feedback.estimated(self.times, self.memory)
+        estimate = self.feedback.estimates(self.times, self.memory)
         u = until_end(self.u, count)
         return FeedbackHistory(NO_HISTORY.switches, states, u, estimate, self.plant.inputs)
 
     def __repr__(self) -> str:
         if is_traced(self.u):
-            return f"Run of a {self.plant.system.described()} under feedback, traced"
+            return f"Run of a {self.plant.system.describe()} under feedback, traced"
         sizes = np.linalg.norm(np.asarray(self.xi), axis=1)
         lines = [
-            f"Run of a {self.plant.system.described()} under feedback",
+            f"Run of a {self.plant.system.describe()} under feedback",
             f"  {len(self.u)} samples from {float(self.times[0]):g} to {float(self.times[-1]):g}",
             f"  |ξ| from {sizes[0]:.4g} to {sizes[-1]:.4g}",
         ]
@@ -144,12 +144,12 @@ def closed_loop(
     first = start_of(feedback, start)
     count = feedback.nominal.samples if samples is None else whole_number("samples", samples, 1)
     late = whole_number("delay", delay, 0)
-    times, states, u, du, xi, memory = _looped(feedback, plant, first, count, late, adjoint)
+    times, states, u, du, xi, memory = _run_loop(feedback, plant, first, count, late, adjoint)
     return ClosedLoop(times, states, u, du, xi, feedback, plant, memory)
 
 
 @programs.filter_jit
-def _looped(
+def _run_loop(
     feedback: AbstractFeedback,
     plant: SampledSystem,
     start: PlacedState,
@@ -157,10 +157,10 @@ def _looped(
     delay: int,
     adjoint: diffrax.AbstractAdjoint | None,
 ) -> tuple[Any, ...]:
-    return looped(feedback, plant, start, samples, delay, adjoint)
+    return run_loop(feedback, plant, start, samples, delay, adjoint)
 
 
-def looped(
+def run_loop(
     feedback: AbstractFeedback,
     plant: SampledSystem,
     start: PlacedState,
@@ -169,7 +169,7 @@ def looped(
     adjoint: diffrax.AbstractAdjoint | None = None,
     longest: int | None = None,
 ) -> tuple[Any, ...]:
-    """Times, states, inputs, what feedback added to them, deviations, and its memory at the end; traceable.
+    """Runs the loop: times, states, inputs, what feedback added to them, deviations, and its last memory; traceable.
 
     A ``delay`` that is traced is at most the ``longest``.
     """
@@ -183,7 +183,7 @@ def looped(
         queue = jnp.concatenate([waiting, added[None]])
         planned = nominal.input(k)
         u = jnp.clip(planned + queue[room - delay], -limits, limits)
-        memory = feedback.applied(k, u, memory)
+        memory = feedback.remember_inputs(k, u, memory)
         after = plant.flow(t0 + plant.sample * k.astype(t0.dtype), state, u, adjoint)
         return (after, memory, queue[1:]), (state, u, u - planned, feedback.deviation(k, state))
 

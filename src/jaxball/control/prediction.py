@@ -16,7 +16,7 @@ from ..physics.observables import movement
 from ..physics.state import RotationState
 from .feedback import AbstractFeedback
 from .loop import limits_of
-from .predictive import Plan, Stages, solved
+from .predictive import Plan, Stages, solve_stages
 from .sampled import PlacedState
 from .track import Track
 
@@ -73,7 +73,7 @@ class PredictiveControl(AbstractFeedback):
         return Memory(plan, zero[0])
 
     def __call__(self, k: Int[Array, ""], state: PlacedState, memory: Memory) -> tuple[Float[Array, " m"], Memory]:
-        plan = solved(self.stages(k), self.deviation(k, state), _shifted(memory.plan))
+        plan = solve_stages(self.stages(k), self.deviation(k, state), _shift(memory.plan))
         worst = jnp.maximum(memory.worst, plan.exceeded[0])
         return plan.z[0, len(self.directions) :], Memory(plan, worst)
 
@@ -88,7 +88,7 @@ class PredictiveControl(AbstractFeedback):
 
     def plan(self, k: int, state: PlacedState) -> Plan:
         """The plan of sample ``k`` at ``state``, without one to start from."""
-        return _planned(self, jnp.asarray(whole_number("k", k, 0)), state)
+        return _plan(self, jnp.asarray(whole_number("k", k, 0)), state)
 
     def exceeded(self, plan: Plan) -> tuple[str, ...]:
         """A sentence for each limit that a plan exceeds, because it cannot be kept: by how much, and how far ahead."""
@@ -104,7 +104,7 @@ class PredictiveControl(AbstractFeedback):
         return tuple(sentences)
 
     def __repr__(self) -> str:
-        lines = [f"Predictive control of a {self.sampled.system.described()}"]
+        lines = [f"Predictive control of a {self.sampled.system.describe()}"]
         lines += [f"  {self.horizon} of {self.nominal.samples} samples ahead, limits: {', '.join(self.names)}"]
         return "\n".join(lines)
 
@@ -162,11 +162,11 @@ def mpc(
     most = track.sampled.limits if limits is None else limits_of(track.sampled, limits)
     mu = None if friction is None else _positive("friction", friction)
     cost = _positive("penalty", penalty)
-    return predictive(track, ahead, most, mu, cost, limited_inputs(most))
+    return predictive(track, ahead, most, mu, cost, inputs_with_limits(most))
 
 
-def limited_inputs(most: Float[Array, " m"]) -> tuple[int, ...]:
-    """The inputs that have limits, by their numbers; all where limits are traced."""
+def inputs_with_limits(most: Float[Array, " m"]) -> tuple[int, ...]:
+    """Returns the inputs that have limits, by their numbers; all where limits are traced."""
     if is_traced(most):
         return tuple(range(len(most)))
     return tuple(np.flatnonzero(np.isfinite(np.asarray(most))).tolist())
@@ -194,8 +194,8 @@ def _positive(name: str, given: Numbers) -> Float[Array, ""]:
     return value
 
 
-def _bounded(track: Track, mu: Array | None, limited: tuple[int, ...]) -> Float[Array, "p q"]:
-    """L: both signs of each limited input, and the sides of the pyramid of friction; without friction, N alone.
+def _limit_rows(track: Track, mu: Array | None, limited: tuple[int, ...]) -> Float[Array, "p q"]:
+    """Returns L: both signs of each limited input, and the sides of the pyramid of friction; without friction, N alone.
 
     G has the limited inputs, and then f and N over the weight. The sides, whose normals are in space axes, touch a cone
     that is narrower, so that their edges lie on the friction cone; a disk, which moves along e1, has two.
@@ -219,19 +219,19 @@ def _limits(track: Track, most: Array, mu: Array | None, limited: tuple[int, ...
     sampled, nominal, n = track.sampled, track.nominal, len(track.directions)
     weight = sampled.system.total_mass * jnp.abs(sampled.system.gravity)
     scale = jnp.where(most > 0, most, 1.0)
-    L, own = _bounded(track, mu, limited), np.asarray(limited, dtype=int)
+    L, own = _limit_rows(track, mu, limited), np.asarray(limited, dtype=int)
 
     def one(t: Array, state: PlacedState, u: Array) -> tuple[Array, Array]:
-        def bounded(v: Array) -> Array:
+        def quantities_with_limits(v: Array) -> Array:
             placed = state.retract(v[:n])
             placed = placed.in_space() if isinstance(placed, RotationState) else placed
             held = u + v[n:]
-            R = movement(sampled.held(held).prepare(), t, placed).R / weight
+            R = movement(sampled.hold(held).prepare(), t, placed).R / weight
             return jnp.concatenate([(held / scale)[own], R])
 
         zero = jnp.zeros(n + u.size, u.dtype)
         most_of_rows = jnp.append(jnp.repeat((most / scale)[own], 2), jnp.zeros(len(L) - 2 * len(own), u.dtype))
-        return jax.jacfwd(bounded)(zero), most_of_rows - L @ bounded(zero)
+        return jax.jacfwd(quantities_with_limits)(zero), most_of_rows - L @ quantities_with_limits(zero)
 
     before = jax.tree.map(lambda leaf: leaf[:-1], nominal.states)
     G, d = jax.lax.map(lambda at: one(*at), (nominal.times[:-1], before, nominal.u))
@@ -239,11 +239,11 @@ def _limits(track: Track, most: Array, mu: Array | None, limited: tuple[int, ...
 
 
 @programs.filter_jit
-def _planned(control: PredictiveControl, k: Int[Array, ""], state: PlacedState) -> Plan:
-    return solved(control.stages(k), control.deviation(k, state))
+def _plan(control: PredictiveControl, k: Int[Array, ""], state: PlacedState) -> Plan:
+    return solve_stages(control.stages(k), control.deviation(k, state))
 
 
-def _shifted(plan: Plan) -> Plan:
-    """A plan from its second stage on, with the last stage twice."""
+def _shift(plan: Plan) -> Plan:
+    """Takes a plan from its second stage on, with the last stage twice."""
     on: Any = jax.tree.map(lambda leaf: jnp.concatenate([leaf[1:], leaf[-1:]]), (plan.z, plan.multipliers))
     return plan._replace(z=on[0], multipliers=on[1])

@@ -62,16 +62,16 @@ class Stages(NamedTuple):
         """L G (ξ, δu)."""
         return jnp.sum(self.G * z[:, None], axis=-1) @ self.L.T
 
-    def pulled(self, multipliers: Float[Array, "H p"]) -> Float[Array, "H n_plus_m"]:
-        """Gᵀ Lᵀ λ."""
+    def pull_back(self, multipliers: Float[Array, "H p"]) -> Float[Array, "H n_plus_m"]:
+        """Computes Gᵀ Lᵀ λ."""
         return jnp.sum(self.G * (multipliers @ self.L)[..., None], axis=1)
 
     def beyond(self, z: Float[Array, "H n_plus_m"]) -> Float[Array, "H p"]:
         """L G (ξ, δu) − d."""
         return self.rows(z) - self.d
 
-    def followed(self, plan: Float[Array, "H n_plus_m"] | None, xi: Float[Array, " n"]) -> Float[Array, "H n_plus_m"]:
-        """(ξ, δu) along the flow from ``xi``: of the regulator, or of a plan with what the regulator adds to it."""
+    def follow(self, plan: Float[Array, "H n_plus_m"] | None, xi: Float[Array, " n"]) -> Float[Array, "H n_plus_m"]:
+        """Follows the flow of (ξ, δu) from ``xi``: of the regulator, or of a plan and what the regulator adds to it."""
         n = self.n
 
         def onward(xi: Array, at: Any) -> Any:
@@ -127,11 +127,11 @@ class _Point(NamedTuple):
         return jnp.sum(self.λ * self.t) + jnp.sum(self.ν * self.s)
 
 
-def solved(stages: Stages, xi: Float[Array, " n"], guess: Plan | None = None) -> Plan:
-    """The plan from the deviation ``xi``; ``guess`` is one near it, such as the last one, shifted by a stage."""
-    unlimited = stages.followed(None, xi)
+def solve_stages(stages: Stages, xi: Float[Array, " n"], guess: Plan | None = None) -> Plan:
+    """Finds the plan from the deviation ``xi``; ``guess`` is one near it, such as the last one, shifted by a stage."""
+    unlimited = stages.follow(None, xi)
     kept = jnp.max(stages.beyond(unlimited)) <= 0
-    found, count, closed = _iterated(*jax.lax.stop_gradient((stages, xi, unlimited, kept, guess)))
+    found, count, closed = _iterate(*jax.lax.stop_gradient((stages, xi, unlimited, kept, guess)))
     point = _differentiable(stages, xi, found)
     z = jnp.where(kept, unlimited, point.z)
     beyond = stages.beyond(z)
@@ -139,23 +139,23 @@ def solved(stages: Stages, xi: Float[Array, " n"], guess: Plan | None = None) ->
     return Plan(z, jnp.where(kept, 0.0, point.λ), exceeded, count, closed)
 
 
-def _iterated(
+def _iterate(
     stages: Stages, xi: Array, unlimited: Array, kept: Bool[Array, ""], guess: Plan | None
 ) -> tuple[_Point, Int[Array, ""], Bool[Array, ""]]:
-    """The solution, the number of iterations, and whether the gap is closed."""
-    z = unlimited if guess is None else stages.followed(guess.z, xi)
+    """Iterates to the solution; also returns the number of iterations, and whether the gap is closed."""
+    z = unlimited if guess is None else stages.follow(guess.z, xi)
     cost = stages.cost(unlimited)
     point = _inside(stages, z, CENTRED_PRODUCTS * cost / stages.d.size, 0.0 if guess is None else guess.multipliers)
 
-    def unfinished(carry: Any) -> Bool[Array, ""]:
+    def is_unfinished(carry: Any) -> Bool[Array, ""]:
         point, count = carry
         return ~kept & (point.gap > CLOSED_GAP * cost) & (count < MOST_ITERATIONS)
 
     def step(carry: Any) -> Any:
         point, count = carry
-        return _advanced(stages, point), count + 1
+        return _advance(stages, point), count + 1
 
-    point, count = jax.lax.while_loop(unfinished, step, (point, jnp.asarray(0)))
+    point, count = jax.lax.while_loop(is_unfinished, step, (point, jnp.asarray(0)))
     return point, count, kept | (point.gap <= CLOSED_GAP * cost)
 
 
@@ -163,7 +163,7 @@ def _differentiable(stages: Stages, xi: Float[Array, " n"], found: _Point) -> _P
     """The solution with its derivatives by the stages and ``xi``: the change of a step that keeps to the conditions."""
     n, (z, t, s, λ, ν) = stages.n, found
     D = 1 / (t / λ + s / ν)
-    factors = _factored(stages, D)
+    factors = _factorise(stages, D)
     # By how much the flow, the slacks and the multipliers miss their conditions: 0, but not their derivatives.
     onward = jnp.einsum("hij,hj->hi", stages.A, z[:, :n]) + jnp.einsum("hij,hj->hi", stages.B, z[:, n:]) + stages.c
     missed = jnp.concatenate([(xi - z[0, :n])[None], onward[:-1] - z[1:, :n]])
@@ -176,8 +176,8 @@ def _differentiable(stages: Stages, xi: Float[Array, " n"], found: _Point) -> _P
 
     end, moved = jax.lax.scan(follow, jnp.zeros_like(xi), (factors.K, factors.closed, missed))
     of_stages, of_end = stages.gradient(z)
-    of_stages = of_stages + 2 * moved @ stages.M + stages.pulled(λ + D * (b + stages.rows(moved)))
-    dz = moved + _solved(stages, factors, (of_stages, of_end + 2 * stages.end[:n, :n] @ end))
+    of_stages = of_stages + 2 * moved @ stages.M + stages.pull_back(λ + D * (b + stages.rows(moved)))
+    dz = moved + _minimise(stages, factors, (of_stages, of_end + 2 * stages.end[:n, :n] @ end))
     dλ = D * (stages.rows(dz) + b)
     change = jax.tree.map(lambda x: x - jax.lax.stop_gradient(x), (dz, dλ))
     return found._replace(z=z + change[0], λ=λ + change[1])
@@ -203,8 +203,8 @@ class _Factors(NamedTuple):
     P: Float[Array, "H n n"]
 
 
-def _factored(stages: Stages, weights: Float[Array, "H p"]) -> _Factors:
-    """The recursion for the quadratic cost ½ z·(2 M + Gᵀ Lᵀ diag(weights) L G) z."""
+def _factorise(stages: Stages, weights: Float[Array, "H p"]) -> _Factors:
+    """Factorises the quadratic cost ½ z·(2 M + Gᵀ Lᵀ diag(weights) L G) z."""
     n = stages.n
     within = jnp.sum(stages.L[None, :, :, None] * (weights[..., None] * stages.L[None])[:, :, None], axis=1)
 
@@ -221,8 +221,8 @@ def _factored(stages: Stages, weights: Float[Array, "H p"]) -> _Factors:
     return jax.lax.scan(step, 2 * stages.end[:n, :n], (stages.A, stages.B, stages.G, within), reverse=True)[1]
 
 
-def _solved(stages: Stages, factors: _Factors, gradient: tuple[Array, Array]) -> Array:
-    """The change of z with the least of the cost that was factored, with these gradients, where ξ at first is fixed."""
+def _minimise(stages: Stages, factors: _Factors, gradient: tuple[Array, Array]) -> Array:
+    """Finds the change of z with the least of the factorised cost, with these gradients, where ξ at first is fixed."""
     n, (of_stages, of_end) = stages.n, gradient
 
     def back(p: Array, at: Any) -> Any:
@@ -238,27 +238,27 @@ def _solved(stages: Stages, factors: _Factors, gradient: tuple[Array, Array]) ->
     return jax.lax.scan(onward, jnp.zeros_like(of_end), (factors, stages.B, k))[1]
 
 
-def _advanced(stages: Stages, point: _Point) -> _Point:
-    """The point after a step: one towards the solution, and one that corrects it to second order, from one factor."""
+def _advance(stages: Stages, point: _Point) -> _Point:
+    """Takes a step: one towards the solution, and one that corrects it to second order, from one factor."""
     z, t, s, λ, ν = point
     D = 1 / (t / λ + s / ν)
-    factors = _factored(stages, D)
+    factors = _factorise(stages, D)
     of_stages, of_end = stages.gradient(z)
 
     def direction(r1: Array, r2: Array) -> _Point:
         """The change that makes λ t and ν s what these residuals ask for, to first order."""
         b = r1 / λ - r2 / ν
-        dz = _solved(stages, factors, (of_stages + stages.pulled(λ + D * b), of_end))
+        dz = _minimise(stages, factors, (of_stages + stages.pull_back(λ + D * b), of_end))
         dλ = D * (stages.rows(dz) + b)
         return _Point(dz, (r1 - t * dλ) / λ, (r2 + s * dλ) / ν, dλ, -dλ)
 
     affine = direction(-t * λ, -s * ν)
-    target = (_moved(point, affine, _longest(point, affine)).gap / point.gap) ** 3 * point.gap / (2 * t.size)
+    target = (_move(point, affine, _longest(point, affine)).gap / point.gap) ** 3 * point.gap / (2 * t.size)
     step = direction(target - t * λ - affine.t * affine.λ, target - s * ν - affine.s * affine.ν)
-    return _moved(point, step, jnp.minimum(TO_BOUNDARY * _longest(point, step), 1.0))
+    return _move(point, step, jnp.minimum(TO_BOUNDARY * _longest(point, step), 1.0))
 
 
-def _moved(point: _Point, step: _Point, length: Array) -> _Point:
+def _move(point: _Point, step: _Point, length: Array) -> _Point:
     return jax.tree.map(lambda x, dx: x + length * dx, point, step)
 
 

@@ -33,7 +33,7 @@ def regulator(linear: Linear, W: Float[Array, "rows n_plus_m"], S: Float[Array, 
     ``WᵀW`` must be positive definite in δu. It can be differentiated in both modes.
     """
     A, B = _homogeneous(linear)
-    gains, P = _solved(A, B, W, S)
+    gains, P = _solve_backward(A, B, W, S)
     return Regulator(gains[..., :-1], gains[..., -1], P)
 
 
@@ -69,8 +69,8 @@ def _previous(A: Array, B: Array, W: Array, S: Array) -> tuple[Array, Array]:
 
 
 @jax.custom_jvp
-def _solved(A: Array, B: Array, W: Array, S: Array) -> tuple[Array, Array]:
-    """Gains of all samples, and P = SᵀS at each and at the end."""
+def _solve_backward(A: Array, B: Array, W: Array, S: Array) -> tuple[Array, Array]:
+    """Computes the gains of all samples, and P = SᵀS at each and at the end."""
 
     def step(S, at):
         A, B = at
@@ -81,10 +81,10 @@ def _solved(A: Array, B: Array, W: Array, S: Array) -> tuple[Array, Array]:
     return gains, jnp.concatenate([P, (S.T @ S)[None]])
 
 
-@_solved.defjvp
+@_solve_backward.defjvp
 def _derivative(primals, tangents):
     """By the recursion for P itself, in Joseph's form: a triangle that is singular has no derivatives."""
-    return _solved(*primals), jax.jvp(_by_joseph, primals, tangents)[1]
+    return _solve_backward(*primals), jax.jvp(_by_joseph, primals, tangents)[1]
 
 
 def _by_joseph(A: Array, B: Array, W: Array, S: Array) -> tuple[Array, Array]:

@@ -16,7 +16,7 @@ from ..physics.body import System
 from ..physics.state import PlacedState
 from ..simulation import DEFAULT_TOLERANCE
 from ..simulation.simulate import simulate
-from .inputs import Place, held, limits_of, places_of, with_inputs
+from .inputs import Place, hold_inputs, limits_of, places_of, with_inputs
 
 MOST_STEPS_OF_SAMPLE = 256  # in one sample
 LEAST_REACHED = 1e-8  # of the largest singular value of the reachable subspace's factor; below it is rounding
@@ -107,9 +107,9 @@ class SampledSystem(Printed):
         none = jnp.zeros(len(self.system.coordinates), default_dtype())
         return self.system.state_type(theta=none, thetadot=none).directions
 
-    def held(self, u: Float[Array, " m"]) -> System:
-        """The body while its inputs are ``u``."""
-        return held(self.system, self.places, u) if self.places else self.system
+    def hold(self, u: Float[Array, " m"]) -> System:
+        """Returns the body while its inputs are ``u``."""
+        return hold_inputs(self.system, self.places, u) if self.places else self.system
 
     def flow(
         self,
@@ -122,16 +122,16 @@ class SampledSystem(Printed):
 
         It can be traced, within ``jax.lax.scan`` and ``jax.lax.map`` too. ``adjoint`` as for :func:`jaxball.simulate`.
         """
-        return self.advanced(self.held(u), t, state, adjoint)[0].projected()
+        return self.advance(self.hold(u), t, state, adjoint)[0].projected()
 
-    def advanced(
+    def advance(
         self,
         system: System,
         t: Float[Array, ""],
         state: PlacedState,
         adjoint: diffrax.AbstractAdjoint | None = None,
     ) -> tuple[PlacedState, Int[Array, ""]]:
-        """The state a sample after ``t`` of a body whose inputs are held, as the solve leaves it, and its status.
+        """Advances a body with held inputs by a sample from ``t``: its state, as the solve leaves it, and its status.
 
         Traceable; ``adjoint`` as for :meth:`flow`.
         """
@@ -147,39 +147,41 @@ class SampledSystem(Printed):
         )
         return jax.tree.map(lambda leaf: leaf[-1], run.state), run.status
 
-    def linearised(
+    def linearise(
         self, t: Float[Array, ""], state: PlacedState, u: Float[Array, " m"], following: PlacedState
     ) -> Linear:
-        """The flow from near ``state`` with inputs near ``u``, in local coordinates there and around ``following``."""
+        """Linearises the flow from ``state`` with inputs ``u``, in local coordinates there and around ``following``."""
         n = len(state.directions)
 
-        def moved(v: Float[Array, " n_plus_m"]) -> Float[Array, " n"]:
+        def flow_from(v: Float[Array, " n_plus_m"]) -> Float[Array, " n"]:
             after = self.flow(t, state.retract(v[:n]), u + v[n:], diffrax.ForwardMode())
             return following.difference(after)
 
         zero = jnp.zeros(n + u.size, u.dtype)
         # One direction after the other: side by side, the program would take several times as long to compile.
-        c, columns = jax.lax.map(lambda v: jax.jvp(moved, (zero,), (v,)), jnp.eye(zero.size, dtype=u.dtype))
+        c, columns = jax.lax.map(lambda v: jax.jvp(flow_from, (zero,), (v,)), jnp.eye(zero.size, dtype=u.dtype))
         return Linear(columns[:n].T, columns[n:].T, c[0])
 
 
 def uncontrollable(linear: Linear, names: Sequence[str]) -> tuple[str, ...]:
     """The combinations of deviations at the end of a linear flow that no input changes, by name."""
-    return in_words(unreached_by(reached(np.asarray(linear.A), np.asarray(linear.B))), names)
+    return in_words(null_space(reachability_factor(np.asarray(linear.A), np.asarray(linear.B))), names)
 
 
-def reached(A: Float[np.ndarray, "samples n n"], B: Float[np.ndarray, "samples n m"]) -> Float[np.ndarray, "n rank"]:
-    """A factor of the reachability Gramian, Σ Φ B Bᵀ Φᵀ, kept small by a QR factorisation at each sample."""
+def reachability_factor(
+    A: Float[np.ndarray, "samples n n"], B: Float[np.ndarray, "samples n m"]
+) -> Float[np.ndarray, "n rank"]:
+    """Computes a factor of the reachability Gramian, Σ Φ B Bᵀ Φᵀ, kept small by a QR factorisation at each sample."""
     n = A.shape[1]
-    found = np.zeros((n, n))
-    for step, own in zip(A, B, strict=True):
-        triangle = np.asarray(np.linalg.qr(np.concatenate([(step @ found).T, own.T]), mode="r"))
-        found = triangle.T
-    return found
+    factor = np.zeros((n, n))
+    for step, effect in zip(A, B, strict=True):
+        triangle = np.asarray(np.linalg.qr(np.concatenate([(step @ factor).T, effect.T]), mode="r"))
+        factor = triangle.T
+    return factor
 
 
-def unreached_by(factor: Float[np.ndarray, "n rank"]) -> Float[np.ndarray, "rows n"]:
-    """An orthonormal basis of the null space of a Gramian with this factor."""
+def null_space(factor: Float[np.ndarray, "n rank"]) -> Float[np.ndarray, "rows n"]:
+    """Computes an orthonormal basis of the null space of a Gramian with this factor."""
     columns, sizes, _ = np.linalg.svd(factor)
     sizes = np.append(sizes, np.zeros(len(factor) - len(sizes)))
     return columns.T[sizes <= LEAST_REACHED * np.max(sizes, initial=0.0)]
@@ -187,11 +189,11 @@ def unreached_by(factor: Float[np.ndarray, "n rank"]) -> Float[np.ndarray, "rows
 
 def in_words(rows: Float[np.ndarray, "rows n"], names: Sequence[str]) -> tuple[str, ...]:
     """The combinations that span the same space, each of as few names as possible."""
-    return tuple(_in_words(row, names) for row in _reduced(rows))
+    return tuple(_in_words(row, names) for row in _reduce_rows(rows))
 
 
-def _reduced(rows: Float[np.ndarray, "rows n"]) -> Float[np.ndarray, "rows n"]:
-    """The reduced row echelon form, by Gauss and Jordan with the largest pivots."""
+def _reduce_rows(rows: Float[np.ndarray, "rows n"]) -> Float[np.ndarray, "rows n"]:
+    """Computes the reduced row echelon form, by Gauss and Jordan with the largest pivots."""
     rows, done = rows.copy(), 0
     for column in range(rows.shape[1]):
         if done == len(rows):

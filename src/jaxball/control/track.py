@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .. import programs
-from ..interface.printing import shown
-from ..interface.wording import counted
+from ..interface.printing import format_value
+from ..interface.wording import number_of
 from ..numerics.arrays import AnyArray, Numbers, default_dtype, is_traced, to_numpy
 from ..simulation import DEFAULT_TOLERANCE
 from ..simulation.trajectory import Trajectory
@@ -70,11 +70,11 @@ class Track(AbstractFeedback):
 
     def __repr__(self) -> str:
         if is_traced(self.W):
-            return f"Track of a {self.sampled.system.described()}, traced"
+            return f"Track of a {self.sampled.system.describe()}, traced"
         times, sizes = self.nominal.times, np.max(np.abs(np.asarray(self.gains)), axis=(0, 2))
         lines = [
-            f"Track of a {self.sampled.system.described()}",
-            f"  {counted(self.nominal.samples, 'sample')} of {shown(self.sampled.sample)}, "
+            f"Track of a {self.sampled.system.describe()}",
+            f"  {number_of(self.nominal.samples, 'sample')} of {format_value(self.sampled.sample)}, "
             f"from {float(times[0]):g} to {float(times[-1]):g}",
             *(f"  {name}: gains up to {size:.4g}" for name, size in zip(self.inputs, sizes, strict=True)),
         ]
@@ -144,17 +144,17 @@ def tvlqr(
     count = samples_in(run.times, float(to_numpy(sample, "sample")))
     nominal = nominal_of(run, sampled, count)
     factors = factors_of(float(to_numpy(sample, "sample")), sampled, Q, R, Qf, cross)
-    return tracked(sampled, nominal, *factors)
+    return build_track(sampled, nominal, *factors)
 
 
-def tracked(
+def build_track(
     sampled: SampledSystem,
     nominal: NominalMotion,
     W: Float[Array, "rows n_plus_m"],
     S: Float[Array, "rows_at_end n_plus_one"] | None,
 ) -> Track:
-    """The regulator along a motion, with factors of its weights; traceable."""
-    linear, found = _regulated(sampled, nominal, W, S)
+    """Builds the regulator along a motion, with factors of its weights; traceable."""
+    linear, found = _regulate(sampled, nominal, W, S)
     return Track(sampled, nominal, linear, found, W, sampled.directions)
 
 
@@ -192,15 +192,15 @@ def _factor(
 
 
 @programs.filter_jit
-def _regulated(sampled: SampledSystem, nominal: NominalMotion, W: Array, S: Array | None) -> tuple[Linear, Regulator]:
-    linear = linearised(sampled, nominal)
+def _regulate(sampled: SampledSystem, nominal: NominalMotion, W: Array, S: Array | None) -> tuple[Linear, Regulator]:
+    linear = linearise_flow(sampled, nominal)
     if S is None:
         S = stationary(jax.tree.map(lambda leaf: leaf[-1], linear), W, nominal.samples)
     return linear, regulator(linear, W, S)
 
 
-def linearised(sampled: SampledSystem, nominal: NominalMotion) -> Linear:
-    """The linear flow of each sample along a motion."""
+def linearise_flow(sampled: SampledSystem, nominal: NominalMotion) -> Linear:
+    """Linearises the flow of each sample along a motion."""
     before = jax.tree.map(lambda leaf: leaf[:-1], nominal.states)
     after = jax.tree.map(lambda leaf: leaf[1:], nominal.states)
-    return jax.lax.map(lambda at: sampled.linearised(*at), (nominal.times[:-1], before, nominal.u, after))
+    return jax.lax.map(lambda at: sampled.linearise(*at), (nominal.times[:-1], before, nominal.u, after))

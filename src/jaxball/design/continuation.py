@@ -288,19 +288,19 @@ class _Corrector:
 
     def first(self, Y: Float[np.ndarray, " n_plus_one"], direction: float) -> _Point:
         """The solution at the λ of Y, with the tangent along which λ changes in ``direction``."""
-        solved = self._corrected(Y, self._fixed(Y))
+        solved = self._correct(Y, self._fix_parameter(Y))
         if solved is None:
             raise DesignError(
                 f"Argument `y` must be near a solution at λ = {Y[-1]:g}, but Newton's method finds none; start from a "
                 "better guess, or at a λ where the solution is known."
             )
-        tangent = self._tangent(solved[0], self._fixed(solved[0]))
+        tangent = self._tangent(solved[0], self._fix_parameter(solved[0]))
         return _Point(solved[0], tangent * math.copysign(1.0, direction), 0.0)
 
     def step(self, at: _Point, step: float) -> _Point | None:
         """The point at distance ``step`` along the tangent; None if it is not found, or the branch bends too much."""
         row = self.metric * at.tangent
-        solved = self._corrected(at.Y + step * at.tangent, row)
+        solved = self._correct(at.Y + step * at.tangent, row)
         if solved is None:
             return None
         Y, corrections = solved
@@ -321,7 +321,7 @@ class _Corrector:
         share = (parameter - at.Y[-1]) / (there.Y[-1] - at.Y[-1])
         guess = at.Y + share * (there.Y - at.Y)
         guess[-1] = parameter
-        solved = self._corrected(guess, self._fixed(guess))
+        solved = self._correct(guess, self._fix_parameter(guess))
         if solved is None:
             return None
         length = at.length + share * (there.length - at.length)
@@ -343,19 +343,19 @@ class _Corrector:
             old, new = other_end(old, new, newest, np), newest
         return Fold(after, nearest.Y[:-1], float(nearest.Y[-1]))
 
-    def _fixed(self, Y: np.ndarray) -> np.ndarray:
-        """The row of the condition that λ is fixed."""
+    def _fix_parameter(self, Y: np.ndarray) -> np.ndarray:
+        """Returns the row of the condition that λ is fixed."""
         return np.eye(1, Y.size, Y.size - 1)[0]
 
-    def _corrected(self, Y: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, int] | None:
-        """Newton's method for F(Y) = 0 with row · Y fixed, and the number of corrections."""
+    def _correct(self, Y: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, int] | None:
+        """Solves F(Y) = 0 with row · Y fixed by Newton's method; returns Y and the number of corrections."""
         largest = math.inf
         for k in range(1, MOST_CORRECTIONS + 1):
             F = self.equations.residual(Y[:-1], float(Y[-1]))
             if not np.all(np.isfinite(F)):
                 return None
             try:
-                change = self._bordered(Y, row)(np.append(-F, 0.0))
+                change = self._border(Y, row)(np.append(-F, 0.0))
             except (np.linalg.LinAlgError, RuntimeError):
                 return None
             Y = Y + change
@@ -369,10 +369,10 @@ class _Corrector:
 
     def _tangent(self, Y: np.ndarray, row: np.ndarray) -> np.ndarray:
         """The tangent of length one, on the side where row · tangent > 0."""
-        tangent = self._bordered(Y, row)(np.eye(1, Y.size, Y.size - 1)[0])
+        tangent = self._border(Y, row)(np.eye(1, Y.size, Y.size - 1)[0])
         return tangent / math.sqrt(self.metric @ tangent**2)
 
-    def _bordered(self, Y: np.ndarray, row: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """A solver for systems with F's Jacobian and ``row`` below it."""
+    def _border(self, Y: np.ndarray, row: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """Makes a solver for systems with F's Jacobian and ``row`` below it."""
         by_y, by_parameter = self.equations.jacobian(Y[:-1], float(Y[-1]))
         return bordered_solver(by_y, by_parameter, row, self.equations.order)

@@ -17,7 +17,7 @@ from ..physics.state import BallState, DiskState
 from ..physics.system import AbstractSystem
 from ..scenario import read_document
 from ..scenario.body import rolling_state
-from ..scenario.errors import ScenarioError, each_of, raise_first, tried
+from ..scenario.errors import ScenarioError, each_of, raise_first, try_readers
 from ..scenario.own import FUNCTION, Open, names_own, trying
 from ..scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
 from ..scenario.table import Family, Key, Keys, Module, join, keys_of, member_of, read_family, read_list, read_table
@@ -33,8 +33,8 @@ from ..scenario.values import (
     Numbers,
     Rule,
     Text,
+    describe,
     key_error,
-    shown,
     unread,
 )
 from . import constraints, objectives
@@ -335,7 +335,7 @@ def problem_of(document: dict[str, Any], folder: str | Path = ".") -> ProblemFil
     **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when a key of it or of its scenario is misspelt,
     missing or wrong.
     """
-    (given, space, search, robust), errors = tried(
+    (given, space, search, robust), errors = try_readers(
         lambda: read_table(document, "", SEARCH_KEYS),
         lambda: _space(document, Path(folder)) if {"scenario", "variables"} <= document.keys() else None,
         lambda: read_table(document.get("search", {}), "search", _SETTINGS),
@@ -388,14 +388,14 @@ def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlF
 def _requirements(given: dict[str, Any], system: AbstractSystem) -> tuple[list[Any], list[ScenarioError]]:
     """The objectives and the constraints of a problem of either kind, by name, and the errors in them."""
     plane = plane_of(system)
-    return tried(
-        lambda: _named(given["objectives"], OBJECTIVES, plane),
-        lambda: _named(given["constraints"], CONSTRAINTS, plane, empty=True),
+    return try_readers(
+        lambda: _read_by_kind(given["objectives"], OBJECTIVES, plane),
+        lambda: _read_by_kind(given["constraints"], CONSTRAINTS, plane, empty=True),
     )
 
 
-def _named(values: Any, requirements: Requirements, plane: Plane, empty: bool = False) -> dict[str, Any]:
-    """Objectives or constraints by their kinds; a second one of a kind has a number appended."""
+def _read_by_kind(values: Any, requirements: Requirements, plane: Plane, empty: bool = False) -> dict[str, Any]:
+    """Reads objectives or constraints by their kinds; a second one of a kind has a number appended."""
     objects: dict[str, Any] = {}
     for kind, item in read_list(values, requirements.path, lambda item, at: requirements.read(item, at, plane), empty):
         count = sum(name.split(" ")[0] == kind for name in objects)
@@ -440,7 +440,7 @@ def _perturbations(values: Any) -> Perturbations:
 def _paths(value: Any, path: str) -> tuple[str, ...]:
     paths = [value] if isinstance(value, str) else value
     if not isinstance(paths, list) or not paths or not all(isinstance(item, str) for item in paths):
-        raise key_error(path, "a path, or a list of paths", shown(value))
+        raise key_error(path, "a path, or a list of paths", describe(value))
     return tuple(paths)
 
 
@@ -448,7 +448,7 @@ def _easy(problem: Rolling, weights: Any) -> Rolling:
     """The problem with other weights of some objectives."""
     path = f"{CONTROL_TABLE}.first_weights"
     if not isinstance(weights, dict) or not weights:
-        raise key_error(path, "a table of weights by kind of objective", shown(weights))
+        raise key_error(path, "a table of weights by kind of objective", describe(weights))
     unknown = [name for name in weights if name not in problem.objectives]
     if unknown:
         raise key_error(path, f"of objectives of this problem ({', '.join(problem.objectives)})", unknown[0])

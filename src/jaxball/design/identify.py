@@ -114,7 +114,7 @@ def identify(
             "The scenario must be simulated to its end at the start of the identification, but it is not."
         )
     y, converged = fit_unknowns(evaluate, space.start)
-    return _identified(space, y, *evaluate(tuple(y)), converged)
+    return _estimate(space, y, *evaluate(tuple(y)), converged)
 
 
 def _require_positions(space: DesignSpace, path: np.ndarray) -> None:
@@ -155,8 +155,8 @@ def _residuals(
     return where_finite(lambda y: both(jnp.asarray(y), path))
 
 
-def _identified(space: DesignSpace, y: np.ndarray, r: np.ndarray, J: np.ndarray, converged: bool) -> Identification:
-    """The estimates at the unknowns y, with their errors from the Jacobian J."""
+def _estimate(space: DesignSpace, y: np.ndarray, r: np.ndarray, J: np.ndarray, converged: bool) -> Identification:
+    """Computes the estimates at the unknowns y, with their errors from the Jacobian J."""
     times = space.scenario.times.size
     _, s, Vt = np.linalg.svd(J, full_matrices=False)
     seen = find_determined(s)

@@ -142,7 +142,7 @@ class FollowTrajectory(AbstractRunningObjective):
         return f"root mean square distance {length * math.sqrt(value):.4g}"
 
     def unreachable_by_disk(self):
-        return off_e1(self.curve.spanned_by())
+        return off_e1(self.curve.spanning_vectors())
 
 
 @programs.filter_jit
@@ -187,7 +187,7 @@ class FollowCurve(AbstractObjective):
         return f"root mean square distance {length * math.sqrt(value / 2):.4g}"
 
     def unreachable_by_disk(self):
-        return off_e1(self.curve.spanned_by())
+        return off_e1(self.curve.spanning_vectors())
 
 
 class LargestDistance(FollowCurve):

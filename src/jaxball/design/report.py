@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 
 from .. import plot, programs
 from ..interface.output import write_text
-from ..interface.wording import all_of, counted
+from ..interface.wording import all_of, number_of
 from ..physics.body import System
 from ..plot.report import write_figure
 from ..scenario import Scenario, ScenarioError, write_scenario
@@ -62,7 +62,7 @@ def write_report(design: Design, title: str, folder: Path, source: Source | None
         parts.append(_figure_links(_figures(design, before, after), folder, after.system, title))
     except ScenarioError as error:
         parts.append([f"The scenario cannot be run by `jaxball simulate`: {error}"])
-    return _written(folder, [*parts, *provenance(source, design.progress.elapsed, resumed=design.check is None)])
+    return _write(folder, [*parts, *provenance(source, design.progress.elapsed, resumed=design.check is None)])
 
 
 @programs.compile_quickly()
@@ -78,7 +78,7 @@ def write_control_report(
     links = _figure_links(_control_figures(controlled) | _joint_figures(run), folder, system, title)
     parts = [[f"# {title or 'An optimal control'}"], [_control_verdict(controlled)], _control_objectives(controlled)]
     parts += [*_control_constraints(controlled), _along(run), links]
-    return _written(folder, [*parts, *provenance(source, controlled.elapsed)])
+    return _write(folder, [*parts, *provenance(source, controlled.elapsed)])
 
 
 def write_design(solution: Solution, title: str, saves: int, folder: Path) -> Scenario:
@@ -128,7 +128,7 @@ def bounds(lower: float, upper: float) -> str:
     return f"at least {lower:g}" if upper == math.inf else f"{lower:g} to {upper:g}"
 
 
-def _written(folder: Path, parts: Iterable[Sequence[str]]) -> Path:
+def _write(folder: Path, parts: Iterable[Sequence[str]]) -> Path:
     """Writes a report of these parts, each of some lines, with an empty line after each."""
     return write_text(folder / REPORT, "\n".join(line for part in parts if part for line in (*part, "")))
 
@@ -332,7 +332,7 @@ def _control_constraints(controlled: Controlled) -> list[list[str]]:
         return []
     rows = [[name, violation(by, allowed)] for name, by in violations.items()]
     evaluated = (
-        f"Evaluated {POINTS_OF_INTERVAL - 1} times on each of {counted(controlled.solution.errors.size, 'interval')}"
+        f"Evaluated {POINTS_OF_INTERVAL - 1} times on each of {number_of(controlled.solution.errors.size, 'interval')}"
     )
     return [_table(["constraint", ""], rows, f"{evaluated}; a violation of {allowed:g} is allowed.")]
 

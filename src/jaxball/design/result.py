@@ -123,11 +123,11 @@ def load_result(folder: str | Path) -> Result:
         )
     after = load_scenario(folder / SCENARIO)
     with naming(folder / COPY):
-        title, before, requirements = _problem(_copied(folder / COPY), folder)
+        title, before, requirements = _problem(_load_copy(folder / COPY), folder)
     return Result(title or after.title, before, after, target_path(requirements), discs_to_avoid(requirements))
 
 
-def _copied(path: Path) -> dict[str, Any]:
+def _load_copy(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:

@@ -14,7 +14,7 @@ from ..programs import native
 from ..programs.derivatives.differentiation import with_unknown_derivatives
 from ..programs.identity.closures import put_captures, take_captures
 from ..simulation.observers import Found, Observation
-from ..simulation.simulate import Method, simulated_and_found
+from ..simulation.simulate import Method, simulate_and_observe
 from ..simulation.trajectory import Trajectory
 from ..solvers.collocation import fills_vectors
 from .reductions import AbstractReduction, Observed, Quantity, values
@@ -45,8 +45,8 @@ class Ends(NamedTuple):
     history: Any
 
 
-def solved(settings: Settings, shared: Sequence[bool], parameters: Any, *others: Any) -> tuple[Any, ...]:
-    """The ``Ends`` of runs, what reductions report, and the steps of all lanes: all with the runs as leading axis.
+def solve_all(settings: Settings, shared: Sequence[bool], parameters: Any, *others: Any) -> tuple[Any, ...]:
+    """Solves runs: ``Ends``, what reductions report, and the steps of all lanes, each with the runs as leading axis.
 
     - ``parameters``: system, state and events; ``shared`` says which of their leaves all runs share.
     - ``others``: times, rtol and atol, each with the runs as leading axis.
@@ -59,19 +59,19 @@ def solved(settings: Settings, shared: Sequence[bool], parameters: Any, *others:
 
     axes = [None if is_shared else 0 for is_shared in shared]
     ends, reported = jax.vmap(run, in_axes=(axes, 0, 0, 0))(leaves, *others)
-    return ends, reported, _executed(ends.steps, _together(settings))
+    return ends, reported, _count_steps(ends.steps, _together(settings))
 
 
 def _program(settings: Settings) -> Any:
     opened, captures = take_captures(settings, local=True)  # so that a quantity that is written anew is known again
     try:
-        return _compiled(settings if captures else opened)
+        return _compile(settings if captures else opened)
     except TypeError:  # a solver that carries arrays has no hash
         return functools.partial(_run_filtered, settings)
 
 
 @functools.cache
-def _compiled(settings: Settings) -> programs.Program:
+def _compile(settings: Settings) -> programs.Program:
     in_lanes = not fills_vectors(settings.method.solver)
     return programs.jit(functools.partial(_run, settings), in_lanes=in_lanes, together=settings.lanes)
 
@@ -89,7 +89,7 @@ def _run(
     """One of the runs."""
     settings = put_captures(settings, [])
     method = settings.method._replace(observation=_observation(settings.reductions))
-    fields, found = simulated_and_found(method, system, times, state, rtol, atol, events)
+    fields, found = simulate_and_observe(method, system, times, state, rtol, atol, events)
     run = Trajectory.of(system.shown, times, *fields[:-1], state, fields[-1])
     reported = _reports(settings.reductions, found)
     reported = {name: jnp.where(run.status == Status.IMPOSSIBLE, jnp.nan, value) for name, value in reported.items()}
@@ -100,8 +100,8 @@ def _run(
 _run_filtered = programs.filter_jit(_run)
 
 
-def _executed(steps: Int[Array, " runs"], lanes: int) -> Int[Array, ""]:
-    """The steps of all lanes: those that go on together end with the last of them."""
+def _count_steps(steps: Int[Array, " runs"], lanes: int) -> Int[Array, ""]:
+    """Counts the steps of all lanes: those that go on together end with the last of them."""
     groups = jnp.pad(steps, (0, -steps.size % lanes)).reshape(-1, lanes)
     return lanes * jnp.sum(jnp.max(groups, axis=1))
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.arguments import require, require_flags
-from ..interface.printing import Printed, shown
+from ..interface.printing import Printed, format_value
 from ..interface.status import SUCCESSES
 from ..numerics.arrays import Numbers, is_traced, to_numpy
 from ..physics.contact.body_on_plane import ContactHistory
@@ -22,10 +22,10 @@ from ..programs.operation import in_threads
 from ..simulation.arguments import (
     DEFAULT_TOLERANCE,
     NO_PROGRESS,
-    checked_adjoint,
-    checked_solver,
-    checked_steps,
-    checked_tolerances,
+    check_adjoint,
+    check_solver,
+    check_steps,
+    check_tolerances,
     require_dae,
     require_kind_of_state,
     system_to_solve,
@@ -33,7 +33,7 @@ from ..simulation.arguments import (
 from ..simulation.events import AbstractEvent, check_events
 from ..simulation.simulate import Method
 from ..simulation.trajectory import Trajectory
-from .program import Settings, solved
+from .program import Settings, solve_all
 from .reductions import AbstractReduction
 
 DEFAULT_LANES = 64
@@ -57,7 +57,7 @@ class Ensemble(Printed):
         lines = [repr(self.trajectory)]
         for name, values in self.reductions.items():
             if is_traced(values):
-                lines.append(f"  {name} {shown(values)}")
+                lines.append(f"  {name} {format_value(values)}")
                 continue
             finite = np.asarray(values)[np.isfinite(values)]
             span = f"from {np.min(finite):.6g} to {np.max(finite):.6g}" if finite.size else "not finite in any run"
@@ -196,24 +196,24 @@ def simulate_ensemble(
     require_kind_of_state(simulated, state)
     if dae:
         require_dae(simulated, state, solver)
-    events, solver = check_events(simulated, events), checked_solver(solver)
-    rtol, atol = checked_tolerances(rtol, atol, of_many=True)
+    events, solver = check_events(simulated, events), check_solver(solver)
+    rtol, atol = check_tolerances(rtol, atol, of_many=True)
     given = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
-    reductions = _checked_reductions(reductions)
+    reductions = _check_reductions(reductions)
     of_both, of_events = (in_axes[:2], in_axes[2]) if _has_three(in_axes) else (in_axes, None)
-    own_shared = shared_leaves(of_both, (system, state))
+    own_shared = find_shared_leaves(of_both, (system, state))
     of_contact = tuple(np.ndim(leaf) == 0 for leaf in jax.tree.leaves(contact))
     of_system = len(jax.tree.leaves(system))
-    shared = (*own_shared[:of_system], *of_contact, *own_shared[of_system:], *shared_leaves(of_events, events))
+    shared = (*own_shared[:of_system], *of_contact, *own_shared[of_system:], *find_shared_leaves(of_events, events))
     parameters = simulated, state, events
     runs = _count(parameters, shared, given, rtol, atol)
     whole = given if given.ndim == 2 else jnp.broadcast_to(given, (runs, given.shape[-1]))
     limits = tuple(x if x.ndim else jnp.broadcast_to(x, (runs,)) for x in (rtol, atol))
     method = Method(
         solver=solver,
-        adjoint=checked_adjoint(adjoint),
+        adjoint=check_adjoint(adjoint),
         progress=NO_PROGRESS,
-        max_steps=checked_steps(max_steps),
+        max_steps=check_steps(max_steps),
         step_to_times=step_to_times,
         dae=dae,
         project=project,
@@ -233,7 +233,7 @@ def _in_blocks(
     """The results of all runs; outside a trace computed in blocks, where that is asked for."""
     runs = len(others[0])
     if block is None or block >= runs or _is_any_traced(parameters, others):
-        return solved(settings, shared, parameters, *others)
+        return solve_all(settings, shared, parameters, *others)
     leaves, structure = jax.tree.flatten(parameters)
     starts, results = list(range(0, runs, block)), []
     if starts[-1] == runs - 1 and block > 1:  # A run alone would be another program, which rounds otherwise.
@@ -241,7 +241,7 @@ def _in_blocks(
     for start, end in itertools.pairwise([*starts, runs]):
         rows = slice(start, end)
         own = [leaf if is_shared else leaf[rows] for leaf, is_shared in zip(leaves, shared, strict=True)]
-        results.append(solved(settings, shared, structure.unflatten(own), *(x[rows] for x in others)))
+        results.append(solve_all(settings, shared, structure.unflatten(own), *(x[rows] for x in others)))
     *parts, executed = zip(*results, strict=True)
     return *(jax.tree.map(lambda *of: jnp.concatenate(of), *part) for part in parts), sum(executed)
 
@@ -255,13 +255,13 @@ def _has_three(in_axes: Any) -> bool:
     return isinstance(in_axes, tuple) and len(in_axes) == 3
 
 
-def _checked_reductions(reductions: Mapping[str, AbstractReduction] | None) -> Mapping[str, AbstractReduction]:
-    given = {} if reductions is None else reductions
-    require("reductions", given, Mapping, "a dictionary of reductions by name, some of jaxball.ensemble.REDUCTIONS")
-    for name, one in given.items():
+def _check_reductions(reductions: Mapping[str, AbstractReduction] | None) -> Mapping[str, AbstractReduction]:
+    by_name = {} if reductions is None else reductions
+    require("reductions", by_name, Mapping, "a dictionary of reductions by name, some of jaxball.ensemble.REDUCTIONS")
+    for name, reduction in by_name.items():
         must = "one of jaxball.ensemble.REDUCTIONS, or a Maximum, Minimum, Drift or Integral"
-        require(f"reductions[{name!r}]", one, AbstractReduction, must)
-    return given
+        require(f"reductions[{name!r}]", reduction, AbstractReduction, must)
+    return by_name
 
 
 def _count(parameters: Any, shared: Sequence[bool], times: Any, *tolerances: Any) -> int:
@@ -279,8 +279,8 @@ def _count(parameters: Any, shared: Sequence[bool], times: Any, *tolerances: Any
     return runs
 
 
-def shared_leaves(in_axes: Any, tree: Any) -> tuple[bool, ...]:
-    """Which leaves of a PyTree all rows share: those whose axis is None in ``in_axes``, which is a prefix of it.
+def find_shared_leaves(in_axes: Any, tree: Any) -> tuple[bool, ...]:
+    """Finds the leaves of a PyTree that all rows share: their axis is None in ``in_axes``, which is a prefix of it.
 
     **Raises:** ``ValueError`` where it is none, or an axis is neither 0 nor None.
     """

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..control.inputs import held
+from ..control.inputs import hold_inputs
 from ..control.loop import limits_of
 from ..control.sampled import PlacedState, SampledSystem
 from ..interface.arguments import refusal, require, require_callable, whole_number
@@ -200,13 +200,13 @@ class Environment(Printed):
         """
         require("key", key, jax.Array, "a random key, such as jax.random.key(0)")
         of_start, of_robot, of_delay, of_goal, of_memory, of_reading, later = jax.random.split(random_key(key), 7)
-        state = self._started(of_start)
+        state = self._start(of_start)
         drawn = self._parameters(of_robot)
         zero = jnp.zeros_like(self.sampled.limits)
         moment = Moment(jnp.zeros_like(self.sampled.sample), self.robot(drawn, zero), state, zero)
         target = self.goal.draw(of_goal, moment)
         memory = self.observation.begin(of_memory, moment)
-        seen, memory = self._observed(of_reading, target, moment, memory)
+        seen, memory = self._observe(of_reading, target, moment, memory)
         least, most = self.delay
         delay = jax.random.randint(of_delay, (), least, most + 1)
         waiting = jnp.zeros((most + 1, zero.size), zero.dtype)
@@ -223,7 +223,7 @@ class Environment(Printed):
         u = waiting[episode.delay]
         system = self.robot(episode.parameters, u)
         t = h * episode.k.astype(h.dtype)
-        state, status = self.sampled.advanced(system, t, episode.state, self.adjoint)
+        state, status = self.sampled.advance(system, t, episode.state, self.adjoint)
         failed = status != Status.SUCCESS
         # Projected afterwards: the derivatives of a failed solve are not known, and 0 of them are to be 0.
         state = jax.tree.map(lambda new, old: jnp.where(failed, old, new), state, episode.state).projected()
@@ -233,9 +233,9 @@ class Environment(Printed):
         misses = self.goal.misses(episode.target, moment)
         ended = status != Status.SUCCESS
         reward = h * self.reward(misses, moment) - jnp.where(ended, self.penalty, 0.0)
-        terminated = ended | self.goal.reached(episode.target, moment)
+        terminated = ended | self.goal.is_reached(episode.target, moment)
         of_reading, later = jax.random.split(episode.key)
-        seen, memory = self._observed(of_reading, episode.target, moment, episode.memory)
+        seen, memory = self._observe(of_reading, episode.target, moment, episode.memory)
         k = episode.k + 1
         after = Episode(state, k, waiting, episode.delay, episode.parameters, episode.target, memory, later)
         info = {"status": status, "misses": misses, "u": u}
@@ -288,9 +288,9 @@ class Environment(Printed):
     def robot(self, parameters: dict[str, Float[Array, "..."]], u: Float[Array, " m"]) -> System:
         """The body with the parameters of an episode, while its inputs are ``u``."""
         system = with_numbers(self.sampled.system, parameters) if parameters else self.sampled.system
-        return held(system, self.sampled.places, u)
+        return hold_inputs(system, self.sampled.places, u)
 
-    def _started(self, key: Any) -> PlacedState:
+    def _start(self, key: Any) -> PlacedState:
         if not self.starts:
             return self.state
         xi = jnp.zeros(len(self.state.directions), self.sampled.sample.dtype)
@@ -306,9 +306,9 @@ class Environment(Printed):
             for k, (name, value) in enumerate(nominal.items())
         }
 
-    def _observed(self, key: Any, target: Any, moment: Moment, memory: Any) -> tuple[Float[Array, " numbers"], Any]:
+    def _observe(self, key: Any, target: Any, moment: Moment, memory: Any) -> tuple[Float[Array, " numbers"], Any]:
         seen, memory = self.observation(key, moment, memory, self.sampled.sample)
-        return jnp.concatenate([seen, self.goal.observed(target, moment)]) if self.shows_goal else seen, memory
+        return jnp.concatenate([seen, self.goal.observe(target, moment)]) if self.shows_goal else seen, memory
 
     def _in_contact(self, moment: Moment, status: Int[Array, ""]) -> Int[Array, ""]:
         """The status, or that of a robot that leaves the plane or slips."""
@@ -325,7 +325,7 @@ class Environment(Printed):
 
     def __repr__(self) -> str:
         lines = [
-            f"Environment of a {self.sampled.system.described()}: {type(self.goal).__name__}",
+            f"Environment of a {self.sampled.system.describe()}: {type(self.goal).__name__}",
             f"  {self.samples} samples of {float(self.sampled.sample):g}, inputs {', '.join(self.sampled.inputs)}",
             f"  {self.n_observations} numbers observed: {type(self.observation).__name__}"
             + (" and the goal" if self.shows_goal else ""),

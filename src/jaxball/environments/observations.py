@@ -117,14 +117,14 @@ def _masses(moment: Moment) -> Float[Array, "masses 2 3"]:
     angles = state.theta, state.thetadot, jnp.zeros_like(state.theta)
     at = kinematics(system, moment.t, angles)
 
-    def seen(chi: Array, chidot: Array) -> Array:
+    def see(chi: Array, chidot: Array) -> Array:
         velocity = chidot + cross(state.Omega[None], chi[None])[0]
         rows = jnp.stack([apply(state.Lambda, chi), apply(state.Lambda, velocity)])
         c, s = moment.heading
         x, y = rows[:, 0], rows[:, 1]
         return jnp.stack([c * x + s * y, c * y - s * x, rows[:, 2]], axis=-1)
 
-    rows = [seen(at.chi[i], at.chidot[i]) for i in range(at.chi.shape[0])]
+    rows = [see(at.chi[i], at.chidot[i]) for i in range(at.chi.shape[0])]
     return jnp.stack(rows) if rows else jnp.zeros((0, 2, 3), state.theta.dtype)
 
 

@@ -78,8 +78,8 @@ class Moment(NamedTuple):
 class AbstractGoal(Printed):
     """What the robot is to do.
 
-    A kind of goal implements ``misses``; ``draw``, if something of it is random; ``observed``, if a policy is to see it
-    in another form; and ``reached``, if an episode ends where it is. All are traced, for one robot.
+    A kind of goal implements ``misses``; ``draw``, if something of it is random; ``observe``, if a policy is to see it
+    in another form; and ``is_reached``, if an episode ends where it is. All are traced, for one robot.
     """
 
     def draw(self, key: Any, moment: Moment) -> Any:
@@ -90,11 +90,11 @@ class AbstractGoal(Printed):
     def misses(self, target: Any, moment: Moment) -> Float[Array, " misses"]:
         """What the robot misses the target by: numbers that are all 0 where it does as it should."""
 
-    def observed(self, target: Any, moment: Moment) -> Float[Array, " numbers"]:
-        """What a policy sees of the target; by default, what it is missed by."""
+    def observe(self, target: Any, moment: Moment) -> Float[Array, " numbers"]:
+        """Returns what a policy sees of the target; by default, what it is missed by."""
         return self.misses(target, moment)
 
-    def reached(self, target: Any, moment: Moment) -> Bool[Array, ""]:
+    def is_reached(self, target: Any, moment: Moment) -> Bool[Array, ""]:
         """Whether the robot has done what it is to do, which ends the episode; by default never."""
         return jnp.zeros((), bool)
 
@@ -127,12 +127,12 @@ class ReachPoint(AbstractGoal):
     def misses(self, target, moment):
         return jnp.concatenate([target - moment.place, -moment.velocity])
 
-    def observed(self, target, moment):
+    def observe(self, target, moment):
         return jnp.concatenate([moment.ahead(target - moment.place), -moment.ahead(moment.velocity)])
 
-    def reached(self, target, moment):
+    def is_reached(self, target, moment):
         if self.within is None:
-            return super().reached(target, moment)
+            return super().is_reached(target, moment)
         rows = self.misses(target, moment).reshape(2, -1)
         return jnp.all(jnp.sum(rows**2, axis=1) < self.within**2)
 
@@ -163,7 +163,7 @@ class FollowPath(AbstractGoal):
         place, velocity = self._at(moment.t, moment)
         return jnp.concatenate([place - moment.place, velocity - moment.velocity])
 
-    def observed(self, target, moment):
+    def observe(self, target, moment):
         place, velocity = self._at(moment.t, moment)
         rows = [place - moment.place, velocity - moment.velocity]
         rows += [self._at(moment.t + later, moment)[0] - moment.place for later in self.preview]

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .. import programs
 from ..interface.arguments import refusal
 from ..interface.printing import Printed
-from ..interface.wording import counted
+from ..interface.wording import number_of
 from ..numerics.arrays import is_traced
 from ..physics.state import PlacedState
 
@@ -30,13 +30,13 @@ class Belief(NamedTuple):
     bias: Float[Array, " biases"]
     P: Float[Array, "n n"]
 
-    def moved(self, change: Float[Array, " n"]) -> "Belief":
-        """The estimate changed by an error, and the covariance in local coordinates around the new state."""
-        xi, own = change[: change.size - self.bias.size], change[change.size - self.bias.size :]
+    def move(self, change: Float[Array, " n"]) -> "Belief":
+        """Changes the estimate by an error, and takes the covariance to local coordinates around the new state."""
+        xi, bias_change = change[: change.size - self.bias.size], change[change.size - self.bias.size :]
         state = self.state.retract(xi)
         turn = jax.jacfwd(lambda d: state.difference(self.state.retract(xi + d)))(jnp.zeros_like(xi))
         G = jnp.eye(len(self.P), dtype=self.P.dtype).at[: xi.size, : xi.size].set(turn)
-        return Belief(state, self.bias + own, symmetric(G @ self.P @ G.T))
+        return Belief(state, self.bias + bias_change, symmetric(G @ self.P @ G.T))
 
 
 def symmetric(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
@@ -163,7 +163,7 @@ class AbstractEstimate(Printed):
         **Arguments** and **raises:** as :meth:`errors`.
         """
         n = len(self.directions)
-        return jax.vmap(_weighted)(self.covariance[:, :n, :n], self.errors(truth))
+        return jax.vmap(_weigh)(self.covariance[:, :n, :n], self.errors(truth))
 
     @property
     def uncertain(self) -> Int[Array, " K"]:
@@ -251,7 +251,7 @@ class Estimate(AbstractEstimate):
 
     @property
     def nis(self) -> Float[Array, " K"]:
-        found = jax.vmap(_weighted)(self.filtered.S, self.filtered.innovation)
+        found = jax.vmap(_weigh)(self.filtered.S, self.filtered.innovation)
         return jnp.where(self.read > 0, found, jnp.nan)
 
     @property
@@ -260,13 +260,13 @@ class Estimate(AbstractEstimate):
 
     def smoothed(self) -> "Estimate":
         """The estimates with all readings, also those after each sample: by Rauch's, Tung's and Striebel's smoother."""
-        return _smoothed(self)
+        return _smooth(self)
 
     def __repr__(self) -> str:
         if is_traced(self.times):
             return "Estimate, traced"
         read = int(np.sum(np.asarray(self.read)))
-        lines = [f"Estimate at {counted(len(self.times), 'sample')}, from {counted(read, 'reading')}"]
+        lines = [f"Estimate at {number_of(len(self.times), 'sample')}, from {number_of(read, 'reading')}"]
         for name, size in self.deviations.items():
             lines.append(f"  {name}: ±{float(size[0]):.3g} at the start, ±{float(size[-1]):.3g} at the end")
         return "\n".join(lines)
@@ -289,7 +289,7 @@ def chi2_bounds(degrees: int, runs: int = 1, confidence: float = 0.95) -> tuple[
 
 
 @programs.filter_jit
-def _smoothed(estimate: Estimate) -> Estimate:
+def _smooth(estimate: Estimate) -> Estimate:
     filtered = estimate.filtered
 
     def back(later: Belief, at: tuple[Belief, Belief, Array]) -> tuple[Belief, Belief]:
@@ -297,7 +297,7 @@ def _smoothed(estimate: Estimate) -> Estimate:
         gain = now.P @ F.T @ inverse(ahead.P)
         change = jnp.concatenate([ahead.state.difference(later.state), later.bias - ahead.bias])
         P = now.P + gain @ (later.P - ahead.P) @ gain.T
-        earlier = now._replace(P=P).moved(gain @ change)
+        earlier = now._replace(P=P).move(gain @ change)
         return earlier, earlier
 
     passed = Belief(filtered.state, filtered.bias, filtered.P)
@@ -310,6 +310,6 @@ def _smoothed(estimate: Estimate) -> Estimate:
     return Estimate(estimate.times, estimate.directions, estimate.biases, smooth)
 
 
-def _weighted(P: Float[Array, "n n"], x: Float[Array, " n"]) -> Float[Array, ""]:
-    """xᵀP⁻¹x, without what is known."""
+def _weigh(P: Float[Array, "n n"], x: Float[Array, " n"]) -> Float[Array, ""]:
+    """Computes xᵀP⁻¹x, without what is known."""
     return x @ inverse(P) @ x

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .. import programs
-from ..control.sampled import SampledSystem, in_words, reached, unreached_by
+from ..control.sampled import SampledSystem, in_words, null_space, reachability_factor
 from ..control.weights import by_name
 from ..interface.arguments import refusal, require
 from ..interface.printing import Printed
@@ -107,10 +107,10 @@ class ErrorStateFilter(Printed):
             sampled = SampledSystem.of(system, sample, inputs, rtol, atol)
         else:
             sampled = SampledSystem.without_inputs(system, sample, rtol, atol)
-        return cls.for_sampled(sampled, sensors, process, biases)
+        return cls.for_sampled_system(sampled, sensors, process, biases)
 
     @classmethod
-    def for_sampled(
+    def for_sampled_system(
         cls,
         sampled: SampledSystem,
         sensors: Mapping[str, AbstractSensor],
@@ -161,9 +161,9 @@ class ErrorStateFilter(Printed):
         require_one_state(self.sampled.system, start)
         require("spread", spread, Mapping, 'a dictionary of standard deviations by name, such as {"Omega": 0.1}')
         deviations = self.deviations(spread)
-        read = self._aligned(readings)
+        read = self._align(readings)
         count, first = len(read.y), to_array(t0, "t0")
-        filtered = _filtered(self, read, start, deviations, self._inputs(u, count - 1), first)
+        filtered = _filter(self, read, start, deviations, self._inputs(u, count - 1), first)
         return Estimate(self.times(first, count), start.directions, self.names_of_biases(start), filtered)
 
     def unobservable(
@@ -182,11 +182,11 @@ class ErrorStateFilter(Printed):
         """
         require_one_state(self.sampled.system, start)
         names = (*start.directions, *self.names_of_biases(start))
-        F, H = _linearised(self, start, self._inputs(u, samples - 1), to_array(t0, "t0"))
+        F, H = _linearise(self, start, self._inputs(u, samples - 1), to_array(t0, "t0"))
         # The dual of reachability: the flow backwards, transposed.
         F, H = (np.swapaxes(np.asarray(x), 1, 2)[::-1] for x in (F, H))
-        seen = reached(np.concatenate([np.eye(len(names))[None], F]), H)
-        return in_words(unreached_by(seen), names)
+        seen = reachability_factor(np.concatenate([np.eye(len(names))[None], F]), H)
+        return in_words(null_space(seen), names)
 
     def deviations(self, spread: Mapping[str, Numbers]) -> Float[Array, " n"]:
         """The standard deviation of each local coordinate, given by name.
@@ -221,38 +221,38 @@ class ErrorStateFilter(Printed):
         whole = jnp.concatenate([deviations, *spread]).astype(deviations.dtype)
         return Belief(state, jnp.zeros_like(whole[deviations.size :]), jnp.diag(whole**2))
 
-    def predicted(
+    def predict(
         self, t: Float[Array, ""], belief: Belief, u: Float[Array, " inputs"]
     ) -> tuple[Belief, Float[Array, "n n"]]:
-        """What is known a sample after ``t`` without a further reading, and the derivative of the flow of errors."""
+        """Predicts a sample after ``t`` without a further reading; returns the derivative of the flow of errors."""
         following = self.sampled.flow(t, belief.state, u)
-        A = self.sampled.linearised(t, belief.state, u, following).A
+        A = self.sampled.linearise(t, belief.state, u, following).A
         n, whole = len(A), belief.P.shape[0]
         F = jnp.eye(whole, dtype=A.dtype).at[:n, :n].set(A)
         rates = jnp.concatenate([self.process, self._walks(belief.state)])
         added = jnp.diag(self.sampled.sample * rates**2)
         return Belief(following, belief.bias, symmetric(F @ belief.P @ F.T + added)), F
 
-    def expected(
+    def expect_readings(
         self, t: Float[Array, ""], belief: Belief, u: Float[Array, " inputs"]
     ) -> tuple[Float[Array, " m"], Float[Array, "m n"]]:
-        """What the sensors should read, and its derivative by the errors of the estimate."""
+        """Computes what the sensors should read, and its derivative by the errors of the estimate."""
         state, bias = belief.state, belief.bias
-        system, of_bias = self.sampled.held(u), self._of_bias(state)
+        system, of_bias = self.sampled.hold(u), self._of_bias(state)
 
         def of_error(error: Float[Array, " n"]) -> Float[Array, " m"]:
-            xi, own = error[: error.size - bias.size], error[error.size - bias.size :]
-            return self.measurement(system, t, state.retract(xi)) + of_bias @ (bias + own)
+            xi, bias_change = error[: error.size - bias.size], error[error.size - bias.size :]
+            return self.measurement(system, t, state.retract(xi)) + of_bias @ (bias + bias_change)
 
         zero = jnp.zeros(belief.P.shape[0], belief.P.dtype)
         return of_error(zero), jax.jacfwd(of_error)(zero)
 
-    def updated(
+    def update(
         self, t: Float[Array, ""], belief: Belief, u: Float[Array, " inputs"], read: Reading
     ) -> tuple[Belief, Float[Array, " m"], Float[Array, "m m"]]:
-        """What is known with a reading; the innovation, 0 where nothing was read, and its covariance, 1 there."""
+        """Updates with a reading; returns the innovation, 0 where nothing was read, and its covariance, 1 there."""
         state, P = belief.state, belief.P
-        h, H = self.expected(t, belief, u)
+        h, H = self.expect_readings(t, belief, u)
 
         there = read.there[:, None]
         H = jnp.where(there, H, 0.0)
@@ -262,10 +262,10 @@ class ErrorStateFilter(Printed):
         K = jnp.linalg.solve(S, H @ P).T
         rest = jnp.eye(len(P), dtype=P.dtype) - K @ H
         with_reading = belief._replace(P=rest @ P @ rest.T + (K * R[None]) @ K.T)
-        return with_reading.moved(K @ innovation), innovation, S
+        return with_reading.move(K @ innovation), innovation, S
 
-    def _aligned(self, readings: Mapping[str, Numbers]) -> Reading:
-        """The readings of all sensors at the samples at which they were taken."""
+    def _align(self, readings: Mapping[str, Numbers]) -> Reading:
+        """Shifts the readings of all sensors to the samples at which they were taken."""
         require("readings", readings, Mapping, "the readings of each sensor by name")
         sensors = self.measurement.sensors
         for name in sensors:
@@ -273,10 +273,10 @@ class ErrorStateFilter(Printed):
                 raise ValueError(f"Argument `readings` must have those of every sensor, but {name!r} is missing.")
         columns = {}
         for name, sensor in sensors.items():
-            given = to_array(readings[name], f"readings[{name!r}]")
-            if given.ndim == 0:
+            values = to_array(readings[name], f"readings[{name!r}]")
+            if values.ndim == 0:
                 raise refusal(f"readings[{name!r}]", "readings at each sample", readings[name])
-            columns[name] = taken(given.reshape(given.shape[0], -1), samples_late(name, sensor, self.sampled))
+            columns[name] = align_late(values.reshape(values.shape[0], -1), samples_late(name, sensor, self.sampled))
         lengths = {name: len(column) for name, column in columns.items()}
         if len(set(lengths.values())) > 1:
             raise ValueError(f"Argument `readings` must have as many samples of each sensor, but there are {lengths}.")
@@ -317,19 +317,19 @@ class ErrorStateFilter(Printed):
 
 
 @programs.filter_jit
-def _filtered(
+def _filter(
     known: ErrorStateFilter, read: Reading, start: PlacedState, deviations: Array, u: Array, t0: Array
 ) -> Filtered:
-    """The pass of a filter over all samples. The last input is held at the last one, after which there is none."""
-    times, held = known.times(t0, read.y.shape[0]), _held(u)
+    """Filters all samples. The last input is held at the last one, after which there is none."""
+    times, held = known.times(t0, read.y.shape[0]), _hold_last(u)
 
     def with_reading(ahead: Belief, t: Array, u: Array, reading: Reading) -> tuple[Belief, tuple]:
-        belief, *seen = known.updated(t, ahead, u, reading)
+        belief, *seen = known.update(t, ahead, u, reading)
         return belief, (belief, ahead, *seen)
 
     def step(belief: Belief, at: tuple[Array, Array, Array, Reading]) -> tuple[Belief, tuple]:
         t, before, now, reading = at
-        ahead, F = known.predicted(t - known.sampled.sample, belief, before)
+        ahead, F = known.predict(t - known.sampled.sample, belief, before)
         belief, found = with_reading(ahead, t, now, reading)
         return belief, (*found, F)
 
@@ -353,28 +353,28 @@ def _filtered(
 
 
 @programs.filter_jit
-def _linearised(known: ErrorStateFilter, start: PlacedState, u: Array, t0: Array) -> tuple[Array, Array]:
-    """The derivative of the flow of errors over each sample, and of each reading, along the motion from a state."""
-    times, held = known.times(t0, len(u) + 1), _held(u)
+def _linearise(known: ErrorStateFilter, start: PlacedState, u: Array, t0: Array) -> tuple[Array, Array]:
+    """Computes the derivatives of the flow of errors over each sample, and of each reading, along a motion."""
+    times, held = known.times(t0, len(u) + 1), _hold_last(u)
     belief = known.start(start, jnp.ones(len(start.directions), t0.dtype))
 
     def step(belief: Belief, at: tuple[Array, Array]) -> tuple[Belief, tuple[Array, Array]]:
         t, u = at
-        H = known.expected(t, belief, u)[1]
-        ahead, F = known.predicted(t, belief, u)
+        H = known.expect_readings(t, belief, u)[1]
+        ahead, F = known.predict(t, belief, u)
         return ahead, (F, H)
 
     last, (F, H) = jax.lax.scan(step, belief, (times[:-1], held[:-1]))
-    return F, jnp.concatenate([H, known.expected(times[-1], last, held[-1])[1][None]])
+    return F, jnp.concatenate([H, known.expect_readings(times[-1], last, held[-1])[1][None]])
 
 
-def _held(u: Float[Array, "samples inputs"]) -> Float[Array, "samples_and_end inputs"]:
-    """The inputs of all samples, of which the last one holds the one before."""
+def _hold_last(u: Float[Array, "samples inputs"]) -> Float[Array, "samples_and_end inputs"]:
+    """Returns the inputs of all samples, of which the last one holds the one before."""
     return jnp.concatenate([u, u[-1:] if len(u) else jnp.zeros((1, u.shape[1]), u.dtype)])
 
 
-def taken(arrived: Float[Array, "K m"], late: int) -> Float[Array, "K m"]:
-    """Readings at the samples at which they were taken; NaN at the last ones, which are still to arrive."""
+def align_late(arrived: Float[Array, "K m"], late: int) -> Float[Array, "K m"]:
+    """Shifts readings to the samples at which they were taken; NaN at the last ones, which are still to arrive."""
     return jnp.concatenate([arrived[late:], jnp.full_like(arrived[:late], jnp.nan)])
 
 

@@ -199,11 +199,11 @@ def fit(
     first = jnp.concatenate([problem.before, jnp.zeros(problem.prior.size - problem.before.size)])
     scale = np.asarray(_scales(problem))
 
-    def scaled(y: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-        r, J, _ = _evaluated(problem, problem.guess, jnp.asarray(scale * np.asarray(y)))
+    def evaluate_by_scale(y: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+        r, J, _ = _evaluate(problem, problem.guess, jnp.asarray(scale * np.asarray(y)))
         return np.asarray(r), np.asarray(J) * scale
 
-    residuals, y0 = where_finite(scaled), np.asarray(first) / scale
+    residuals, y0 = where_finite(evaluate_by_scale), np.asarray(first) / scale
     if not np.all(np.isfinite(residuals(tuple(y0))[0])):
         raise ValueError(
             "Argument `parameters` must make a robot that can be simulated from `start` to the end of the log, but it "
@@ -301,10 +301,10 @@ def _scales(problem: _Problem) -> Float[Array, " n"]:
 
 
 @programs.filter_jit
-def _evaluated(
+def _evaluate(
     problem: _Problem, base: PlacedState, x: Float[Array, " n"]
 ) -> tuple[Float[Array, " residuals"], Float[Array, "residuals n"], dict[str, Array]]:
-    """The residuals, their Jacobian by x, and those of each sensor."""
+    """Evaluates the residuals, their Jacobian by x, and those of each sensor."""
 
     def residuals(x: Array) -> tuple[Array, dict[str, Array]]:
         found, known = problem.residuals(base, x)
@@ -322,7 +322,7 @@ def _fit(problem: _Problem, x: Float[Array, " n"], scale: Float[np.ndarray, " n"
     """The estimates at the unknowns ``x``, with local coordinates around the estimated state."""
     values, xi, _ = problem.split(x)
     state, p, k = problem.guess.retract(xi), len(problem.parameters), len(problem.places)
-    r, J, found = _evaluated(problem, state, x.at[p : p + k].set(0.0))
+    r, J, found = _evaluate(problem, state, x.at[p : p + k].set(0.0))
     r, J = np.asarray(r), np.asarray(J) * scale
     _, s, Vt = np.linalg.svd(J, full_matrices=False)
     seen = find_determined(s)

@@ -19,7 +19,7 @@ from ..physics.body import System
 from ..sensors import AbstractSensor
 from ..sensors.errors import with_errors
 from .estimate import Belief, Followed, LoopEstimate
-from .filter import ErrorStateFilter, Reading, samples_late, taken
+from .filter import ErrorStateFilter, Reading, align_late, samples_late
 
 
 class Remembered(NamedTuple):
@@ -124,13 +124,13 @@ class OutputFeedback(AbstractFeedback):
     ) -> "OutputFeedback":
         """The feedback of a regulator from sensors; its arguments stand above."""
         require("feedback", feedback, AbstractFeedback, "a feedback, such as tvlqr(...) makes")
-        known = ErrorStateFilter.for_sampled(feedback.sampled, sensors, process, biases)
+        known = ErrorStateFilter.for_sampled_system(feedback.sampled, sensors, process, biases)
         late = {name: samples_late(name, sensor, known.sampled) for name, sensor in sensors.items()}
         plant = plant_of(feedback, system, None, None)
-        return cls.made(feedback, known, plant, known.deviations(spread), late, key)
+        return cls.of_parts(feedback, known, plant, known.deviations(spread), late, key)
 
     @classmethod
-    def made(
+    def of_parts(
         cls,
         feedback: AbstractFeedback,
         known: ErrorStateFilter,
@@ -139,7 +139,7 @@ class OutputFeedback(AbstractFeedback):
         late: Mapping[str, int],
         key: Any = None,
     ) -> "OutputFeedback":
-        """The feedback of parts that fit each other, with how many samples late each sensor is; traceable."""
+        """Combines parts that fit each other, with how many samples late each sensor is; traceable."""
         nominal = feedback.nominal
         each = tuple(late[name] for name, size in known.sizes(nominal.state(0)).items() for _ in range(size))
         wrong = _errors(known, nominal, late, key)
@@ -157,9 +157,9 @@ class OutputFeedback(AbstractFeedback):
     def __call__(self, k, state, memory):
         t = self._time(k)
         wrong = self.wrong[jnp.minimum(k, len(self.wrong) - 1)]
-        now = self.known.measurement(self.plant.held(memory.u[-1]), t, state) + wrong
+        now = self.known.measurement(self.plant.hold(memory.u[-1]), t, state) + wrong
         y = jnp.concatenate([memory.y, now[None]])
-        (belief, oldest), seen = self._followed(k, memory, y)
+        (belief, oldest), seen = self._follow(k, memory, y)
         added, inner = self.feedback(k, belief.state, memory.inner)
         found = self.deviation(k, belief.state), belief.bias, belief.P, *seen
         before = memory.xi, memory.bias, memory.P, memory.nis, memory.read
@@ -168,11 +168,11 @@ class OutputFeedback(AbstractFeedback):
         rows = (_put(kept, at, one) for kept, at, one in zip(before, places, found, strict=True))
         return added, Remembered(oldest, y[1:], memory.u, inner, *rows)
 
-    def applied(self, k, u, memory):
-        inner = self.feedback.applied(k, u, memory.inner)
+    def remember_inputs(self, k, u, memory):
+        inner = self.feedback.remember_inputs(k, u, memory.inner)
         return memory._replace(u=jnp.concatenate([memory.u[1:], u[None]]), inner=inner)
 
-    def _followed(self, k: Any, memory: Remembered, y: Array) -> tuple[tuple[Belief, Belief], tuple[Array, Array]]:
+    def _follow(self, k: Any, memory: Remembered, y: Array) -> tuple[tuple[Belief, Belief], tuple[Array, Array]]:
         """What is known at sample ``k``, and at the oldest sample of ``y``; of the latter, the innovation squared
         and how many numbers were read.
         """
@@ -182,10 +182,10 @@ class OutputFeedback(AbstractFeedback):
 
         def step(belief: Belief, at: Any) -> tuple[Belief, Any]:
             i, u, y, arrived = at
-            ahead = known.predicted(self._time(i - 1), belief, u)[0]
+            ahead = known.predict(self._time(i - 1), belief, u)[0]
             ahead = select_tree(i > 0, ahead, belief)
             there = arrived & jnp.isfinite(y)
-            with_reading, innovation, S = known.updated(
+            with_reading, innovation, S = known.update(
                 self._time(i), ahead, u, Reading(jnp.where(there, y, 0.0), there)
             )
             after = select_tree(i >= 0, with_reading, ahead)
@@ -202,7 +202,7 @@ class OutputFeedback(AbstractFeedback):
     def _time(self, k: Int[Array, ""]) -> Float[Array, ""]:
         return self.nominal.times[0] + self.sampled.sample * k.astype(self.spread.dtype)
 
-    def estimated(self, times: Float[Array, " T"], memory: Remembered) -> LoopEstimate:
+    def estimates(self, times: Float[Array, " T"], memory: Remembered) -> LoopEstimate:
         count, samples = len(times), min(len(times) - 1, self.nominal.samples)
         nominal = jax.tree.map(lambda leaf: leaf[:samples], self.nominal.states)
         states = jax.vmap(lambda state, xi: state.retract(xi))(nominal, memory.xi[:samples])
@@ -234,4 +234,4 @@ def _errors(
     sensors = known.measurement.sensors
     zero = {name: jnp.zeros((times.size, size), default_dtype()) for name, size in sizes.items()}
     found = with_errors({name: sensor.errors for name, sensor in sensors.items()}, times, zero, key)
-    return jnp.concatenate([taken(found[name], late[name]) for name in sensors], axis=1)
+    return jnp.concatenate([align_late(found[name], late[name]) for name in sensors], axis=1)

@@ -64,11 +64,11 @@ def refusal(name: str, must: str, value: Any, remedy: str = "") -> TypeError:
     if isinstance(value, type) and not remedy:
         remedy = f"make one with {value.__name__}(...)"
     end = f"; {remedy}." if remedy else "."
-    return TypeError(f"Argument `{name}` must be {must}, but it is {described(value)}{end}")
+    return TypeError(f"Argument `{name}` must be {must}, but it is {describe(value)}{end}")
 
 
-def described(value: Any) -> str:
-    """What a value is, in a few words."""
+def describe(value: Any) -> str:
+    """Describes a value in a few words."""
     if isinstance(value, type):
         return f"the class {value.__name__}"
     if value is None or isinstance(value, bool | int | float | complex | str | bytes):
@@ -139,7 +139,7 @@ def require_callable(name: str, function: Any, *takes: str) -> None:
         parameters.bind(*takes)
     except TypeError:
         raise TypeError(
-            f"Argument `{name}` must be a function of {signature}, but {_named(function)} takes {parameters}."
+            f"Argument `{name}` must be a function of {signature}, but {_name(function)} takes {parameters}."
         ) from None
 
 
@@ -172,7 +172,7 @@ def traceable(name: str, function: Any) -> Iterator[None]:
         yield
     except jax.errors.JAXTypeError as error:
         raise TypeError(
-            f"Argument `{name}` must be a function that JAX can trace, but {_named(function)} needs to know a number "
+            f"Argument `{name}` must be a function that JAX can trace, but {_name(function)} needs to know a number "
             "that is not known while it is traced, as in `if` or float(); write it with jax.numpy, and "
             "`jnp.where(condition, a, b)` for `if`."
         ) from error
@@ -181,7 +181,7 @@ def traceable(name: str, function: Any) -> Iterator[None]:
 def require_value(name: str, value: Any, shape: tuple[int, ...]) -> None:
     """Raises a ``TypeError`` unless ``value``, returned by a function, is an array of real numbers of ``shape``."""
     expected = "a single number" if shape == () else f"an array of shape {shape}"
-    given, remedy = described(value), ""
+    given, remedy = describe(value), ""
     if isinstance(value, jax.Array | np.ndarray | np.generic | jax.ShapeDtypeStruct):
         if value.shape == shape and jnp.issubdtype(value.dtype, jnp.floating):
             return
@@ -201,6 +201,6 @@ def _is_weakly_hashable(function: Any) -> bool:
     return True
 
 
-def _named(function: Callable[..., Any]) -> str:
+def _name(function: Callable[..., Any]) -> str:
     name = getattr(function, "__name__", type(function).__name__)
     return "the lambda given" if name == "<lambda>" else name

@@ -120,8 +120,8 @@ def stop_requested(message: str = "") -> Iterator[threading.Event]:
 
 
 @contextlib.contextmanager
-def blocked_in_children() -> Iterator[None]:
-    """Processes that start in this block receive none of the signals, not even while they start; this one does."""
+def block_in_children() -> Iterator[None]:
+    """Blocks the signals in processes that start in this block, even while they start; this one receives them."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

@@ -23,7 +23,7 @@ def atomic_write(path: Path, *, flush: bool = False) -> Iterator[Path]:
 
     **Raises:** ``OSError`` when the file cannot be written.
     """
-    target = _followed(path)
+    target = _follow_links(path)
     temporary = target.with_name(f"{part_prefix()}{os.urandom(4).hex()}{target.suffix}")
     with interruption.on_interrupt(lambda: temporary.unlink(missing_ok=True)):
         try:
@@ -71,7 +71,7 @@ def check_destination(path: Path, suffixes: Sequence[str], argument: str = "path
     if path.suffix not in suffixes:
         raise OutputError(f'Argument `{argument}` must end in {one_of(suffixes)}, but it is "{path}".')
     try:
-        folder = _followed(path).parent
+        folder = _follow_links(path).parent
     except OSError as error:
         raise OutputError(
             f'Argument `{argument}` must be a file that can be written, but "{path}" is not: {error.strerror}.'
@@ -130,8 +130,8 @@ def flush_to_disk(path: Path) -> None:
         os.close(descriptor)
 
 
-def _followed(path: Path) -> Path:
-    """Where the symbolic links of a path lead, whether or not anything is there.
+def _follow_links(path: Path) -> Path:
+    """Follows the symbolic links of a path to where they lead, whether or not anything is there.
 
     **Raises:** ``OSError`` where they lead in a circle.
     """

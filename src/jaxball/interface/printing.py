@@ -28,20 +28,20 @@ class Printed(eqx.Module):
         return object.__new__, (type(self),), vars(self)
 
     def __repr__(self) -> str:
-        return shown(self)
+        return format_value(self)
 
     _repr_html_ = repr_html
 
 
-def shown(value: Any) -> str:
-    """A value in one line: a module with all its fields, and the modules within it without their default values."""
+def format_value(value: Any) -> str:
+    """Formats a value in one line: a module with all its fields, and the modules within it without defaults."""
     if isinstance(value, eqx.Module):
-        return shown_fields(value, dataclasses.fields(value))
+        return format_fields(value, dataclasses.fields(value))
     return _within(value)
 
 
-def shown_fields(module: eqx.Module, fields: Iterable[dataclasses.Field], *, brief: bool = False) -> str:
-    """``Name(field=value, ...)`` with some fields of a module; ``brief`` leaves out those that have their default."""
+def format_fields(module: eqx.Module, fields: Iterable[dataclasses.Field], *, brief: bool = False) -> str:
+    """Formats ``Name(field=value, ...)`` with some fields of a module; ``brief`` leaves out defaults."""
     values = vars(module)  # some are missing while the module is being made
     entries = [
         f"{field.name}={_within(value)}"
@@ -62,9 +62,9 @@ def in_short(value: Any) -> str:
 def _within(value: Any) -> str:
     if is_array(value):
         by_shape = not _is_known(value) or value.size > MOST_WRITTEN_OUT or (value.size == 0 and value.ndim > 1)
-        return _shape(value) if by_shape else _nested(np.asarray(value))
+        return _shape(value) if by_shape else _nest(np.asarray(value))
     if isinstance(value, eqx.Module):
-        return shown_fields(value, dataclasses.fields(value), brief=True)
+        return format_fields(value, dataclasses.fields(value), brief=True)
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{key!r}: {_within(item)}" for key, item in value.items()) + "}"
     if isinstance(value, list | tuple) and not hasattr(value, "_fields"):
@@ -130,7 +130,7 @@ def _shape(array: Any) -> str:
     return f"{kind}[{','.join(map(str, array.shape))}]"
 
 
-def _nested(array: Any) -> str:
+def _nest(array: Any) -> str:
     if array.ndim == 0:
         return str(array)
-    return f"({', '.join(map(_nested, array))}{',' if len(array) == 1 else ''})"
+    return f"({', '.join(map(_nest, array))}{',' if len(array) == 1 else ''})"

@@ -18,8 +18,8 @@ def all_of(names: Sequence[str]) -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def counted(number: int, thing: str, things: str = "") -> str:
-    """``1 mass``, ``2 masses``, ``1,000 rows``; ``things`` is the plural where it is not formed by adding an s."""
+def number_of(number: int, thing: str, things: str = "") -> str:
+    """Writes ``1 mass``, ``2 masses``, ``1,000 rows``; ``things`` is the plural if it is not formed by adding an s."""
     return f"{number:,} {thing if number == 1 else things or f'{thing}s'}"
 
 

@@ -23,7 +23,7 @@ from ..physics.mechanisms import (
     Spring,
 )
 from ..physics.schedules import AbstractSchedule, ConstantRate
-from .elements import MJCFError, add, called, number, numbers, refuse_values
+from .elements import MJCFError, add, label, number, numbers, refuse_values
 
 Signal = Callable[[Float[Array, ""]], Float[Array, ""]]
 KEEPING = 0.2  # of a servo that stands for a prescribed motion: its natural frequency times the time step
@@ -119,7 +119,7 @@ def _write_dampers(coefficients: list[float], joint: ET.Element) -> None:
 
 def _write_actuator(name: str, joint: str, force: AbstractJointForce, actuators: ET.Element) -> Control:
     if isinstance(force, Motor):
-        _add_limited(actuators, "motor", name, joint, force.limit)
+        _add_actuator(actuators, "motor", name, joint, force.limit)
         return Control(name, force.signal.prepare())
     if isinstance(force, SpeedLimitedMotor):
         stall = float(force.stall)
@@ -154,12 +154,12 @@ def _add_affine(
     actuators: ET.Element, name: str, joint: str, gain: float, bias: tuple[float, float, float], limit: Array | None
 ) -> None:
     """The actuator with the force gain × control + bias · (1, θ, θ̇)."""
-    element = _add_limited(actuators, "general", name, joint, limit)
+    element = _add_actuator(actuators, "general", name, joint, limit)
     for key, value in {"biastype": "affine", "gainprm": repr(gain), "biasprm": " ".join(map(repr, bias))}.items():
         element.set(key, value)
 
 
-def _add_limited(actuators: ET.Element, tag: str, name: str, joint: str, limit: Array | None) -> ET.Element:
+def _add_actuator(actuators: ET.Element, tag: str, name: str, joint: str, limit: Array | None) -> ET.Element:
     bounds = None if limit is None else (-float(limit), float(limit))
     return add(actuators, tag, name=name, joint=joint, forcerange=bounds)
 
@@ -173,7 +173,7 @@ def read_springs(joint: ET.Element) -> list[AbstractJointForce]:
     refuse_values(joint, ("ref",), "angles are measured from the configuration in which the file has its bodies")
     if joint.get("range") is not None and joint.get("limited") != "false":
         raise MJCFError(
-            f"Attribute `range` of {called(joint)} must be left out, because {LIMITS}; add `end-stops` to the scenario."
+            f"Attribute `range` of {label(joint)} must be left out, because {LIMITS}; add `end-stops` to the scenario."
         )
     forces: list[AbstractJointForce] = []
     stiffness, damping = number(joint, "stiffness", 0.0), number(joint, "damping", 0.0)
@@ -204,7 +204,7 @@ def read_actuators(actuators: Iterable[ET.Element], controls: Float[np.ndarray, 
     for element, control in zip(actuators, controls, strict=True):
         joint = element.get("joint")
         if joint is None:
-            raise MJCFError(f"Element {called(element)} must act on a `joint`, but it acts on something else.")
+            raise MJCFError(f"Element {label(element)} must act on a `joint`, but it acts on something else.")
         refuse_values(element, ("lengthrange",), "forces here do not depend on it")
         within = _range(element, "ctrl")
         control = float(control) if within is None else float(np.clip(control, *within))
@@ -212,7 +212,7 @@ def read_actuators(actuators: Iterable[ET.Element], controls: Float[np.ndarray, 
         forces.setdefault(joint, []).append(force)
         if within is not None and not limits_control:
             notes.append(
-                f"The `ctrlrange` of {called(element)} was not imported, because only a motor whose range is the same "
+                f"The `ctrlrange` of {label(element)} was not imported, because only a motor whose range is the same "
                 f"in both directions has a limit that stands for it; its control, {control:g}, is within it."
             )
     return Actuated(forces, notes)
@@ -225,7 +225,7 @@ def _read_actuator(
     limit, gear = _limit(element), float(numbers(element, "gear", (1.0,))[0])
     gain, stiffness, damping = (1.0, 0.0, 0.0) if element.tag == "motor" else _affine(element)
     if element.tag != "motor" and gear != 1:
-        raise MJCFError(f'Attribute `gear` of {called(element)} must be 1 except for motors, but it is "{gear:g}".')
+        raise MJCFError(f'Attribute `gear` of {label(element)} must be 1 except for motors, but it is "{gear:g}".')
     if stiffness == 0 and damping == 0:
         limits_control = within is not None and within[0] == -within[1]
         if within is not None and limits_control:
@@ -262,7 +262,7 @@ def _affine(element: ET.Element) -> tuple[float, float, float]:
     bias = numbers(element, "biasprm", (0.0, 0.0, 0.0)) if biased == "affine" else np.zeros(3)
     if element.tag != "general" or not linear or biased not in ("none", "affine") or bias[0] != 0:
         raise MJCFError(
-            f"Element {called(element)} must be a <motor>, <position> or <velocity>, or a <general> whose force is "
+            f"Element {label(element)} must be a <motor>, <position> or <velocity>, or a <general> whose force is "
             "linear in its control, the angle and the rate of its joint, but it is not."
         )
     return float(numbers(element, "gainprm", (1.0,))[0]), -float(bias[1]), -float(bias[2])
@@ -275,7 +275,7 @@ def _limit(element: ET.Element) -> float | None:
     low, high = within
     if low != -high:
         raise MJCFError(
-            f"Attribute `forcerange` of {called(element)} must be the same in both directions, but it is "
+            f"Attribute `forcerange` of {label(element)} must be the same in both directions, but it is "
             f'"{element.get("forcerange")}".'
         )
     return high

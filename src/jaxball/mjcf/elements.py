@@ -36,8 +36,8 @@ def add(parent: ET.Element, tag: str, **attributes: Any) -> ET.Element:
     return ET.SubElement(parent, tag, texts)
 
 
-def called(element: ET.Element) -> str:
-    """What sentences call an element: its tag and its name."""
+def label(element: ET.Element) -> str:
+    """Names an element as sentences do: by its tag and its name."""
     name = element.get("name")
     return f"<{element.tag}>" if name is None else f'<{element.tag} name="{name}">'
 
@@ -57,14 +57,14 @@ def numbers(
     must = f"{count} numbers" if count != 1 else "a number"
     if text is None:
         if default is None:
-            raise MJCFError(f"Element {called(element)} must have `{name}`, {must}, but it is missing.")
+            raise MJCFError(f"Element {label(element)} must have `{name}`, {must}, but it is missing.")
         return np.asarray(default, dtype=float)
     try:
         values = np.asarray([float(word) for word in text.split()])
     except ValueError:
         values = np.asarray([np.nan])
     if not np.isfinite(values).all() or (count is not None and len(values) != count):
-        raise MJCFError(f'Attribute `{name}` of {called(element)} must be {must}, but it is "{text}".')
+        raise MJCFError(f'Attribute `{name}` of {label(element)} must be {must}, but it is "{text}".')
     return values
 
 
@@ -80,7 +80,7 @@ def refuse_others(element: ET.Element, known: Iterable[str], why: str) -> None:
         if child.tag not in known:
             accepted = ", ".join(f"<{tag}>" for tag in known)
             raise MJCFError(
-                f"Element {called(child)} in {called(element)} must be left out, because {why}; accepted there are "
+                f"Element {label(child)} in {label(element)} must be left out, because {why}; accepted there are "
                 f"{accepted}."
             )
 
@@ -90,7 +90,7 @@ def refuse_values(element: ET.Element, names: Iterable[str], why: str) -> None:
     for name in names:
         if element.get(name) is not None and np.any(numbers(element, name) != 0):
             raise MJCFError(
-                f"Attribute `{name}` of {called(element)} must be 0 or left out, because {why}, but it is "
+                f"Attribute `{name}` of {label(element)} must be 0 or left out, because {why}, but it is "
                 f'"{element.get(name)}".'
             )
 
@@ -135,7 +135,7 @@ def _turn(element: ET.Element, angles: Angles) -> Float[np.ndarray, "3 3"]:
         return np.eye(3)
     if len(given) > 1:
         raise MJCFError(
-            f"Element {called(element)} must have one orientation, but it has `{given[0]}` and `{given[1]}`."
+            f"Element {label(element)} must have one orientation, but it has `{given[0]}` and `{given[1]}`."
         )
     name, count = given[0], {"quat": 4, "axisangle": 4, "xyaxes": 6}.get(given[0], 3)
     values = numbers(element, name, count=count)
@@ -151,13 +151,13 @@ def _turn(element: ET.Element, angles: Angles) -> Float[np.ndarray, "3 3"]:
         y = values[3:] - (values[3:] @ x) * x
         return np.column_stack([x, y / np.linalg.norm(y), np.cross(x, y / np.linalg.norm(y))])
     raise MJCFError(
-        f"Attribute `{name}` of {called(element)} must be a `quat`, `axisangle`, `xyaxes` or `euler` that is not 0, "
+        f"Attribute `{name}` of {label(element)} must be a `quat`, `axisangle`, `xyaxes` or `euler` that is not 0, "
         f'but it is "{element.get(name)}".'
     )
 
 
-def stated_inertial(body: ET.Element, angles: Angles) -> Inertial | None:
-    """The inertia that a body states, in its own frame; None if it states none."""
+def read_inertial(body: ET.Element, angles: Angles) -> Inertial | None:
+    """Reads the inertia that a body states, in its own frame; None if it states none."""
     element = body.find("inertial")
     if element is None:
         return None
@@ -178,8 +178,8 @@ def principal(inertia: Float[np.ndarray, "3 3"]) -> tuple[Float[np.ndarray, "3"]
     return moments, axes
 
 
-def combined(parts: Sequence[Inertial]) -> Inertial:
-    """The inertia of one or more bodies that are fixed to each other."""
+def combine(parts: Sequence[Inertial]) -> Inertial:
+    """Combines the inertia of one or more bodies that are fixed to each other."""
     mass = sum(part.mass for part in parts)
     centre = np.sum([part.mass * part.axes.shift for part in parts], axis=0) / mass
     inertia = np.zeros((3, 3))
@@ -213,7 +213,7 @@ def _collect(element: ET.Element, otherwise: str | None, inherited: Class, class
     """Adds the classes of a ``<default>`` and those within it, which inherit from it."""
     name = element.get("class", otherwise)
     if name is None:
-        raise MJCFError(f"Element {called(element)} within another one must have a `class`, but it has none.")
+        raise MJCFError(f"Element {label(element)} within another one must have a `class`, but it has none.")
     own = {tag: dict(attributes) for tag, attributes in inherited.items()}
     for child in element:
         if child.tag != "default":
@@ -239,7 +239,7 @@ def _apply_in(body: ET.Element, childclass: str | None, classes: Mapping[str, Cl
 def _class_of(element: ET.Element, childclass: str | None, classes: Mapping[str, Class]) -> Class:
     name = element.get("class", childclass or MAIN)
     if name not in classes:
-        raise MJCFError(f'Attribute `class` of {called(element)} must be a class of <default>, but it is "{name}".')
+        raise MJCFError(f'Attribute `class` of {label(element)} must be a class of <default>, but it is "{name}".')
     return classes[name]
 
 
@@ -250,7 +250,7 @@ def _of_actuator(element: ET.Element, found: Class) -> Attributes:
         for name, value in found.get(tag, {}).items():
             if tag != element.tag and name not in SHARED:
                 raise MJCFError(
-                    f"Attribute `{name}` of <{tag}> in <default> must be left out, because {called(element)} is an "
+                    f"Attribute `{name}` of <{tag}> in <default> must be left out, because {label(element)} is an "
                     f"actuator of another kind; give it to each <{tag}>."
                 )
             given[name] = value

@@ -21,7 +21,7 @@ from ..physics.mechanisms import (
 from ..physics.motion import Fixed
 from ..physics.parameters import PointMass
 from .drives import read_springs
-from .elements import MINVAL, Frame, MJCFError, called, frame_of, numbers, refuse_others, refuse_values
+from .elements import MINVAL, Frame, MJCFError, frame_of, label, numbers, refuse_others, refuse_values
 from .sensors import Site
 from .shapes import Inertias
 
@@ -69,7 +69,7 @@ class _Reader:
         refuse_others(body, IN_BODY, "it has no counterpart here")
         refuse_values(body, ("gravcomp",), "gravity acts on all of a robot")
         if body.get("mocap") == "true":
-            raise MJCFError(f"Element {called(body)} must move by joints, but it is a mocap body.")
+            raise MJCFError(f"Element {label(body)} must move by joints, but it is a mocap body.")
         for geom in body.findall("geom"):
             refuse_contacts(geom)
         frame = outer.then(frame_of(body, self.inertias.angles))
@@ -117,7 +117,7 @@ class _Reader:
             axes = MatrixFrame(placed.turn)
             yield from rigid_body_masses(found.mass, found.moments, centre=placed.shift, frame=axes)
         except ValueError as error:
-            raise MJCFError(f"The inertia of {called(body)} is impossible: {error}") from None
+            raise MJCFError(f"The inertia of {label(body)} is impossible: {error}") from None
 
 
 def read_inside(
@@ -144,7 +144,7 @@ def refuse_contacts(geom: ET.Element) -> None:
     """Raises a :class:`MJCFError` for a geom that others touch."""
     if touches(geom):
         raise MJCFError(
-            f"Element {called(geom)} must have contype and conaffinity 0, because only the shell has contacts here."
+            f"Element {label(geom)} must have contype and conaffinity 0, because only the shell has contacts here."
         )
 
 
@@ -171,9 +171,9 @@ def _joint(element: ET.Element, frame: Frame, drive: AbstractJointForce | None, 
     kind = element.get("type", "hinge")
     axis = frame.turn @ numbers(element, "axis", (0.0, 0.0, 1.0))
     if not np.any(axis != 0):
-        raise MJCFError(f"Attribute `axis` of {called(element)} must be a direction, but it is 0.")
+        raise MJCFError(f"Attribute `axis` of {label(element)} must be a direction, but it is 0.")
     if kind == "hinge":
         return Hinge(axis, frame.of_point(numbers(element, "pos", np.zeros(3))), drive, on)
     if kind == "slide":
         return Slider(axis, drive, on)
-    raise MJCFError(f'Element {called(element)} must be a hinge or a slide, but its type is "{kind}".')
+    raise MJCFError(f'Element {label(element)} must be a hinge or a slide, but its type is "{kind}".')

@@ -24,8 +24,8 @@ from .elements import (
     Inertial,
     MJCFError,
     apply_defaults,
-    called,
     frame_of,
+    label,
     number,
     numbers,
     refuse_others,
@@ -131,7 +131,7 @@ def read_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Im
     except ET.ParseError as error:
         raise MJCFError(f"The file must be XML, but it is not: {error}.") from None
     if root.tag != "mujoco":
-        raise MJCFError(f"The file must have <mujoco> as its root, but it has {called(root)}.")
+        raise MJCFError(f"The file must have <mujoco> as its root, but it has {label(root)}.")
     refuse_others(root, (*TOP, *UNREAD), "it has no counterpart here")
     apply_defaults(root)
     inertias, world = _inertias(root), _only(root, "worldbody", "the file")
@@ -141,7 +141,7 @@ def read_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Im
     refuse_others(shell, IN_SHELL, "it has no counterpart here")
     plane, sphere = _touching(world, "plane"), _touching(shell, "sphere")
     if not _is_at(frame_of(plane, angles), np.eye(3), 2):
-        raise MJCFError(f"Element {called(plane)} must be the plane z = 0, but it is elsewhere; tilt gravity instead.")
+        raise MJCFError(f"Element {label(plane)} must be the plane z = 0, but it is elsewhere; tilt gravity instead.")
     key = root.find("keyframe/key")
     actuators = [element for group in root.findall("actuator") for element in group]
     controls = np.zeros(len(actuators))
@@ -169,13 +169,13 @@ def _notes(shell: ET.Element, actuators: list[ET.Element], key: ET.Element | Non
     """The sentences about controls that the file does not have, and about limits of joints."""
     notes = []
     if actuators and (key is None or key.get("ctrl") is None):
-        names = all_of([called(element) for element in actuators])
+        names = all_of([label(element) for element in actuators])
         are = "control of {} is" if len(actuators) == 1 else "controls of {} are"
         notes.append(f"The {are.format(names)} 0, because no keyframe has {'it' if len(actuators) == 1 else 'them'}.")
     for joint in shell.iter("joint"):
         if joint.get("actuatorfrcrange") is not None and joint.get("actuatorfrclimited") != "false":
             notes.append(
-                f"The `actuatorfrcrange` of {called(joint)} was not imported, because limits here are those of single "
+                f"The `actuatorfrcrange` of {label(joint)} was not imported, because limits here are those of single "
                 "motors; give them to the actuators as `forcerange`."
             )
     return notes
@@ -219,9 +219,9 @@ def _touching(parent: ET.Element, kind: str) -> ET.Element:
     """The one geom of an element that others touch."""
     found = [geom for geom in parent.findall("geom") if touches(geom)]
     if len(found) != 1 or found[0].get("type", "sphere") != kind:
-        which = ", ".join(f"{called(geom)} of type {geom.get('type', 'sphere')}" for geom in found) or "none"
+        which = ", ".join(f"{label(geom)} of type {geom.get('type', 'sphere')}" for geom in found) or "none"
         raise MJCFError(
-            f"Element {called(parent)} must have one geom that others touch, a {kind}, but it has {which}; the others "
+            f"Element {label(parent)} must have one geom that others touch, a {kind}, but it has {which}; the others "
             "must have contype and conaffinity 0."
         )
     return found[0]
@@ -235,7 +235,7 @@ def _surface(plane: ET.Element, sphere: ET.Element) -> Surface:
     friction = np.maximum(*pair)
     if condim >= 4 and friction[1] > LEAST_FRICTION:
         raise MJCFError(
-            f"The friction of {called(plane)} and {called(sphere)} against spinning must be 0, because it has no "
+            f"The friction of {label(plane)} and {label(sphere)} against spinning must be 0, because it has no "
             f"counterpart here, but it is {friction[1]:g}."
         )
     return Surface(condim, friction)
@@ -245,7 +245,7 @@ def _own_frame(shell: ET.Element, sphere: ET.Element, inertias: Inertias) -> Own
     """The frame of the ball in that of the element: at the centre of the sphere, along the principal axes."""
     found = inertias.of(shell)
     if found is None:
-        raise MJCFError(f"Element {called(shell)} must have an <inertial>, or geoms with a mass, but it has none.")
+        raise MJCFError(f"Element {label(shell)} must have an <inertial>, or geoms with a mass, but it has none.")
     return OwnFrame(found, Frame(found.axes.turn, numbers(sphere, "pos", np.zeros(3))))
 
 
@@ -292,13 +292,13 @@ def _check_disk(shell: ET.Element, own: OwnFrame, angles: Angles) -> None:
     ]
     if joints != [(root["type"], root["axis"]) for root in ROOT.values()]:
         raise MJCFError(
-            f"Element {called(shell)} must have a <freejoint>, or, for a disk, slides along x and z and a hinge about "
+            f"Element {label(shell)} must have a <freejoint>, or, for a disk, slides along x and z and a hinge about "
             "−y in this order, but it does not."
         )
     still = _is_at(frame_of(shell, angles), np.eye(3), 1) and _is_at(own.frame, np.eye(3), 0, 1, 2)
     if not still:
         raise MJCFError(
-            f"Element {called(shell)} of a disk must have the axes of the world, and its sphere and inertia the same, "
+            f"Element {label(shell)} of a disk must have the axes of the world, and its sphere and inertia the same, "
             "but it is turned or shifted."
         )
 

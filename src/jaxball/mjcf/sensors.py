@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ..physics.frames import MatrixFrame
 from ..sensors import AbstractSensor, Accelerometer, Encoder, Gyroscope, Position, Tachometer
-from .elements import Frame, MJCFError, add, called, refuse_values
+from .elements import Frame, MJCFError, add, label, refuse_values
 
 Shift = Float[np.ndarray, "3"]
 AT_SITES = {Accelerometer: "accelerometer", Gyroscope: "gyro", Position: "framepos"}
@@ -83,15 +83,15 @@ def read_sensors(root: ET.Element, sites: Mapping[str, Site], joints: Mapping[st
 def _read_sensor(element: ET.Element, sites: Mapping[str, Site], joints: Mapping[str, str]) -> AbstractSensor:
     for kind, tag in OF_JOINTS.items():
         if element.tag == tag:
-            return kind(on=_found(element, "joint", joints))
+            return kind(on=_find_part(element, "joint", joints))
     if element.tag == "framepos" and (element.get("objtype") != "site" or element.get("reftype") is not None):
         raise MJCFError(
-            f"Element {called(element)} must be the place of a site in space, with `objtype` site and no `reftype`, "
+            f"Element {label(element)} must be the place of a site in space, with `objtype` site and no `reftype`, "
             "but it is another."
         )
     for kind, tag in AT_SITES.items():
         if element.tag == tag:
-            site = _found(element, "objname" if kind is Position else "site", sites)
+            site = _find_part(element, "objname" if kind is Position else "site", sites)
             if kind is Position:
                 return Position(at=site.frame.shift, on=site.on)
             axes = MatrixFrame(site.frame.turn)
@@ -101,13 +101,13 @@ def _read_sensor(element: ET.Element, sites: Mapping[str, Site], joints: Mapping
                 else Accelerometer(at=site.frame.shift, on=site.on, frame=axes)
             )
     known = ", ".join(f"<{tag}>" for tag in (*AT_SITES.values(), *OF_JOINTS.values()))
-    raise MJCFError(f"Element {called(element)} must be one of {known}, because others have no counterpart here.")
+    raise MJCFError(f"Element {label(element)} must be one of {known}, because others have no counterpart here.")
 
 
-def _found(element: ET.Element, attribute: str, parts: Mapping[str, Any]) -> Any:
+def _find_part(element: ET.Element, attribute: str, parts: Mapping[str, Any]) -> Any:
     name = element.get(attribute, "")
     if name not in parts:
         raise MJCFError(
-            f'Attribute `{attribute}` of {called(element)} must name a part of the robot, but it is "{name}".'
+            f'Attribute `{attribute}` of {label(element)} must name a part of the robot, but it is "{name}".'
         )
     return parts[name]

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from .elements import Angles, Frame, Inertial, MJCFError, called, combined, frame_of, number, numbers, stated_inertial
+from .elements import Angles, Frame, Inertial, MJCFError, combine, frame_of, label, number, numbers, read_inertial
 
 DENSITY = 1000.0
 Size = Float[np.ndarray, " n"]
@@ -60,7 +60,7 @@ class Inertias(NamedTuple):
 
         **Raises:** :class:`MJCFError` for a geom whose mass is not computed here.
         """
-        stated = None if self.from_geoms == "true" else stated_inertial(body, self.angles)
+        stated = None if self.from_geoms == "true" else read_inertial(body, self.angles)
         return stated if stated or self.from_geoms == "false" else inertial_of_geoms(body, self.angles)
 
 
@@ -72,7 +72,7 @@ def inertial_of_geoms(body: ET.Element, angles: Angles) -> Inertial | None:
     parts = [part for part in (_part(geom, angles) for geom in body.findall("geom")) if part is not None]
     if not parts:
         return None
-    return combined(parts)
+    return combine(parts)
 
 
 def _part(geom: ET.Element, angles: Angles) -> Inertial | None:
@@ -84,28 +84,28 @@ def _part(geom: ET.Element, angles: Angles) -> Inertial | None:
     solid = SOLIDS.get(kind)
     if solid is None or geom.get("mesh") is not None:
         raise MJCFError(
-            f"Element {called(geom)} must be one of {', '.join(SOLIDS)}, or have mass 0, or its body an <inertial>, "
+            f"Element {label(geom)} must be one of {', '.join(SOLIDS)}, or have mass 0, or its body an <inertial>, "
             f'because the mass of other shapes is not computed here, but its type is "{kind}".'
         )
     if geom.get("shellinertia") == "true":
         if kind != "sphere":
             raise MJCFError(
-                f"Attribute `shellinertia` of {called(geom)} must be left out, because only a sphere can be hollow "
+                f"Attribute `shellinertia` of {label(geom)} must be left out, because only a sphere can be hollow "
                 f"here, but it is a {kind}."
             )
         solid = HOLLOW
-    frame, size = _placed(geom, kind, solid.numbers, angles)
+    frame, size = _place(geom, kind, solid.numbers, angles)
     mass = number(geom, "mass", density * float(solid.volume(size)))
     return Inertial(mass, frame, mass * solid.moments(size))
 
 
-def _placed(geom: ET.Element, kind: str, count: int, angles: Angles) -> tuple[Frame, Size]:
-    """The frame and the size of a geom, which a capsule and a cylinder may have between two points."""
+def _place(geom: ET.Element, kind: str, count: int, angles: Angles) -> tuple[Frame, Size]:
+    """Computes the frame and the size of a geom, which a capsule and a cylinder may have between two points."""
     if geom.get("fromto") is None:
         return frame_of(geom, angles), numbers(geom, "size")[:count]
     if kind not in ("capsule", "cylinder"):
         raise MJCFError(
-            f"Attribute `fromto` of {called(geom)} must be left out, because only a capsule and a cylinder are read "
+            f"Attribute `fromto` of {label(geom)} must be left out, because only a capsule and a cylinder are read "
             f"between two points, but it is a {kind}."
         )
     ends = numbers(geom, "fromto", count=6).reshape(2, 3)

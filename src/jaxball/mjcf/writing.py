@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..interface.arguments import described, require
+from ..interface.arguments import describe, require
 from ..numerics.arrays import to_array
 from ..physics.body import Ball, Disk, System
 from ..physics.contact.released import ReleasedState, released
@@ -119,7 +119,7 @@ def _check(system: System) -> None:
     ground, resistance = system.ground, system.resistance
     if isinstance(ground, AbstractSurface):
         raise MJCFError(
-            f"Key `ground` must be a plane to be written as MJCF, but it is {described(ground)}; MuJoCo has other "
+            f"Key `ground` must be a plane to be written as MJCF, but it is {describe(ground)}; MuJoCo has other "
             "grounds as meshes and height fields (hfield) of flat triangles, over whose edges a ball bumps."
         )
     if isinstance(ground, Ground) and ground.motion is not None:

@@ -11,12 +11,12 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .. import programs
 from ..interface.printing import is_array
-from ..interface.wording import all_of, counted
+from ..interface.wording import all_of, number_of
 from ..numerics.arrays import AnyArray, Numbers, default_dtype, join_arrays, namespace_of, to_array
 from .breaches import breaches, in_plane
 from .conditions import Condition, ExplainedCondition, Problem, all_hold, positive, positive_inertia, real_inertia
-from .confinement import clearance, confined, is_off_plane, time_of_leaving
-from .coupling import moved_masses
+from .confinement import clearance, is_confined, is_off_plane, time_of_leaving
+from .coupling import mass_conditions
 from .dynamics import accelerations, solvable_friction
 from .feedback import AbstractLaw, FollowSchedules
 from .footing import rates
@@ -46,9 +46,9 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
 
     __init__ = BodyParameters.__init__  # type checkers would derive another one from the fields
 
-    def described(self) -> str:
-        parts = [counted(self.n_masses, "point mass", "point masses")] if self.n_masses else []
-        parts += [counted(len(self.mechanisms), "mechanism")] if self.mechanisms else []
+    def describe(self) -> str:
+        parts = [number_of(self.n_masses, "point mass", "point masses")] if self.n_masses else []
+        parts += [number_of(len(self.mechanisms), "mechanism")] if self.mechanisms else []
         return f"{self.title} with {all_of(parts) if parts else 'no point masses'}"
 
     def conditions(self) -> Iterator[Condition]:
@@ -80,7 +80,7 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
 
     def start_conditions(self, t: Float[Array, ""], state: Any) -> Iterator[Condition]:
         if any(group.free for group in self.mechanism_groups):
-            yield from moved_masses(self.prepare(), t, state)
+            yield from mass_conditions(self.prepare(), t, state)
         if self.ground is not None:
             yield from self.ground.start_conditions(t, self.radius, state)
         if self._is_dry:
@@ -153,7 +153,7 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
         """The unsorted times at which χ̈ of a prescribed motion jumps or has a kink; none with dry friction."""
-        return join_arrays([] if self._is_dry else self._prescribed_kinks())
+        return join_arrays([] if self._is_dry else self._kinks_of_schedules())
 
     def driving_kinks(self) -> Float[Array, " kinks"]:
         """The unsorted times at which a law, a force or the ground's motion jumps or has a kink.
@@ -169,13 +169,13 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
             jnp.ravel(eqx.filter_vmap(lambda mechanism: mechanism.driving_kinks(state))(group))
             for group in self.mechanism_groups
         ]
-        return join_arrays([*times, *self._prescribed_kinks()] if self._is_dry else times)
+        return join_arrays([*times, *self._kinks_of_schedules()] if self._is_dry else times)
 
     @property
     def _is_dry(self) -> bool:
         return self.resistance is not None and self.resistance.is_dry
 
-    def _prescribed_kinks(self) -> list[Float[Array, " kinks"]]:
+    def _kinks_of_schedules(self) -> list[Float[Array, " kinks"]]:
         motions = [group.motion for group in self.groups if not isinstance(group.motion, Driven)]
         times = [jnp.ravel(eqx.filter_vmap(lambda motion: motion.kinks())(motion)) for motion in motions]
         return times + [
@@ -200,7 +200,7 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
         return self.total_mass * self.gravity
 
     def confined(self, times: Float[Array, " T"], state: Any) -> Bool[Array, ""]:
-        return confined(self, times, state) & all_hold(in_plane(self, times))
+        return is_confined(self, times, state) & all_hold(in_plane(self, times))
 
     def time_of_leaving(self, times: Float[Array, " T"], states: Any) -> Float[Array, ""]:
         return time_of_leaving(self, times, states.theta)
@@ -387,7 +387,7 @@ def with_integrated_angles(
             if isinstance(drive, AbstractSchedule):
                 schedules.append(drive)
                 drives[a] = Accelerated()
-        mechanisms.append(mechanism.driven_by(drives))
+        mechanisms.append(mechanism.with_drives(drives))
     law = FollowSchedules(tuple(schedules)) if schedules else None
     driven = type(system)(**{**system.arguments, "masses": masses, "law": law, "mechanisms": mechanisms})
     given = _free_angles(system, state)

@@ -27,7 +27,7 @@ from .confinement import (
     rail_of,
     rail_points,
     rounding,
-    sampled_path,
+    sample_path,
     time_of_crossing,
     time_samples,
 )
@@ -88,10 +88,12 @@ def _of_position(system: BodyParameters, index: int, motion: Fixed, inside: str)
 
 def _of_rail(system: BodyParameters, index: int, rail: AbstractRail, inside: str) -> Iterator[Problem]:
     if system.planar:
-        yield from _out_of_plane(system, f"masses[{index}].motion.rail", np.asarray(known_points(rail, system.radius)))
+        yield from _out_of_plane(
+            system, f"masses[{index}].motion.rail", np.asarray(compute_points(rail, system.radius))
+        )
     if rail.period is None:
         return
-    theta, distance = map(np.asarray, known_furthest(rail))
+    theta, distance = map(np.asarray, compute_furthest(rail))
     if is_outside(system, distance):
         (exactly,) = length(np.asarray(_points(rail, theta[None])))
         where = f"{exactly:.6g} from the centre at theta = {theta % rail.period:.6g}"
@@ -103,7 +105,7 @@ def _of_motion(
 ) -> Iterator[Problem]:
     name = f"masses[{index}].motion" + (".schedule" if isinstance(motion, OnRail) else "")
     t = _fine_times(motion, times)
-    (chi, top, *_), leaving = jax.tree.map(np.asarray, _sampled_path(system, motion, t))
+    (chi, top, *_), leaving = jax.tree.map(np.asarray, _sample_path(system, motion, t))
     yield from _out_of_plane(system, name, chi)
     if leaving == t[0]:
         at, distance = t[0], length(chi[0])
@@ -182,14 +184,14 @@ def _fine_times(motion: AbstractPrescribedMotion, times: Float[np.ndarray, " T"]
 
 
 @programs.filter_jit
-def known_furthest(rail: AbstractRail) -> Furthest:
-    """Where a closed rail is furthest from the centre, compiled once for a family."""
+def compute_furthest(rail: AbstractRail) -> Furthest:
+    """Computes where a closed rail is furthest from the centre, compiled once for a family."""
     return rail.prepare().furthest()
 
 
 @programs.filter_jit
-def known_points(rail: AbstractRail, radius: Float[ArrayLike, ""]) -> Float[Array, "n 3"]:
-    """Where a disk's rail must be in its plane, compiled once for a family."""
+def compute_points(rail: AbstractRail, radius: Float[ArrayLike, ""]) -> Float[Array, "n 3"]:
+    """Computes where a disk's rail must be in its plane, compiled once for a family."""
     return rail_points(rail.prepare(), jnp.asarray(radius))
 
 
@@ -211,10 +213,10 @@ def _places_of_mechanisms(system: BodyParameters, group: AbstractMechanism, orde
 
 
 @programs.filter_jit
-def _sampled_path(system: BodyParameters, motion: Any, t):
-    """The path of a mass, and when it leaves the shell."""
+def _sample_path(system: BodyParameters, motion: Any, t):
+    """Samples the path of a mass, and finds when it leaves the shell."""
     prepared = motion.prepare()
-    seen = sampled_path(system, prepared, t)
+    seen = sample_path(system, prepared, t)
     return seen, time_of_crossing(system, prepared, seen)
 
 

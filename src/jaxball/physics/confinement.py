@@ -74,7 +74,7 @@ def time_samples(times: Float[Array, " T"]) -> Float[Array, " n"]:
     return jnp.linspace(times[0], times[-1], TIME_SAMPLES + 1)
 
 
-def confined(system: BodyParameters, times: Float[Array, " T"], state: State) -> Bool[Array, ""]:
+def is_confined(system: BodyParameters, times: Float[Array, " T"], state: State) -> Bool[Array, ""]:
     """Whether rails are in the body, and masses at the first of ``times``; a disk's prescribed motions at all times.
 
     ``system`` is prepared.
@@ -191,8 +191,8 @@ class SampledPath(NamedTuple):
     first: Float[Array, ""]
 
 
-def sampled_path(system: BodyParameters, motion: AbstractPrescribedMotion, t: Float[Array, " n"]) -> SampledPath:
-    """The path of a mass, from evenly spaced times ``t`` and times near them; ``motion`` is prepared."""
+def sample_path(system: BodyParameters, motion: AbstractPrescribedMotion, t: Float[Array, " n"]) -> SampledPath:
+    """Samples the path of a mass, at evenly spaced times ``t`` and times near them; ``motion`` is prepared."""
 
     def within(x: Float[Array, ""]) -> Float[Array, ""]:
         return jnp.clip(x, t[0], t[-1])
@@ -230,7 +230,7 @@ def _groups(system: BodyParameters) -> list[tuple[Any, np.ndarray]]:
 
 def _leaving(system: BodyParameters, motion: Any, t: Float[Array, " n"]) -> Float[Array, " masses"]:
     """When each mass of a group leaves the shell; infinite where it does not."""
-    seen = eqx.filter_vmap(lambda motion: sampled_path(system, motion, t))(motion)
+    seen = eqx.filter_vmap(lambda motion: sample_path(system, motion, t))(motion)
 
     def crossings(_):
         return eqx.filter_vmap(lambda motion, seen: time_of_crossing(system, motion, seen))(motion, seen)

@@ -60,8 +60,8 @@ class Inertia(NamedTuple):
             H.append(block)
         return Inertia(self.B, c, H)
 
-    def factor(self) -> "FactoredInertia":
-        """The same, ready to be solved with many right-hand sides."""
+    def factorise(self) -> "FactoredInertia":
+        """Factorises, to be solved with many right-hand sides."""
         rest, eliminated = self.B, []
         for c, H in zip(self.c, self.H, strict=True):
             factors = jax.vmap(factor_symmetric)(H)
@@ -141,8 +141,8 @@ def with_free_joints(links: list[Linkage]) -> list[Linkage]:
     return [link for link in links if link.group.free]
 
 
-def joined(coordinates: Float[Array, " coordinates"], links: list[Linkage], values: Joints):
-    """An array of all coordinates, with the values of free joints in their places."""
+def join_coordinates(coordinates: Float[Array, " coordinates"], links: list[Linkage], values: Joints):
+    """Joins an array of all coordinates, with the values of free joints in their places."""
     for link, value in zip(with_free_joints(links), values, strict=True):
         places = np.full(coordinates.shape[0], -1)
         places[link.slots.ravel()] = np.arange(link.slots.size)
@@ -151,8 +151,8 @@ def joined(coordinates: Float[Array, " coordinates"], links: list[Linkage], valu
     return coordinates
 
 
-def moved_masses(system: BodyParameters, t: Float[Array, ""], state: State) -> Iterator[Condition]:
-    """The condition on each free joint that it moves some mass in a way that its carriers do not; traceable.
+def mass_conditions(system: BodyParameters, t: Float[Array, ""], state: State) -> Iterator[Condition]:
+    """Returns for each free joint the condition that it moves some mass in a way that its carriers do not; traceable.
 
     The pivots of H say so: that of a joint is the inertia that is left to it when the joints before it give way.
     ``system`` is prepared.

@@ -28,11 +28,11 @@ def dae_field(system: AbstractSystem, t: Float[Array, ""], state: AnyState, comp
 
     **Raises:** ``TypeError`` for states without a unit vector.
     """
-    return constrained(vector_field(system, t, state), state, component)
+    return constrain(vector_field(system, t, state), state, component)
 
 
-def constrained(rates: AnyState, state: AnyState, component: Int[Array, ""]) -> AnyState:
-    """``rates`` with |q|² − 1 in place of the rate of q's ``component``."""
+def constrain(rates: AnyState, state: AnyState, component: Int[Array, ""]) -> AnyState:
+    """Puts |q|² − 1 in place of the rate of q's ``component`` in ``rates``."""
     unit = _unit_of(state)
     q = unit(state)
     residual = jnp.where(jnp.arange(q.size) == component, jnp.sum(q * q) - 1, unit(rates))

@@ -17,7 +17,7 @@ from ..interface.arguments import require_value
 from ..numerics.vectors import apply, cross, dot, outer
 from ..programs.derivatives.differentiation import without_derivatives
 from .conditions import Condition
-from .coupling import FactoredInertia, Inertia, Joints, inertia, joined, joint_forces, with_free_joints
+from .coupling import FactoredInertia, Inertia, Joints, inertia, join_coordinates, joint_forces, with_free_joints
 from .footing import contact_normal
 from .linkage import Linkage, along, linkages
 from .load import Load, load
@@ -26,7 +26,7 @@ from .parameters import BodyParameters
 from .resistance import Resistance
 from .rest import Turning, mode_of, resist
 from .state import Rates, State
-from .sticking import has_directions, held, of_sticking, released, sticking_slots, with_directions
+from .sticking import has_directions, of_sticking, release_joints, sticking_joints, sticking_slots, with_directions
 
 SOLVABLE = (
     "so small, or the masses so nearly above the contact point, that friction at the start adds less to the normal "
@@ -70,10 +70,10 @@ class Equations(NamedTuple):
         """The mechanisms that have free joints."""
         return with_free_joints(self.links)
 
-    def solved(
+    def solve(
         self, r: Float[Array, ""], t: Float[Array, ""], state: State, acting: Load
     ) -> tuple[Float[Array, "3"], Joints]:
-        """Ω̇ and θ̈ of the body of radius ``r`` under a load."""
+        """Solves for Ω̇ and θ̈ of the body of radius ``r`` under a load."""
         Omega, Gamma, at = self.Omega, self.Gamma, self.at
         turning = cross(Omega, apply(at.J, Omega) + at.l) + apply(at.Jdot, Omega) + at.ldot
         inertial = turning + cross(r * Gamma, self.apparent)
@@ -100,8 +100,8 @@ class Equations(NamedTuple):
         resting = self.apparent + self.at.M * acting.weight
         return resting if acting.force is None else resting - acting.force
 
-    def completed(self, thetaddot: Joints) -> Moments:
-        """The moments with the accelerations of free joints: p̈ + Σ p_a θ̈_a and ℓ̇ + Σ ℓ_a θ̈_a."""
+    def complete(self, thetaddot: Joints) -> Moments:
+        """Completes the moments with the accelerations of free joints: p̈ + Σ p_a θ̈_a and ℓ̇ + Σ ℓ_a θ̈_a."""
         pddot, ldot = self.at.pddot, self.at.ldot
         for link, rate in zip(self.free, thetaddot, strict=True):
             momenta = link.m[..., None] * along(link.partial, rate)
@@ -113,13 +113,13 @@ class Equations(NamedTuple):
 def equations(system: BodyParameters, t: Float[Array, ""], state: State) -> Equations:
     """The equations at a state, whatever acts."""
     r, Omega, Gamma = system.radius, state.Omega, contact_normal(system, t, state)
-    angles = given_angles(system, t, state)
+    angles = angles_in_state(system, t, state)
     links = linkages(system, t, angles)
     at = moments(system, t, angles, links)
     apparent = cross(Omega, cross(Omega, at.p) + 2 * at.pdot) + at.pddot
     whole = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links)
-    which = [held(link.group) for link in with_free_joints(links)]
-    return Equations(Omega, Gamma, angles, links, at, apparent, whole, which, whole.holding(which).factor())
+    which = [sticking_joints(link.group) for link in with_free_joints(links)]
+    return Equations(Omega, Gamma, angles, links, at, apparent, whole, which, whole.holding(which).factorise())
 
 
 def accelerations(
@@ -136,7 +136,7 @@ def accelerations(
         system = with_directions(system, _directions(*without_derivatives((system, t, state, acting))))
     r, found = system.radius, equations(system, t, state)
     Gamma, at, free = found.Gamma, found.at, found.free
-    Omegadot, thetaddot = found.solved(r, t, state, acting)
+    Omegadot, thetaddot = found.solve(r, t, state, acting)
     dry = None if system.resistance is None else system.resistance.dry_torque(r, acting.resisted, Gamma)
     if isinstance(system.resistance, Resistance) and system.resistance.holds:
         turns = _turning(system, found, acting, Omegadot, thetaddot)
@@ -154,18 +154,18 @@ def accelerations(
         thetaddot = [x + N * y for x, y in zip(thetaddot, joint_changes, strict=True)]
         dry = N * dry
     theta, thetadot, given = found.angles
-    angles = theta, thetadot, joined(given, found.links, thetaddot)
+    angles = theta, thetadot, join_coordinates(given, found.links, thetaddot)
     holding = None
     if any(which is not None for which in found.held):
         holding = of_sticking(system, found.holding(t, state, acting, Omegadot, thetaddot))
-    return Accelerations(Omegadot, angles, found.completed(thetaddot), dry, holding)
+    return Accelerations(Omegadot, angles, found.complete(thetaddot), dry, holding)
 
 
 @jax.jit
 def turning(system: BodyParameters, t: Float[Array, ""], state: State) -> Turning:
     """How a body would turn without dry friction, and how a torque at its contact changes that; body axes."""
     found, acting = equations(system, t, state), load(system, t, state)
-    return _turning(system, found, acting, *found.solved(system.radius, t, state, acting))
+    return _turning(system, found, acting, *found.solve(system.radius, t, state, acting))
 
 
 def _turning(
@@ -191,7 +191,7 @@ def holding_friction(
 def _directions(system: BodyParameters, t: Float[Array, ""], state: State, acting: Load) -> Float[Array, " sticking"]:
     """The directions in which joints with friction slip, as far as a state tells."""
     moving = jnp.sign(state.thetadot[sticking_slots(system)])
-    return released(system, moving, lambda system: holding_friction(system, t, state, acting))
+    return release_joints(system, moving, lambda system: holding_friction(system, t, state, acting))
 
 
 def solvable_friction(system: BodyParameters, t: Float[Array, ""], state: State) -> Iterator[Condition]:
@@ -204,7 +204,7 @@ def solvable_friction(system: BodyParameters, t: Float[Array, ""], state: State)
     r, Omega, Gamma = system.radius, state.Omega, contact_normal(system, t, state)
     links = linkages(system, t, (state.theta, state.thetadot, state.thetadot))  # no rates are used
     at = velocity_moments(system, t, (state.theta, state.thetadot), links)
-    matrix = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links).factor()
+    matrix = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links).factorise()
     dry = system.resistance.dry_torque(r, Omega, Gamma)
     assert dry is not None
     *_, slope = _dry_friction(at, Gamma, with_free_joints(links), matrix, dry)
@@ -247,8 +247,8 @@ def inertia_about_contact(at: AbstractMoments, r: Float[Array, ""], Gamma: Float
     )
 
 
-def given_angles(system: BodyParameters, t: Float[Array, ""], state: State) -> Rates:
-    """θ, θ̇ and θ̈ of all coordinates in a state's ``theta``: θ̈ = u(t, state) if a law drives them, 0 for free joints."""
+def angles_in_state(system: BodyParameters, t: Float[Array, ""], state: State) -> Rates:
+    """Returns θ, θ̇ and θ̈ of all coordinates in a state's ``theta``: θ̈ = u(t, state) if a law drives them, else 0."""
     if system.law is None:
         return state.theta, state.thetadot, jnp.zeros_like(state.theta)
     driven = system.accelerated

@@ -86,12 +86,12 @@ def dissipation(
     for torque in (acting.torque, dry):
         lost = lost if torque is None else lost - dot(apply(Lambda, torque), omega)
     lost = lost if acting.force is None else lost - dot(apply(Lambda, acting.force), velocity)
-    return lost if acting.applied is None else lost + applied_power(acting.applied, Lambda, velocity, omega)
+    return lost if acting.applied is None else lost + external_power(acting.applied, Lambda, velocity, omega)
 
 
-def applied_power(
+def external_power(
     applied: Wrench, Lambda: Float[Array, "3 3"], velocity: Float[Array, "3"], omega: Float[Array, "3"]
 ) -> Float[Array, ""]:
-    """F·ż + T·ω, the rate at which the external force and its torque, in body axes, do work."""
+    """Computes F·ż + T·ω, the rate at which the external force and its torque, in body axes, do work."""
     power = dot(apply(Lambda, applied.force), velocity)
     return power if applied.torque is None else power + dot(apply(Lambda, applied.torque), omega)

@@ -210,7 +210,7 @@ class FunctionWrench(OfKinkedFunctionOfState, AbstractWrench):
 
     def wrench(self, t: Float[Array, ""], motion: BodyMotion) -> Wrench:
         given = self.function(t, motion, self.parameters)
-        return _checked("function", given if isinstance(given, Wrench) else Wrench(given))
+        return _check_wrench("function", given if isinstance(given, Wrench) else Wrench(given))
 
     def kinks_with(self, motion: BodyMotion) -> Float[Array, " kinks"]:
         return kinks_of_function(self, motion)
@@ -222,11 +222,11 @@ def require_wrench(name: str, force: AbstractWrench, coordinates: int) -> None:
     It is traced for this; an error that it raises itself is passed on with a note.
     """
 
-    def traced(t, motion):
-        return _checked(name, force.wrench(t, motion)).force
+    def trace(t, motion):
+        return _check_wrench(name, force.wrench(t, motion)).force
 
-    traced.__name__ = getattr(force, "function", force.wrench).__name__
-    require_function(name, traced, (3,), t=a_number(), motion=unknown_motion(coordinates))
+    trace.__name__ = getattr(force, "function", force.wrench).__name__
+    require_function(name, trace, (3,), t=a_number(), motion=unknown_motion(coordinates))
 
 
 def unknown_motion(coordinates: int) -> BodyMotion:
@@ -236,7 +236,7 @@ def unknown_motion(coordinates: int) -> BodyMotion:
     return BodyMotion(*unknown)
 
 
-def _checked(name: str, wrench: Wrench) -> Wrench:
+def _check_wrench(name: str, wrench: Wrench) -> Wrench:
     for part in wrench:
         if part is not None:
             require_value(name, part, (3,))

@@ -12,7 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..interface.arguments import described, require
+from ..interface.arguments import describe, require
 from ..interface.printing import Printed
 from ..numerics.arrays import join_arrays, namespace_of, numbers
 from ..numerics.vectors import sine_cosine
@@ -62,7 +62,7 @@ def require_plane(ground: AbstractGround | None, purpose: str, error: type[Excep
     if not (ground is None or isinstance(ground, Ground)):
         raise error(
             f"Argument `ground` of the body must be a Ground or None for {purpose}, which is for planes, but it is "
-            f"{described(ground)}."
+            f"{describe(ground)}."
         )
 
 
@@ -167,15 +167,15 @@ class Ground(AbstractGround):
         """u = W e3 × (z − c), with which the turntable carries the body's centre; None without one."""
         if self.turntable is None:
             return None
-        return self.turntable.turning.derivatives(t)[1] * _turned(z - self.turntable.centre)
+        return self.turntable.turning.derivatives(t)[1] * _turn(z - self.turntable.centre)
 
     def table_motion(self, t: Float[Array, ""], z: Float[Array, "2"], rolling: Float[Array, "2"]) -> TableMotion | None:
         """W, u and u̇ where the body's centre is at z and rolls over the table at ``rolling``; None without one."""
         if self.turntable is None:
             return None
         _, W, Wdot = self.turntable.turning.derivatives(t)
-        aside = _turned(z - self.turntable.centre)
-        return TableMotion(W, W * aside, Wdot * aside + W * _turned(rolling + W * aside))
+        aside = _turn(z - self.turntable.centre)
+        return TableMotion(W, W * aside, Wdot * aside + W * _turn(rolling + W * aside))
 
     def kinks(self) -> Float[Array, " kinks"]:
         """The times at which Ẍ or Ẇ jumps or has a kink."""
@@ -190,6 +190,6 @@ class Ground(AbstractGround):
         )
 
 
-def _turned(v: Float[Array, "2"]) -> Float[Array, "2"]:
-    """e3 × v."""
+def _turn(v: Float[Array, "2"]) -> Float[Array, "2"]:
+    """Computes e3 × v."""
     return jnp.stack([-v[1], v[0]])

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..interface.printing import Printed, is_single, shown
+from ..interface.printing import Printed, format_value, is_single
 from ..numerics.kinks import after
 from ..programs.derivatives.differentiation import once, without_derivatives
 
@@ -236,7 +236,11 @@ class Switches(Printed):
         return cls(count=record.number, times=record.times, event=event, grazing=record.grazing & known, **fields)
 
     def __repr__(self) -> str:
-        return "\n".join(["Switches", *(f"  {line}" for line in self.lines)]) if is_single(self.count) else shown(self)
+        return (
+            "\n".join(["Switches", *(f"  {line}" for line in self.lines)])
+            if is_single(self.count)
+            else format_value(self)
+        )
 
     @property
     def lines(self) -> list[str]:

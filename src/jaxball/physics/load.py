@@ -90,7 +90,7 @@ def load(
     under = footing(system, t, state)
     if system.force is not None:
         assert not isinstance(state, ReducedState)
-        applied = _applied(system, t, state, slip, height, under)
+        applied = _external_wrench(system, t, state, slip, height, under)
         force, torque = applied
     if under is not None:
         assert isinstance(state, BallState | RotationState)
@@ -125,7 +125,7 @@ def load(
     return Load(g, Gamma, gamma, force, torque, applied, resisted, under, normal_rate)
 
 
-def _applied(
+def _external_wrench(
     system: BodyParameters,
     t: Float[Array, ""],
     state: BallState | RotationState | DiskState,
@@ -133,7 +133,7 @@ def _applied(
     height: Float[Array, ""] | None,
     under: Footing | None,
 ) -> Wrench:
-    """The external force and its torque in body axes; on a disk, their parts in its plane."""
+    """Computes the external force and its torque in body axes; on a disk, their parts in its plane."""
     assert system.force is not None
     if under is not None:
         position, velocity = under.centre, under.centre_velocity

@@ -20,8 +20,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..numerics.vectors import cross, dot, outer
-from .coupling import Joints, inertia, inertia_rate, joined, joint_forces, joint_impulses, with_free_joints
-from .dynamics import accelerations, given_angles, inertia_about_contact
+from .coupling import Joints, inertia, inertia_rate, join_coordinates, joint_forces, joint_impulses, with_free_joints
+from .dynamics import accelerations, angles_in_state, inertia_about_contact
 from .footing import contact_normal, rates as rates_of
 from .linkage import Linkage, linkages
 from .load import Load, load
@@ -35,25 +35,25 @@ AnyState = TypeVar("AnyState", BallState, RotationState, ReducedState, DiskState
 
 def to_locked(system: BodyParameters, t: Float[Array, ""], state: AnyState) -> AnyState:
     """``state`` with the locked velocities in place of Ω (for a disk, of φ̇) and of free joints' θ̇."""
-    return _moved(system, t, state, 1.0)
+    return _move(system, t, state, 1.0)
 
 
 def from_locked(system: BodyParameters, t: Float[Array, ""], state: AnyState) -> AnyState:
     """The inverse of :func:`to_locked`."""
-    return _moved(system, t, state, -1.0)
+    return _move(system, t, state, -1.0)
 
 
 def locked_field(system: BodyParameters, t: Float[Array, ""], packed: AnyState) -> AnyState:
     """The rates of a state that holds (W, ϑ̇): with 𝔐 the inertia of ``coupling``, 𝔐⁻¹ ((Π̇, π̇) − 𝔐̇ (W, ϑ̇))."""
     r, W, Gamma = system.radius, packed.Omega, contact_normal(system, t, packed)
-    at, links = _stopped(system, t, packed)
+    at, links = _stop_joints(system, t, packed)
     free = with_free_joints(links)
     locked = [link.own(packed.thetadot) for link in free]
     matrix = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links)
-    factors = matrix.factor()
-    excess = factors.solve(*_given_momenta(t, at, r, Gamma, free))
+    factors = matrix.factorise()
+    excess = factors.solve(*_momenta_of_motions(t, at, r, Gamma, free))
     state = _with_velocities(packed, links, -1.0, *excess)
-    Omega, angles = W - excess[0], given_angles(system, t, state)
+    Omega, angles = W - excess[0], angles_in_state(system, t, state)
     if free:
         links = [link.moving(link.own(state.thetadot)) if link.group.free else link for link in links]
         at, free = velocity_moments(system, t, angles[:2], links), with_free_joints(links)
@@ -68,7 +68,7 @@ def locked_field(system: BodyParameters, t: Float[Array, ""], packed: AnyState) 
     turned, pulled = changing.times(W, locked)
     Wdot, rates = factors.solve(Pidot - turned, [x - y for x, y in zip(pidot, pulled, strict=True)])
     theta, thetadot, given = angles
-    return rates_of(system, t, state, Wdot, (theta, thetadot, joined(given, links, rates)), acting.footing)
+    return rates_of(system, t, state, Wdot, (theta, thetadot, join_coordinates(given, links, rates)), acting.footing)
 
 
 def inertia_about_contact_rate(
@@ -82,16 +82,16 @@ def inertia_about_contact_rate(
     return at.Jdot - at.M * r**2 * (turn + turn.T) + r * (2 * trace * identity - mixed - mixed.T)
 
 
-def _moved(system: BodyParameters, t: Float[Array, ""], state: AnyState, sign: float) -> AnyState:
-    at, links = _stopped(system, t, state)
+def _move(system: BodyParameters, t: Float[Array, ""], state: AnyState, sign: float) -> AnyState:
+    at, links = _stop_joints(system, t, state)
     r, Gamma = system.radius, contact_normal(system, t, state)
-    factors = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links).factor()
-    momenta = _given_momenta(t, at, r, Gamma, with_free_joints(links))
+    factors = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links).factorise()
+    momenta = _momenta_of_motions(t, at, r, Gamma, with_free_joints(links))
     return _with_velocities(state, links, sign, *factors.solve(*momenta))
 
 
-def _stopped(system: BodyParameters, t: Float[Array, ""], state: State) -> tuple[VelocityMoments, list[Linkage]]:
-    """Moments and mechanisms as they would be if the free joints were still."""
+def _stop_joints(system: BodyParameters, t: Float[Array, ""], state: State) -> tuple[VelocityMoments, list[Linkage]]:
+    """Computes moments and mechanisms as they would be if the free joints were still."""
     still = state.thetadot
     if len(system.accelerated) < len(system.coordinates):
         moving = np.zeros(len(system.coordinates), dtype=bool)
@@ -101,10 +101,10 @@ def _stopped(system: BodyParameters, t: Float[Array, ""], state: State) -> tuple
     return velocity_moments(system, t, (state.theta, still), links), links
 
 
-def _given_momenta(
+def _momenta_of_motions(
     t: Float[Array, ""], at: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"], free: list[Linkage]
 ) -> tuple[Float[Array, "3"], Joints]:
-    """The known parts of Π and π_a: from prescribed or driven motions in the ball, and from integrated forces.
+    """Computes the known parts of Π and π_a: from prescribed or driven motions in the ball, and from integrated forces.
 
     The free joints are still.
     """
@@ -119,7 +119,7 @@ def _with_velocities(
     moved = state.with_Omega(state.Omega + sign * Omega)
     if not thetadot:
         return moved
-    changes = joined(jnp.zeros_like(state.thetadot), links, thetadot)
+    changes = join_coordinates(jnp.zeros_like(state.thetadot), links, thetadot)
     return eqx.tree_at(lambda s: s.thetadot, moved, state.thetadot + sign * changes)
 
 

@@ -17,8 +17,8 @@ from .dynamics import accelerations, equations
 from .energy import (
     accelerations_of_masses,
     actuation_power,
-    applied_power,
     dissipation,
+    external_power,
     kinetic_energy,
     potential_energy,
 )
@@ -126,7 +126,7 @@ def observe(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskSt
     if isinstance(state, ReducedState):
         raise refusal("state", "one that contains the position of the body, such as a BallState", state)
     require_one_state(system, state)
-    return observed(system, t, movement(system, t, state))
+    return compute_observables(system, t, movement(system, t, state))
 
 
 class Movement(NamedTuple):
@@ -199,8 +199,8 @@ def _of_hybrid(plane: BodyOnPlane, t: Float[Array, ""], state: Any) -> Movement:
     )
 
 
-def observed(system: AbstractBody, t: Float[Array, ""], motion: Movement) -> Observables:
-    """The observables of a body from its motion."""
+def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movement) -> Observables:
+    """Computes the observables of a body from its motion."""
     in_space, at, acting, slip = motion.state, motion.at, motion.acting, motion.slip
     r, g, Omega, Lambda = system.radius, system.gravity, in_space.Omega, in_space.Lambda
     under, omega, Omegadot = acting.footing, apply(Lambda, Omega), motion.Omegadot
@@ -237,7 +237,7 @@ def observed(system: AbstractBody, t: Float[Array, ""], motion: Movement) -> Obs
         lost = lost - jnp.sum(contact.friction * slip.velocity[:2])
     power = actuation_power(m, with_shell, a, weight) - lost
     if acting.applied is not None:
-        power = power + applied_power(acting.applied, Lambda, velocity, omega)
+        power = power + external_power(acting.applied, Lambda, velocity, omega)
     if under is not None:
         power = power + dot(motion.R, under.velocity)
     elif u is not None:

@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..numerics.arrays import default_dtype
 from ..programs.derivatives.differentiation import differentiate_where, keep_if_known
 from .body import System
-from .dae import algebraic_component, constrained, mass_diagonal
+from .dae import algebraic_component, constrain, mass_diagonal
 from .state import State
 from .system import AbstractState, AbstractSystem, AnyState, AnySystem, require_state
 
@@ -33,11 +33,11 @@ class Packing(eqx.Module, Generic[AnySystem, AnyState]):
     @staticmethod
     def of(system: AbstractSystem, state: AbstractState) -> "Packing[Any, Any]":
         """The packing of states of the kind of ``state``; ``system`` is prepared."""
-        return Packing(system, ravelled(state)[1])
+        return Packing(system, ravel_state(state)[1])
 
     def pack(self, t: Float[Array, ""], state: AnyState) -> Float[Array, " size"]:
         """The vector of a state."""
-        return ravelled(self.system.to_packed(t, state))[0]
+        return ravel_state(self.system.to_packed(t, state))[0]
 
     def unpack(self, t: Float[Array, ""], x: Float[Array, " size"]) -> AnyState:
         """The state of a vector."""
@@ -54,13 +54,13 @@ class Packing(eqx.Module, Generic[AnySystem, AnyState]):
 
     def field(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " size"]:
         """The rate of the vector."""
-        return ravelled(self.rates(t, x))[0]
+        return ravel_state(self.rates(t, x))[0]
 
     def dae_field(
         self, t: Float[Array, ""], x: Float[Array, " size"], component: Int[Array, ""]
     ) -> Float[Array, " size"]:
         """The right-hand side of the differential-algebraic form: M ẋ of the vector."""
-        return ravel_pytree(constrained(self.rates(t, x), self.unravel(x), component))[0]
+        return ravel_pytree(constrain(self.rates(t, x), self.unravel(x), component))[0]
 
     def mass_diagonal(self, x: Float[Array, " size"], component: Int[Array, ""]) -> Float[Array, " size"]:
         """The diagonal of M."""
@@ -72,7 +72,7 @@ class Packing(eqx.Module, Generic[AnySystem, AnyState]):
 
     def projected(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " size"]:
         """The vector of the nearest state on the constraints, such as |q| = 1."""
-        return ravelled(self.system.projected(t, self.unravel(x)))[0]
+        return ravel_state(self.system.projected(t, self.unravel(x)))[0]
 
 
 class _Unravelling(NamedTuple):
@@ -90,8 +90,8 @@ class _Unravelling(NamedTuple):
         return jax.tree.unflatten(structure, whole)
 
 
-def ravelled(state: Any) -> tuple[Float[Array, " size"], Callable[[Float[Array, " size"]], Any]]:
-    """The vector of a state, in which integers are numbers like all others, and how that becomes a state again."""
+def ravel_state(state: Any) -> tuple[Float[Array, " size"], Callable[[Float[Array, " size"]], Any]]:
+    """Ravels a state to a vector, in which integers are numbers like all others, and returns the way back."""
     leaves, structure = jax.tree.flatten(state)
     dtypes = tuple(jnp.result_type(leaf) for leaf in leaves)
     numbers = [dtype for dtype in dtypes if jnp.issubdtype(dtype, jnp.inexact)]

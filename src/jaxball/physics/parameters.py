@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..interface.arguments import described, require, require_each
-from ..interface.printing import Printed, entry, shown, shown_fields
+from ..interface.arguments import describe, require, require_each
+from ..interface.printing import Printed, entry, format_fields, format_value
 from ..interface.wording import all_of
 from ..numerics.arrays import Numbers, is_traced, numbers
 from .feedback import AbstractLaw
@@ -108,9 +108,9 @@ class BodyParameters(Printed):
         self.force, self.law = force, law
         require_each("masses", masses, PointMass, "a PointMass")
         require_each("mechanisms", mechanisms, AbstractMechanism, "a mechanism, such as Mechanism(...)")
-        self.groups, self.order = grouped(masses)
+        self.groups, self.order = group_items(masses)
         self.driven = tuple(index for index, item in enumerate(masses) if isinstance(item.motion, Driven))
-        self.mechanism_groups, self.mechanism_order = grouped(mechanisms)
+        self.mechanism_groups, self.mechanism_order = group_items(mechanisms)
         self.ground, self.resistance = ground, resistance
         require("ground", ground, (AbstractGround, type(None)), "a Ground, a surface such as a HeightField, or None")
         require("resistance", resistance, (AbstractResistance, type(None)), "a Resistance or None")
@@ -137,17 +137,17 @@ class BodyParameters(Printed):
         known = vars(self)  # some are missing while the body is being made
         masses = _lines("masses", known.get("groups", ()), known.get("order", ()))
         mechanisms = _lines("mechanisms", known.get("mechanism_groups", ()), known.get("mechanism_order", ()))
-        return "\n".join([shown_fields(self, own), *masses, *mechanisms])
+        return "\n".join([format_fields(self, own), *masses, *mechanisms])
 
     @property
     def point_masses(self) -> tuple[PointMass, ...]:
         """The masses one by one, in the order in which they were given."""
-        return ungrouped(self.groups, self.order)
+        return ungroup_items(self.groups, self.order)
 
     @property
     def mechanisms(self) -> tuple[AbstractMechanism, ...]:
         """The mechanisms one by one, in the order in which they were given."""
-        return ungrouped(self.mechanism_groups, self.mechanism_order)
+        return ungroup_items(self.mechanism_groups, self.mechanism_order)
 
     @property
     def joints(self) -> tuple[tuple[int, int], ...]:
@@ -206,20 +206,20 @@ class BodyParameters(Printed):
 Item = TypeVar("Item", PointMass, AbstractMechanism)
 
 
-def grouped(items: Sequence[Item]) -> tuple[tuple[Item, ...], tuple[tuple[int, ...], ...]]:
-    """The items stacked by structure, and the indices of those in each group."""
+def group_items(items: Sequence[Item]) -> tuple[tuple[Item, ...], tuple[tuple[int, ...], ...]]:
+    """Stacks the items by structure, and returns the indices of those in each group."""
     members: dict[Any, list[int]] = {}
     for index, item in enumerate(items):
         leaves, structure = jax.tree.flatten(item)
         members.setdefault((structure, tuple(np.shape(leaf) for leaf in leaves)), []).append(index)
     order = tuple(tuple(indices) for indices in members.values())
     return tuple(
-        jax.tree.map(lambda *leaves: _stacked(leaves), *(items[index] for index in indices)) for indices in order
+        jax.tree.map(lambda *leaves: _stack(leaves), *(items[index] for index in indices)) for indices in order
     ), order
 
 
-def ungrouped(groups: Sequence[Item], order: Sequence[tuple[int, ...]]) -> tuple[Item, ...]:
-    """The items one by one, in the order in which they were before :func:`grouped`."""
+def ungroup_items(groups: Sequence[Item], order: Sequence[tuple[int, ...]]) -> tuple[Item, ...]:
+    """Returns the items one by one, in the order in which they were before :func:`group_items`."""
     items: dict[int, Item] = {}
     for group, indices in zip(groups, order, strict=True):
         for k, index in enumerate(indices):
@@ -234,15 +234,15 @@ def _lines(name: str, groups: Sequence[PointMass | AbstractMechanism], order: Se
         axis = max(np.ndim(group.mass) - (2 if isinstance(group, AbstractMechanism) else 1), 0)
         for k, index in enumerate(indices):  # the axes before are those of a batch
             item = jax.tree.map(lambda leaf, k=k, axis=axis: entry(leaf, axis, k), group)
-            lines[index] = f"  {name}[{index}]: {shown(item)}"
+            lines[index] = f"  {name}[{index}]: {format_value(item)}"
     shortened = [lines[index] for index in sorted(lines)]
     if len(shortened) > MOST_PRINTED:
         return [*shortened[:MOST_PRINTED], f"  and {len(shortened) - MOST_PRINTED} {name} more"]
     return shortened
 
 
-def _stacked(leaves: Sequence[Any]) -> Array:
-    """Known numbers are stacked by NumPy, without compiling anything."""
+def _stack(leaves: Sequence[Any]) -> Array:
+    """Stacks known numbers by NumPy, without compiling anything."""
     if any(map(is_traced, leaves)):
         # JAX takes a third of the time to add an axis where nothing is compiled around it.
         return jnp.stack(leaves) if len(leaves) > 1 else jax.lax.expand_dims(leaves[0], (0,))
@@ -260,7 +260,7 @@ def _require_plane(ground: AbstractGround | None) -> None:
     """Refuses what a disk cannot roll on."""
     if ground is not None and not isinstance(ground, Ground):
         raise ValueError(
-            f"Argument `ground` must be a plane under a disk, which rolls on a line, but it is {described(ground)}; "
+            f"Argument `ground` must be a plane under a disk, which rolls on a line, but it is {describe(ground)}; "
             "use a Ground, or a Ball."
         )
     if ground is not None and ground.turntable is not None:

@@ -133,7 +133,7 @@ class RecordedSignal(AbstractRecorded, AbstractIntegrableSignal):
     def impulse(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.prepare().impulse(t)
 
-    def limited(self, limit: Float[Array, ""]) -> "RecordedSignal | None":
+    def limit(self, limit: Float[Array, ""]) -> "RecordedSignal | None":
         if self.interpolation != "previous":
             return None
         return eqx.tree_at(lambda signal: signal.values, self, jnp.clip(self.values, -limit, limit))

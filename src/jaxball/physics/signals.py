@@ -44,8 +44,8 @@ class AbstractIntegrableSignal(AbstractSignal):
     def impulse(self, t: Float[Array, ""]) -> Float[Array, ""]:
         """The integral of s up to t."""
 
-    def limited(self, limit: Float[Array, ""]) -> "AbstractIntegrableSignal | None":
-        """The same signal within ±limit, where it is of the same class; else None, because its pieces would change."""
+    def limit(self, limit: Float[Array, ""]) -> "AbstractIntegrableSignal | None":
+        """Limits the signal to ±limit, if its class stays the same; else None, because its pieces would change."""
         return None
 
 
@@ -112,7 +112,7 @@ class PiecewiseSignal(AbstractIntegrableSignal):
     def kinks(self) -> Float[Array, " kinks"]:
         return self.times
 
-    def limited(self, limit: Float[Array, ""]) -> "PiecewiseSignal | None":
+    def limit(self, limit: Float[Array, ""]) -> "PiecewiseSignal | None":
         if self.values.shape[-1] > 1:
             return None
         return eqx.tree_at(lambda signal: signal.values, self, jnp.clip(self.values, -limit, limit))

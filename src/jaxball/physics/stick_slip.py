@@ -21,7 +21,7 @@ from .conditions import Condition, ExplainedCondition, Problem
 from .dynamics import holding_friction
 from .hybrid import AbstractHistory, Record, Switches
 from .state import State
-from .sticking import largest_frictions, released, sticking_slots, with_directions
+from .sticking import largest_frictions, release_joints, sticking_slots, with_directions
 from .system import AbstractState, AbstractSystem
 
 
@@ -172,7 +172,7 @@ class StickSlip(AbstractSystem[StickSlipState]):
         self, t: Float[Array, ""], state: State, directions: Float[Array, " sticking"]
     ) -> Float[Array, " sticking"]:
         body, t, state, directions = without_derivatives((self.body, t, state, directions))
-        return released(body, directions, lambda body: holding_friction(body, t, state))
+        return release_joints(body, directions, lambda body: holding_friction(body, t, state))
 
     # What a run shows.
 

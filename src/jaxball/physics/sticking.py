@@ -59,8 +59,8 @@ def with_directions(system: AnyParameters, directions: Float[Array, " sticking"]
     return eqx.tree_at(lambda body: body.mechanism_groups, system, tuple(groups))
 
 
-def held(group: AbstractMechanism) -> Bool[Array, "mechanisms free"] | None:
-    """Which free joints of a group stick; None where there is no friction that may hold one."""
+def sticking_joints(group: AbstractMechanism) -> Bool[Array, "mechanisms free"] | None:
+    """Finds which free joints of a group stick; None where there is no friction that may hold one."""
     if not group.frictions:
         return None
     loose = jnp.zeros(group.mass.shape[0], bool)
@@ -79,12 +79,12 @@ def of_sticking(system: BodyParameters, values: Joints) -> Float[Array, " sticki
     )
 
 
-def released(
+def release_joints(
     system: AnyParameters,
     directions: Float[Array, " sticking"],
     holding: Callable[[AnyParameters], Float[Array, " sticking"]],
 ) -> Float[Array, " sticking"]:
-    """The directions when friction has let go of every joint that it cannot hold, of the most overloaded one first.
+    """Releases every joint that friction cannot hold, the most overloaded one first, and returns the directions then.
 
     ``holding`` gives the friction that would hold the joints that stick, in a body with directions.
     """

@@ -18,7 +18,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
-from ..interface.arguments import a, described, refusal
+from ..interface.arguments import a, describe, refusal
 from ..interface.printing import Printed, is_array
 from ..interface.status import Status
 from ..numerics.arrays import AnyArray, Numbers, default_dtype, to_array
@@ -176,8 +176,8 @@ class AbstractSystem(Printed, Generic[AnyState]):
     def field(self, t: Float[Array, ""], state: AnyState) -> AnyState:
         """ẋ = f(t, x), in the form of a state."""
 
-    def described(self) -> str:
-        """What the system is, for a sentence after "a"."""
+    def describe(self) -> str:
+        """Describes the system, for a sentence after "a"."""
         return self.title
 
     # What is possible.
@@ -215,7 +215,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
             *others, last = (kind.__name__ for kind in kinds)
             must = a(f"{', '.join(others)} or {last}" if others else last)
             raise TypeError(
-                f"Argument `state` must be {must} for {a(type(self).__name__)}, but it is {described(state)}."
+                f"Argument `state` must be {must} for {a(type(self).__name__)}, but it is {describe(state)}."
             )
 
     def numbers(self) -> Iterator[tuple[str, Array]]:
@@ -248,7 +248,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
             kind = type(packed).__name__
             raise TypeError(
                 f"Method `field` of {type(self).__name__} must return {a(kind)}, whose fields are the rates of those "
-                f"of the state, but it returns {described(rates)}."
+                f"of the state, but it returns {describe(rates)}."
             )
         return rates
 
@@ -337,7 +337,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
             kind = type(self).__name__
             raise TypeError(
                 f"Method `reset` of {kind} must return {a(type(state).__name__)}, the state after an event, but it "
-                f"returns {described(after)}."
+                f"returns {describe(after)}."
             )
         after = jax.tree.map(lambda old, new: jnp.where(starts, old, jnp.asarray(new, old.dtype)), before, after)
         success, no = jnp.asarray(int(Status.SUCCESS)), jnp.asarray(False)

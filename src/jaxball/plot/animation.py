@@ -20,11 +20,11 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from PIL import Image
 from PIL.GifImagePlugin import getdata
 
-from ..interface.interruption import blocked_in_children, on_interrupt
+from ..interface.interruption import block_in_children, on_interrupt
 from ..interface.output import OutputError, replacing
 from ..numerics.arrays import Numbers
 from ..simulation.trajectory import Trajectory
-from .record import known_rows, record
+from .record import record, require_finite_rows
 from .scene import scene
 
 FRAMES = {".mp4": 30, ".gif": 20}  # a second
@@ -74,16 +74,16 @@ def animate(
     **Raises:** ``ValueError`` for another suffix, for ``.mp4`` without ffmpeg, for an ``fps`` or a
     ``speed`` that is not positive, for a trajectory without a finite state, and for a reduced one or a batch.
     """
-    path = _checked(Path(path))
+    path = _check_path(Path(path))
     fps = FRAMES[path.suffix] if fps is None else fps
     for name, value in (("fps", fps), ("speed", speed)):
         if not value > 0:
             raise ValueError(f"Argument `{name}` must be a positive number, but it is {value}.")
-    known_rows(trajectory)
+    require_finite_rows(trajectory)
     run = record(trajectory)
     figure, show = scene(trajectory, run)
     if size is not None:
-        dpi = _fitted(figure, size)
+        dpi = _widen_figure(figure, size)
     shown = frames(run.times, speed / fps)
     show(int(shown[0]))
     canvas = Canvas(figure, dpi)
@@ -113,7 +113,7 @@ def frames(times: Float[np.ndarray, " T"], step: float) -> Int[np.ndarray, " fra
     return np.searchsorted((times[1:] + times[:-1]) / 2, times[0] + step * np.arange(count))
 
 
-def _fitted(figure: Figure, size: tuple[int, int]) -> float:
+def _widen_figure(figure: Figure, size: tuple[int, int]) -> float:
     """Widens a figure to the proportions of ``size`` without changing its Axes, and returns the dots per inch."""
     before = figure.get_size_inches()
     dpi = float(np.min(np.asarray(size) / before))
@@ -126,8 +126,8 @@ def _fitted(figure: Figure, size: tuple[int, int]) -> float:
     return dpi
 
 
-def _checked(path: Path) -> Path:
-    """The path with a suffix."""
+def _check_path(path: Path) -> Path:
+    """Checks the path's suffix, and adds one where there is none."""
     if path.suffix == "":
         path = path.with_suffix(".mp4" if has_ffmpeg() else ".gif")
     if path.suffix not in FRAMES:
@@ -160,7 +160,7 @@ def snapshot(trajectory: Trajectory, t: Numbers | None = None) -> Figure:
     >>> print([round(float(place), 3) for place in run.state.z])
     [0.0, 1.0, 2.0]
     """
-    known_rows(trajectory)
+    require_finite_rows(trajectory)
     run = record(trajectory)
     figure, show = scene(trajectory, run)
     show(len(run.times) - 1 if t is None else int(np.argmin(np.abs(run.times - float(np.asarray(t))))))
@@ -283,7 +283,7 @@ def mp4(path: Path, pictures: Iterable[Picture], fps: float | int, size: tuple[i
     coded = ["-c:v", "libx264", "-preset", "slow", "-tune", "animation", "-crf", str(QUALITY), "-pix_fmt", PIXELS]
     command = [FFMpegWriter.bin_path(), "-loglevel", "error", "-y", *raw, "-vf", EVEN, *coded]
     with tempfile.TemporaryFile() as said:
-        with blocked_in_children():
+        with block_in_children():
             process = subprocess.Popen(
                 [*command, "-movflags", "+faststart", str(path)], stdin=subprocess.PIPE, stdout=said, stderr=said
             )

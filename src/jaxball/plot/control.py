@@ -61,7 +61,7 @@ def held_paths(loops: Mapping[str, ClosedLoop], ax: Axes | None = None) -> Axes:
             Series(np.asarray(loop.states.z), label, COLOURS[k % len(COLOURS)])
             for k, (label, loop) in enumerate(loops.items())
         ]
-        motion = Series(_extended(np.asarray(nominal.states.z), len(first.times)), "motion", INK, DASHED)
+        motion = Series(_extend(np.asarray(nominal.states.z), len(first.times)), "motion", INK, DASHED)
         return over_time(system, np.asarray(first.times), [*series, motion], "$z$", ax)
     ax = plane_axes(ax, (WIDE_FIGURE[0], 4.0), system)
     for k, (label, loop) in enumerate(loops.items()):
@@ -132,6 +132,6 @@ def basin_map(basin: Basin, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _extended(values: Float[np.ndarray, " n"], count: int) -> Float[np.ndarray, " count"]:
-    """The first of the values, and the last of them again where there are too few."""
+def _extend(values: Float[np.ndarray, " n"], count: int) -> Float[np.ndarray, " count"]:
+    """Returns the first of the values, and the last of them again where there are too few."""
     return np.append(values, np.full(max(count - len(values), 0), values[-1]))[:count]

@@ -12,7 +12,7 @@ from .. import programs
 from ..numerics.arrays import Numbers, to_array
 from ..numerics.kinks import seen_from_before
 from ..physics.body import System
-from ..physics.dynamics import given_angles
+from ..physics.dynamics import angles_in_state
 from ..physics.mechanisms import Carriage, Hinge, Slider
 from ..physics.motion import Driven, OnRail
 from ..physics.rails import AbstractRail, FunctionRail, Tube
@@ -20,7 +20,7 @@ from ..simulation.trajectory import Trajectory, times_looked_at
 from .modes import NO_MODES, draw_modes, modes_of
 from .over_time import Series, over_run, sizes_of, tell_apart
 from .palette import INK, mass_look
-from .record import drawn_run, finite_rows, record, require_one
+from .record import finite_rows, record, require_one, with_jumps
 from .shapes import group_equal
 from .style import label_axes, legend_above, mass_line, plane_axes, up_to_ticks, zero_line
 
@@ -45,7 +45,7 @@ def mass_angles(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     >>> plot.mass_angles(simulate(disk, [0.0, 1.0, 2.0])).get_ylabel()
     '$\\theta_i$ (rad)'
     """
-    run = drawn_run(trajectory)
+    run = with_jumps(trajectory)
     angles = angles_of(run)
     if not angles:
         raise ValueError("Argument `trajectory` must be of a body with a mass on a rail, whose θ is drawn.")
@@ -136,7 +136,7 @@ def joint_efforts(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def _run(trajectory: Trajectory) -> Trajectory:
-    run = drawn_run(trajectory)
+    run = with_jumps(trajectory)
     if not run.system.mechanisms:
         raise ValueError("Argument `trajectory` must be of a body with mechanisms, whose joints are drawn.")
     return run
@@ -198,18 +198,18 @@ def accelerations(source: Trajectory | System, times: Numbers | None = None) -> 
     if isinstance(source, Trajectory):
         require_one(source)
         if system.driven and system.law is not None:
-            curves |= _driven(source)
+            curves |= _feedback_curves(source)
         if times is None:
             times = np.linspace(float(source.times[0]), float(source.times[-1]), 2001)
     elif times is None:
         raise ValueError("Argument `times` must be given with a system, because a system has no run to take them from.")
     for i, mass in enumerate(system.point_masses, start=1):
         if isinstance(mass.motion, OnRail):
-            curves[i] = _scheduled(mass.motion, to_array(times))
+            curves[i] = _schedule_curve(mass.motion, to_array(times))
     return dict(sorted(curves.items()))
 
 
-def _scheduled(motion: OnRail, times: Float[jax.Array, " T"]) -> Curve:
+def _schedule_curve(motion: OnRail, times: Float[jax.Array, " T"]) -> Curve:
     t = np.asarray(times)
     kinks, end = map(np.asarray, _kinks_and_end(motion.schedule, to_array(t[-1])))
     kinks = kinks[(kinks > t[0]) & (kinks < end)]
@@ -225,12 +225,12 @@ def _kinks_and_end(schedule, end):
     return kinks, seen_from_before(kinks, end)
 
 
-def _driven(trajectory: Trajectory) -> dict[int, Curve]:
+def _feedback_curves(trajectory: Trajectory) -> dict[int, Curve]:
     rows = finite_rows(trajectory)
     if rows.size == 0:
         return {}
-    given = trajectory.system, to_array(trajectory.times), trajectory.reached, trajectory.state
-    size = np.abs(np.asarray(_feedback(*given)))[rows]
+    arguments = trajectory.system, to_array(trajectory.times), trajectory.reached, trajectory.state
+    size = np.abs(np.asarray(_feedback(*arguments)))[rows]
     t = np.asarray(trajectory.times)[rows]
     return {index + 1: (t, size[:, slot]) for slot, index in enumerate(trajectory.system.driven)}
 
@@ -238,7 +238,7 @@ def _driven(trajectory: Trajectory) -> dict[int, Curve]:
 @programs.filter_jit
 def _feedback(system, times, reached, states):
     prepared, times = system.prepare(), times_looked_at(system, times, reached)
-    return jax.vmap(lambda t, state: given_angles(prepared, t, state)[2])(times, states)
+    return jax.vmap(lambda t, state: angles_in_state(prepared, t, state)[2])(times, states)
 
 
 def _close(a: np.ndarray, b: np.ndarray) -> bool:

@@ -168,12 +168,12 @@ def _obstacles(ax: Axes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         points = _points_of(ax, line)
         if line.get_linestyle() not in ("None", "none", ""):
             faint = line.get_linewidth() < FAINT_LINE
-            kinds[1 if faint else 0].append(_sampled(points, SPACING * pixel))
+            kinds[1 if faint else 0].append(_sample_curve(points, SPACING * pixel))
         if line.get_marker() not in ("None", "none", "", None):
             kinds[2].append(_disc(points, line.get_markersize() / 2 * pixel, SPACING * pixel))
     for patch in ax.patches:
         outlines = patch.get_transform().transform_path(patch.get_path()).to_polygons()
-        kinds[0].extend(_sampled(np.asarray(outline), SPACING * pixel) for outline in outlines)
+        kinds[0].extend(_sample_curve(np.asarray(outline), SPACING * pixel) for outline in outlines)
     curves, background, marks = (np.concatenate([np.zeros((0, 2)), *points]) for points in kinds)
     return curves, background, marks
 
@@ -184,8 +184,8 @@ def _points_of(ax: Axes, line: Line2D) -> Float[np.ndarray, "n 2"]:
     return line.get_transform().transform(np.asarray(line.get_xydata(), dtype=float))
 
 
-def _sampled(points: Float[np.ndarray, "n 2"], spacing: float) -> Float[np.ndarray, "m 2"]:
-    """Points along a curve, no farther apart than ``spacing``; a curve has gaps where it is not finite."""
+def _sample_curve(points: Float[np.ndarray, "n 2"], spacing: float) -> Float[np.ndarray, "m 2"]:
+    """Samples a curve at points no farther apart than ``spacing``; it has gaps where it is not finite."""
     if len(points) < 2:
         return points[np.all(np.isfinite(points), axis=1)]
     start, step = points[:-1], np.diff(points, axis=0)

@@ -28,8 +28,8 @@ def record(trajectory: Trajectory) -> Record:
     return Record(np.asarray(trajectory.times)[rows], observables)
 
 
-def drawn_run(trajectory: Trajectory) -> Trajectory:
-    """The run with the states just before and just after each switch of its mode, which are drawn as jumps.
+def with_jumps(trajectory: Trajectory) -> Trajectory:
+    """Adds the states just before and just after each switch of the run's mode, which are drawn as jumps.
 
     **Raises:** ``ValueError`` for a batch of trajectories.
     """
@@ -37,8 +37,8 @@ def drawn_run(trajectory: Trajectory) -> Trajectory:
     return with_limits(trajectory)
 
 
-def known_rows(trajectory: Trajectory) -> np.ndarray:
-    """The indices of the saved times at which the state is known.
+def require_finite_rows(trajectory: Trajectory) -> np.ndarray:
+    """Returns the indices of the saved times at which the state is finite.
 
     **Raises:** ``ValueError`` for a batch of trajectories, and where there is none.
     """

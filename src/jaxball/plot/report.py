@@ -20,7 +20,7 @@ from .laws import classical_motion, law_errors
 from .modes import share_bands
 from .record import record
 from .space import body_paths, centre_path, configuration, space_paths
-from .style import LABEL, caption, stated_units
+from .style import LABEL, caption, describe_units
 from .time_series import (
     angular_velocity,
     attitude,
@@ -93,14 +93,14 @@ def figures(
     if sensors:
         named.append((measurements.__name__, functools.partial(measurements, trajectory, sensors)))
 
-    def captioned(draw: Callable[[], Axes | Figure]) -> Axes | Figure:
+    def draw_with_caption(draw: Callable[[], Axes | Figure]) -> Axes | Figure:
         drawn = draw()
         caption(
-            drawn if isinstance(drawn, Figure) else drawn.figure, trajectory.system, title, stated_units(trajectory)
+            drawn if isinstance(drawn, Figure) else drawn.figure, trajectory.system, title, describe_units(trajectory)
         )
         return drawn
 
-    drawings = [(f"{begin}_{one}", functools.partial(captioned, draw)) for one, draw in named]
+    drawings = [(f"{begin}_{one}", functools.partial(draw_with_caption, draw)) for one, draw in named]
     return save_figures(drawings, folder, run_mark(trajectory), formats, svg_text=svg_text, replace=replace)
 
 
@@ -154,7 +154,7 @@ def overview(trajectory: Trajectory, title: str = "") -> Figure:
         panels[:3] = (centre_path, {}), (centre_velocity, {})
     rows = math.ceil(len(panels) / 3)
     figure = Figure(figsize=(10.5, 9.6 if rows > 2 else 6.8), layout="constrained")
-    caption(figure, trajectory.system, title, stated_units(trajectory))
+    caption(figure, trajectory.system, title, describe_units(trajectory))
     grid = figure.add_gridspec(rows, 3, height_ratios=(1.25, 1, 1)[:rows])
     for k, (draw, kind) in enumerate(panels):
         ax = draw(trajectory, figure.add_subplot(grid[k // 3, k % 3], **kind))

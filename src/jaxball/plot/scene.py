@@ -266,7 +266,7 @@ def draw_floor(
         marks = [(_grid(floor, r), line(ax, **GRID, animated=moves))]
     else:
         rim = floor.table * parallel(0.0)
-        faces.append((_seated(rim, floor, setting), face(ax, facecolor=TABLE, edgecolor="0.8", zorder=0.5)))
+        faces.append((_turn_to_page(rim, floor, setting), face(ax, facecolor=TABLE, edgecolor="0.8", zorder=0.5)))
         rings = [np.concatenate([radius * parallel(0.0), BREAK]) for radius in multiples(r, r, floor.table)]
         spokes, mark = _table_spokes(floor.table)
         marks = [
@@ -282,7 +282,7 @@ def draw_floor(
             if setting.turned is not None:
                 c, s = np.cos(setting.turned[k]), np.sin(setting.turned[k])
                 turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-                placed = _seated(points @ turn.T, floor, setting)
+                placed = _turn_to_page(points @ turn.T, floor, setting)
             move(artist, placed + setting.moved[k])
 
     return show
@@ -315,8 +315,10 @@ def draw_surface(ax: Axes3D, mesh: Mesh, viewer: Float[np.ndarray, "3"]) -> Call
     return show
 
 
-def _seated(points: Float[np.ndarray, "points 3"], floor: Floor, setting: Setting) -> Float[np.ndarray, "points 3"]:
-    """Points given from the centre of the turntable, in axes of the page."""
+def _turn_to_page(
+    points: Float[np.ndarray, "points 3"], floor: Floor, setting: Setting
+) -> Float[np.ndarray, "points 3"]:
+    """Turns points given from the centre of the turntable into axes of the page."""
     return (points + setting.centre + [0.0, 0.0, floor.height]) @ setting.page.T
 
 

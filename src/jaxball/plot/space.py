@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 
 from .. import programs
-from ..interface.wording import counted
+from ..interface.wording import number_of
 from ..numerics.arrays import Numbers, to_array
 from ..physics.body import Disk, System
 from ..physics.moments import kinematics, moments
@@ -118,9 +118,9 @@ def _draw(ax: Axes, system: System, positions: Positions, columns: list[int]) ->
     shown = looks(system)
     finite = [i for i, point in enumerate(positions.masses) if np.all(np.isfinite(point))]
     rods = [(j, arm) for j, mechanism in enumerate(positions.arms, system.n_masses + 1) for arm in mechanism]
-    for (j, arm), (k, n) in zip(rods, _shared([arm for _, arm in rods], system), strict=True):
+    for (j, arm), (k, n) in zip(rods, _count_coincident([arm for _, arm in rods], system), strict=True):
         ax.plot(*arm[:, columns].T, color=mass_colour(j), linewidth=1.6, zorder=3.8, **sharing(k, n))
-    for i, (k, n) in zip(finite, _shared([positions.masses[i] for i in finite], system), strict=True):
+    for i, (k, n) in zip(finite, _count_coincident([positions.masses[i] for i in finite], system), strict=True):
         mark(positions.masses[i], "o", DOT * (n - k) / n, shown[i].colour, mew=0.8 if k == 0 else 0.0, **EDGE)
     mark(positions.system, "*", 8, INK, mew=0.6, markeredgecolor="white", zorder=5, label="CM")
     first = [i for i in finite if i == 0 or shown[i] != shown[i - 1]]
@@ -129,8 +129,8 @@ def _draw(ax: Axes, system: System, positions: Positions, columns: list[int]) ->
     legend_above(ax)
 
 
-def _shared(places: Sequence[Float[np.ndarray, "..."]], system: System) -> list[tuple[int, int]]:
-    """How many of the ``places`` before each coincide with it, and how many coincide in total."""
+def _count_coincident(places: Sequence[Float[np.ndarray, "..."]], system: System) -> list[tuple[int, int]]:
+    """Counts the ``places`` before each that coincide with it, and those that coincide in total."""
     least = COINCIDENT * float(system.radius)
     same = [
         [place.shape == other.shape and bool(np.max(np.abs(place - other)) < least) for other in places]
@@ -144,8 +144,8 @@ def _positions(system: System, t: Numbers, theta: Numbers) -> Positions:
     names = system.coordinates
     if angles.shape != (len(names),):
         raise ValueError(
-            f"Argument `theta` must have {counted(len(names), 'entry', 'entries')}, as many as the body's coordinates "
-            f"{list(names)}, but its shape is {angles.shape}."
+            f"Argument `theta` must have {number_of(len(names), 'entry', 'entries')}, as many as the body's "
+            f"coordinates {list(names)}, but its shape is {angles.shape}."
         )
     return Positions(*jax.tree.map(np.asarray, _evaluate(system, to_array(t), angles)))
 

@@ -59,22 +59,22 @@ def caption(figure: Any, system: "AbstractSystem | None" = None, title: str = ""
 
 def subject(system: "AbstractSystem | None", title: str = "", units: str = "") -> str:
     """Which system a figure shows, and in what units."""
-    shown = title.replace("$", r"\$") or ("" if system is None else described(system))
+    shown = title.replace("$", r"\$") or ("" if system is None else describe(system))
     units = units or _units(system, title)
     return f"{shown}; {units}" if shown else units
 
 
-def stated_units(trajectory: "Trajectory[Any, Any]") -> str:
-    """The units that the scenario of a run states, in words; empty if it states none."""
+def describe_units(trajectory: "Trajectory[Any, Any]") -> str:
+    """Describes the units that the scenario of a run states; empty if it states none."""
     units = None if trajectory.scenario is None else trajectory.scenario.units
     if units is None:
         return ""
     return str(units) if units.is_dimensionless else f"in {units}"
 
 
-def described(system: "AbstractSystem") -> str:
-    """The words for a system, as the beginning of a sentence."""
-    words = system.described()
+def describe(system: "AbstractSystem") -> str:
+    """Describes a system in words, as the beginning of a sentence."""
+    words = system.describe()
     return words[0].upper() + words[1:]
 
 

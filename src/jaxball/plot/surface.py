@@ -95,13 +95,13 @@ def contacts_of(
 ) -> Contacts:
     """The contact points with these coordinates at the saved times."""
     given = surface, to_array(times), to_array(coordinates)
-    *found, rate = map(np.asarray, _touched(*given))
+    *found, rate = map(np.asarray, _compute_contacts(*given))
     return Contacts(np.asarray(coordinates), *found, deforms=bool(np.any(rate != 0)))
 
 
 @programs.filter_jit
-def _touched(surface: AbstractSurface, times: Any, coordinates: Any) -> tuple[Any, ...]:
-    """The arrays of :class:`Contacts` after the coordinates, and how fast the matter moves in the surface's axes."""
+def _compute_contacts(surface: AbstractSurface, times: Any, coordinates: Any) -> tuple[Any, ...]:
+    """Computes the arrays of :class:`Contacts` after the coordinates, and the matter's speed in the surface's axes."""
     surface = surface.prepare()
     frame = MovingFrame() if surface.motion is None else surface.motion
 

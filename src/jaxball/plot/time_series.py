@@ -23,7 +23,7 @@ from ..simulation.trajectory import Trajectory, always_rolls
 from .modes import share_bands
 from .over_time import Series, components, over_run, over_time, sizes_of, without_rounding
 from .palette import COMPONENTS, DASHED, DOTTED, INK, TAKEN
-from .record import drawn_run, finite_rows, record, require_one
+from .record import finite_rows, record, require_one, with_jumps
 from .style import WIDE_FIGURE, caption, legend_above, linestyle, plane_axes, up_to_ticks, write
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def angular_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
     """
-    run = drawn_run(trajectory)
+    run = with_jumps(trajectory)
     Omega, size = record(run).observables.angular_velocity_body, 1 / sizes_of(run.system).time
     if isinstance(run.system, Disk):
         return over_run(run, [Series(-Omega[:, 1], "", COMPONENTS[0])], r"$\dot{\phi}$", ax, size=size)
@@ -65,14 +65,14 @@ def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     >>> [text.get_text() for text in ax.get_legend().get_texts()]
     ['$T$', '$V$', '$E = T + V$']
     """
-    run = drawn_run(trajectory)
+    run = with_jumps(trajectory)
     seen, size = record(run).observables, sizes_of(run.system).energy
     series = [
         Series(seen.kinetic_energy, "$T$", COMPONENTS[0]),
         Series(seen.potential_energy, "$V$", COMPONENTS[1]),
         Series(seen.kinetic_energy + seen.potential_energy, "$E = T + V$", INK, DASHED),
     ]
-    amounts = np.asarray(dissipated(run))[:, finite_rows(run)]
+    amounts = np.asarray(energy_losses(run))[:, finite_rows(run)]
     taken = (Series(values, name, *look) for (name, look), values in zip(TAKEN.items(), amounts, strict=True))
     series += [one for one in taken if np.any(without_rounding(one.values, size))]
     return over_run(run, series, "energy", ax, size=size, most=SHORT)
@@ -83,7 +83,7 @@ def power(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     ``trajectory``, ``ax`` and what is raised: as for :func:`angular_velocity`.
     """
-    run = drawn_run(trajectory)
+    run = with_jumps(trajectory)
     series = [Series(record(run).observables.power, "", COMPONENTS[0])]
     return over_run(run, series, r"$\dot{E}$", ax, size=sizes_of(run.system).power, jumps=True)
 
@@ -96,7 +96,7 @@ def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     ``trajectory``, ``ax`` and what is raised: as for :func:`angular_velocity`.
     """
-    run = drawn_run(trajectory)
+    run = with_jumps(trajectory)
     times, seen = record(run)
     N, f = seen.normal_force, np.linalg.norm(seen.friction, axis=1)
     series = [Series(N, "$N$", COMPONENTS[0]), Series(f, r"$|\,\mathbf{f}\,|$", COMPONENTS[1])]
@@ -122,7 +122,7 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     ``trajectory``, ``ax`` and what is raised: as for :func:`angular_velocity`.
     """
-    run = drawn_run(trajectory)
+    run = with_jumps(trajectory)
     times, observables = record(run)
     ratio = without_rounding(observables.friction_ratio, 1.0)
     if run.history.coefficients:
@@ -212,7 +212,7 @@ def centre_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     >>> print(plot.centre_velocity(run).lines[0].get_ydata())
     [1. 1. 1.]
     """
-    run = drawn_run(trajectory)
+    run = with_jumps(trajectory)
     rows, speed, system = finite_rows(run), sizes_of(run.system).speed, run.system
     if "V" in run.history.over_time:
         V = np.asarray(run.history.over_time["V"])[rows]
@@ -237,7 +237,7 @@ def attitude(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     ``trajectory``, ``ax`` and what is raised: as for :func:`angular_velocity`.
     """
-    run = drawn_run(trajectory)
+    run = with_jumps(trajectory)
     Gamma, state = record(run).observables.vertical_body, cast(Any, run.state)
     if isinstance(run.system, Disk):
         series = [Series(np.asarray(state.phi)[finite_rows(run)], "", COMPONENTS[0])]
@@ -314,8 +314,8 @@ def of_contact(trajectory: Trajectory[Any, Any]) -> list[Callable[..., Axes]]:
     return [draw for draw, along, size, values in drawn if np.any(without_rounding(values[:, :along], size))]
 
 
-def dissipated(trajectory: Trajectory[Any, Any]) -> list[Float[np.ndarray, " T"]]:
-    """The energies dissipated so far by sliding friction and by impacts, 0 without a law of contact."""
+def energy_losses(trajectory: Trajectory[Any, Any]) -> list[Float[np.ndarray, " T"]]:
+    """Returns the energies dissipated so far by sliding friction and by impacts, 0 without a law of contact."""
     known, nothing = trajectory.history.over_time, np.zeros(len(trajectory.times))
     return [np.asarray(known.get(name, nothing)) for name in ("friction_loss", "impact_loss")]
 
@@ -328,7 +328,7 @@ def _from_zero(run: Trajectory, values: Float[np.ndarray, " T"], name: str, size
 
 def _of_contact(trajectory: Trajectory) -> Trajectory:
     """The run of a body that may slip and fly, with the states on both sides of its switches."""
-    run = drawn_run(trajectory)
+    run = with_jumps(trajectory)
     if "height" not in run.history.over_time:
         raise ValueError(
             "Argument `trajectory` must be of a run with a law of contact, but it has none; a body that rolls neither "
@@ -350,7 +350,7 @@ def measurements(trajectory: Trajectory[Any, Any], sensors: Mapping[str, Abstrac
     require_one(trajectory)
     if not sensors:
         raise ValueError("Argument `sensors` must have one sensor or more to draw, but it is empty.")
-    run = drawn_run(trajectory)
+    run = with_jumps(trajectory)
     rows = finite_rows(run)
     figure = Figure(figsize=(WIDE_FIGURE[0], 0.5 + PANEL_HEIGHT * len(sensors)), layout="constrained")
     caption(figure, trajectory.system)

@@ -12,7 +12,7 @@ from ..estimation.estimate import Followed, LoopEstimate
 from ..numerics.arrays import to_array
 from ..physics.hybrid import NO_HISTORY, AbstractHistory
 from ..simulation.variables import Variable
-from .variables import Variables, described_fields, history_attributes, history_values
+from .variables import Variables, describe_fields, history_attributes, history_values
 
 INPUTS, BIASES = "feedback_inputs", "estimate_biases"  # attributes that tell such runs, with names one after the other
 BETWEEN = ", "
@@ -46,7 +46,7 @@ def _of_feedback(history: FeedbackHistory, states: Any) -> Variables:
 
 
 def _of_states(prefix: str, words: str, states: Any) -> Variables:
-    known = described_fields(states)
+    known = describe_fields(states)
     return {
         f"{prefix}_{name}": (known[name]._replace(meaning=f"{known[name].meaning}, {words}"), np.asarray(leaf))
         for name, leaf in vars(states).items()

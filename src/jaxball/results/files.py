@@ -46,13 +46,13 @@ def check_saved(path: Path) -> None:
         raise RunError(f'A run can be loaded from a file, but "{path}" {what}.')
 
 
-def saved_attributes(path: Path) -> Mapping[str, Any]:
-    """The attributes of a saved run, under today's names; a warning says where a file has older ones.
+def load_attributes(path: Path) -> Mapping[str, Any]:
+    """Loads the attributes of a saved run, under today's names; a warning says where a file has older ones.
 
     **Raises:** :class:`RunError` where there is none, or one of another version of the format.
     """
     check_saved(path)
-    with refused(path):
+    with refuse_errors(path):
         about = CONTENTS[path.suffix](path, arrays=False)
     if OLDER.keys() & about.keys():
         message = (
@@ -80,12 +80,12 @@ def attribute_of(path: Path, about: Mapping[str, Any], name: str, read: Callable
         raise no_run(path, f"its `{name}` is {about[name]!r}" if name in about else f"it has no `{name}`") from None
 
 
-def saved_text(path: Path) -> str:
-    """The text of the scenario in a saved run.
+def load_text(path: Path) -> str:
+    """Loads the text of the scenario in a saved run.
 
-    **Raises:** as :func:`saved_attributes` and :func:`text_in`.
+    **Raises:** as :func:`load_attributes` and :func:`text_in`.
     """
-    return text_in(path, saved_attributes(path))
+    return text_in(path, load_attributes(path))
 
 
 def text_in(path: Path, about: Mapping[str, Any]) -> str:
@@ -103,7 +103,7 @@ def text_in(path: Path, about: Mapping[str, Any]) -> str:
 
 
 @contextlib.contextmanager
-def refused(path: Path) -> Iterator[None]:
+def refuse_errors(path: Path) -> Iterator[None]:
     """Turns errors raised while reading a file into a :class:`RunError`."""
     try:
         yield
@@ -136,8 +136,8 @@ def _of_npz(path: Path, arrays: bool) -> Mapping[str, Any]:
 CONTENTS: dict[str, Callable[..., Mapping[str, Any]]] = dict(zip(READ_BACK, (_of_netcdf, _of_npz), strict=True))
 
 
-def saved_arrays(path: Path) -> Mapping[str, Any]:
-    """The arrays of a saved run, under today's names."""
+def load_arrays(path: Path) -> Mapping[str, Any]:
+    """Loads the arrays of a saved run, under today's names."""
     return _of_today(CONTENTS[path.suffix](path, arrays=True))
 
 

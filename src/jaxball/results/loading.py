@@ -15,7 +15,7 @@ from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario, ScenarioError, read_scenario
 from ..simulation.trajectory import Trajectory
 from .feedback import INPUTS, read_feedback
-from .files import UNKNOWN_SOLVER, RunError, attribute_of, no_run, refused, saved_arrays, saved_attributes, text_in
+from .files import UNKNOWN_SOLVER, RunError, attribute_of, load_arrays, load_attributes, no_run, refuse_errors, text_in
 from .variables import read_history
 
 DRIVEN_FIELDS = ("theta", "thetadot")  # left out of a file where no mass is driven
@@ -52,13 +52,13 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
       z at the end: 2
     """
     path = Path(path)
-    about = saved_attributes(path)
+    about = load_attributes(path)
     scenario = None
     if system is None:
         scenario = _scenario(path, about)
         system = scenario.system
-    with refused(path):
-        arrays = saved_arrays(path)
+    with refuse_errors(path):
+        arrays = load_arrays(path)
     state = _state(arrays, system, path)
     under_feedback = INPUTS in about
     if scenario is not None and scenario.feedback is not None and under_feedback:
@@ -84,7 +84,7 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
     except KeyError as error:
         raise no_run(path, f"it has no {error}") from None
     settings_known = not str(about.get("scenario", "")).startswith(UNKNOWN_SOLVER)
-    return run.made_by(scenario) if scenario is not None and settings_known else run
+    return run.set_scenario(scenario) if scenario is not None and settings_known else run
 
 
 def saved_scenario(path: str | Path) -> Scenario:
@@ -97,7 +97,7 @@ def saved_scenario(path: str | Path) -> Scenario:
     **Raises:** :class:`RunError` as :func:`load_run`.
     """
     path = Path(path)
-    return _scenario(path, saved_attributes(path))
+    return _scenario(path, load_attributes(path))
 
 
 def _scenario(path: Path, about: Mapping[str, Any]) -> Scenario:

@@ -26,13 +26,13 @@ from .files import FORMAT, SUFFIXES, UNKNOWN_SOLVER, check_format
 from .recording import write_mcap
 from .variables import (
     Variables,
-    described_fields,
+    describe_fields,
     event_values,
     history_attributes,
     history_values,
     labels,
-    measured_values,
     prefix_of_event,
+    sensor_values,
     switch_values,
     values,
 )
@@ -62,7 +62,7 @@ def attributes(
     known = trajectory.scenario if scenario is None else scenario
     if scenario is not None:
         text = write_scenario(scenario)
-    elif not (text := _text(trajectory.scenario)) and (made := _text(_made_of(trajectory, sensors or {}))):
+    elif not (text := _text(trajectory.scenario)) and (made := _text(_scenario_of(trajectory, sensors or {}))):
         text = UNKNOWN_SOLVER + made
     run: dict[str, str | int | float] = {
         "format": FORMAT,
@@ -116,8 +116,8 @@ def _text(scenario: Scenario | None) -> str:
     return text
 
 
-def _made_of(trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSensor]) -> Scenario | None:
-    """A scenario of the system, the initial state and the times; None where the state has no position."""
+def _scenario_of(trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSensor]) -> Scenario | None:
+    """Makes a scenario of the system, the initial state and the times; None where the state has no position."""
     state = jax.tree.map(lambda leaf: leaf[0], trajectory.state)
     state = state.in_space() if isinstance(state, RotationState) else state
     if isinstance(state, ReducedState):
@@ -243,13 +243,13 @@ def _with_sensors(
 def _over_time(trajectory: Trajectory[Any, Any], sensors: Sensors) -> Variables:
     """Every variable over time, with its array."""
     return (
-        values(trajectory) | history_values(trajectory.history, trajectory.state) | measured_values(trajectory, sensors)
+        values(trajectory) | history_values(trajectory.history, trajectory.state) | sensor_values(trajectory, sensors)
     )
 
 
 def _of_switches(trajectory: Trajectory[Any, Any]) -> Variables:
     """Every variable of the switches between modes, with its array."""
-    return switch_values(trajectory.history, described_fields(trajectory.state))
+    return switch_values(trajectory.history, describe_fields(trajectory.state))
 
 
 def _write_netcdf(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None, sensors: Sensors) -> None:

@@ -69,43 +69,43 @@ def values(trajectory: Trajectory[Any, Any]) -> Variables:
     return variables
 
 
-def measured_values(trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSensor]) -> Variables:
-    """The readings of sensors over time, named ``measured_…``; a vector has the axes of its sensor."""
+def sensor_values(trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSensor]) -> Variables:
+    """Returns the readings of sensors over time, named ``measured_…``; a vector has the axes of its sensor."""
     variables = {}
     for name, leaf in (trajectory.measured(sensors) if sensors else {}).items():
         array, sensor = np.asarray(leaf), sensors[name]
         known = {(): (), (3,): ("axis",)}.get(array.shape[1:])
-        dimensions = undescribed(name, array.ndim - 1).dimensions if known is None else known
+        dimensions = describe_unknown(name, array.ndim - 1).dimensions if known is None else known
         variables[f"measured_{name}"] = Variable(dimensions, sensor.units, sensor.meaning), array
     return variables
 
 
 def _of_body_state(name: str, trajectory: Trajectory[Any, Any]) -> Variable:
-    variable = described(name, isinstance(trajectory.state, DiskState))
+    variable = describe(name, isinstance(trajectory.state, DiskState))
     if name == "z" and isinstance(trajectory.system.ground, AbstractSurface):
         return variable._replace(units="", meaning="coordinates of the contact point on the ground")
     return variable
 
 
-def described(name: str, planar: bool) -> Variable:
-    """The variable of a field of a body's state; the position of a disk is one number."""
+def describe(name: str, planar: bool) -> Variable:
+    """Describes the variable of a field of a body's state; the position of a disk is one number."""
     return STATE[name]._replace(dimensions=()) if planar and name == "z" else STATE[name]
 
 
-def described_fields(states: Any) -> dict[str, Variable]:
-    """The variables of the fields of states along a leading axis, by name."""
+def describe_fields(states: Any) -> dict[str, Variable]:
+    """Describes the variables of the fields of states along a leading axis, by name."""
     if isinstance(states, AbstractBodyState):
-        return {name: described(name, isinstance(states, DiskState)) for name in vars(states)}
+        return {name: describe(name, isinstance(states, DiskState)) for name in vars(states)}
     if isinstance(states, LagrangianState):
         return {name: LAGRANGIAN_STATE[name] for name in vars(states)}
     return {name: of_classical_state(name, np.ndim(leaf) - 1) for name, leaf in vars(states).items()}
 
 
 def _classical_values(trajectory: Trajectory[Any, Any]) -> Variables:
-    described_state = described_fields(trajectory.state)
+    described_state = describe_fields(trajectory.state)
     variables = {name: (described_state[name], np.asarray(leaf)) for name, leaf in vars(trajectory.state).items()}
     for name, leaf in trajectory.laws._asdict().items():
-        variables[name] = LAWS.get(name) or undescribed(name, np.ndim(leaf) - 1), np.asarray(leaf)
+        variables[name] = LAWS.get(name) or describe_unknown(name, np.ndim(leaf) - 1), np.asarray(leaf)
     if always_rolls(trajectory):
         reaction = trajectory.plane_reaction
         forces = {"normal_force": reaction.normal, "friction_ratio": reaction.ratio}
@@ -118,11 +118,11 @@ def of_classical_state(name: str, dimensions: int) -> Variable:
     for known in (CLASSICAL_STATE, STATE):
         if name in known and len(known[name].dimensions) == dimensions:
             return known[name]
-    return undescribed(name, dimensions)
+    return describe_unknown(name, dimensions)
 
 
-def undescribed(name: str, dimensions: int) -> Variable:
-    """A variable of a system that is not one of jaxball's: its dimensions are named after it."""
+def describe_unknown(name: str, dimensions: int) -> Variable:
+    """Describes a variable of a system that is not one of jaxball's: its dimensions are named after it."""
     return Variable(tuple(f"{name}_{k}" for k in range(dimensions)), "", name)
 
 
@@ -167,7 +167,9 @@ RELEASED = {name: HISTORY[name] for name in ("V", "height")}
 def history_values(history: AbstractHistory, states: Any) -> Variables:
     """The variables over time of a history, besides the ``states``."""
     over_time = history.over_time.items()
-    return {name: (HISTORY.get(name) or undescribed(name, leaf.ndim - 1), np.asarray(leaf)) for name, leaf in over_time}
+    return {
+        name: (HISTORY.get(name) or describe_unknown(name, leaf.ndim - 1), np.asarray(leaf)) for name, leaf in over_time
+    }
 
 
 @functools.singledispatch
@@ -187,7 +189,7 @@ def _of_events(history: History, of_state: Mapping[str, Variable]) -> Variables:
     for side in SIDES:
         for name, leaf in vars(getattr(switches, side)).items():
             variables[f"switch_{side}_{name}"] = _beside(of_state[name], side), leaf
-    return _kept(switches, variables)
+    return _keep(switches, variables)
 
 
 @switch_values.register
@@ -200,14 +202,14 @@ def _of_changes(history: ContactHistory, of_state: Mapping[str, Variable]) -> Va
         for name, leaf in leaves.items():
             if leaf.size:
                 variables[f"switch_{side}_{name}"] = _beside(RELEASED.get(name) or of_state[name], side), leaf
-    return _kept(switches, variables)
+    return _keep(switches, variables)
 
 
 def _beside(variable: Variable, side: str) -> Variable:
     return variable._replace(meaning=f"{variable.meaning}, {side} the switch")
 
 
-def _kept(switches: Switches, variables: Mapping[str, tuple[Variable, Array]]) -> Variables:
+def _keep(switches: Switches, variables: Mapping[str, tuple[Variable, Array]]) -> Variables:
     kept = min(int(switches.count), switches.times.shape[-1])
     plain = {name: (variable, _plain(leaf)[:kept]) for name, (variable, leaf) in variables.items()}
     return plain if kept else {}
@@ -277,7 +279,7 @@ def read_history(
         return _read_contact(arrays, attribute, states, getattr(law, "friction", None))
     if "switches" not in about:
         return NO_HISTORY
-    filled = _filled(arrays, attribute("switches", int), attribute("max_switches", int))
+    filled = _pad_arrays(arrays, attribute("switches", int), attribute("max_switches", int))
 
     def side(name: str) -> Any:
         of_side = {field: filled(f"{name}_{field}", leaf.shape[1:]) for field, leaf in vars(states).items()}
@@ -314,13 +316,13 @@ def _read_contact(
 def _read_switches(
     arrays: Mapping[str, np.ndarray], count: int, room: int, fields: Mapping[str, Array], state_type: Any
 ) -> ContactSwitches:
-    filled = _filled(arrays, count, room)
+    filled = _pad_arrays(arrays, count, room)
 
-    def released(side: str) -> ReleasedState:
+    def state_on(side: str) -> ReleasedState:
         body = {name: filled(f"{side}_{name}", leaf.shape[1:]) for name, leaf in fields.items()}
         return ReleasedState(state_type(**body), filled(f"{side}_V", (3,)), filled(f"{side}_height"))
 
-    before, after = map(released, SIDES)
+    before, after = map(state_on, SIDES)
     return ContactSwitches(
         count=jnp.asarray(count),
         times=filled("times"),
@@ -334,17 +336,17 @@ def _read_switches(
     )
 
 
-def _filled(arrays: Mapping[str, np.ndarray], count: int, capacity: int) -> Callable[..., Array]:
-    """The arrays of the kept switches in a file by name, padded with values that stand for no switch."""
+def _pad_arrays(arrays: Mapping[str, np.ndarray], count: int, capacity: int) -> Callable[..., Array]:
+    """Pads the arrays of the kept switches in a file, by name, with values that stand for no switch."""
     kept = min(count, capacity)
 
-    def filled(name: str, shape: tuple[int, ...] = (), nothing: float | int | bool = np.nan) -> Array:
-        whole = np.full((capacity, *shape), nothing)
-        if kept and whole.size:
-            whole[:kept] = arrays[f"switch_{name}"]
-        return jnp.asarray(whole)
+    def pad(name: str, shape: tuple[int, ...] = (), nothing: float | int | bool = np.nan) -> Array:
+        padded = np.full((capacity, *shape), nothing)
+        if kept and padded.size:
+            padded[:kept] = arrays[f"switch_{name}"]
+        return jnp.asarray(padded)
 
-    return filled
+    return pad
 
 
 def _plain(leaf: Array) -> np.ndarray:

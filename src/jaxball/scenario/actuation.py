@@ -4,7 +4,7 @@ import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from ..interface.wording import all_of, counted
+from ..interface.wording import all_of, number_of
 from ..physics.body import PointMass, System
 from ..physics.feedback import AbstractLaw, FollowSchedules, LinearLaw, Servo
 from ..physics.motion import Driven, OnRail
@@ -23,8 +23,8 @@ from .values import (
     Nested,
     Numbers,
     ScenarioError,
+    describe,
     key_error,
-    shown,
 )
 
 _SIGNALS_WORDS = "a list of numbers, and tables of signals or schedules"
@@ -32,7 +32,7 @@ _SIGNALS_WORDS = "a list of numbers, and tables of signals or schedules"
 
 def _read_signals(values: Any, path: str) -> tuple[AbstractSignal | AbstractSchedule, ...]:
     if not isinstance(values, list) or not values:
-        raise key_error(path, _SIGNALS_WORDS, shown(values))
+        raise key_error(path, _SIGNALS_WORDS, describe(values))
     readers = (functools.partial(read_signal, value, f"{path}[{index}]") for index, value in enumerate(values))
     return tuple(each_of(*readers))
 
@@ -136,7 +136,7 @@ def apply_actuation(
             raise key_error(join(path, "form"), must, '"prescribed"')
         return Actuated(list(masses), None, tuple(None for _ in joints))
     linear = values["form"] == "linear"
-    driven = _driven_masses(chosen, values["form"], path, masses, bool(accelerated))
+    driven = _find_driven_masses(chosen, values["form"], path, masses, bool(accelerated))
     names = [*(f"masses[{index}]" for index in driven), *(joint.path for joint in accelerated)]
     check = check_factors if linear else _check_targets
     check(values, path, names, joints=joints, kind=kind)
@@ -154,10 +154,10 @@ def _schedule_of(item: PointMass) -> AbstractSchedule:
     return item.motion.schedule
 
 
-def _driven_masses(
+def _find_driven_masses(
     chosen: tuple[int, ...] | None, form: str, path: str, masses: Sequence[PointMass], others: bool
 ) -> list[int]:
-    """The masses that the law drives; ``others`` says whether it drives joints as well."""
+    """Finds the masses that the law drives; ``others`` says whether it drives joints as well."""
     if form == "linear":
         driven = [index for index, item in enumerate(masses) if isinstance(item.motion, Driven)]
         if not driven and not others:
@@ -188,7 +188,7 @@ def _check_targets(values: Any, path: str, names: Sequence[str], joints: Sequenc
         if len(values[name]) != len(names):
             each = "one for each driven mass" if not joints else f"one for each of {all_of(names)}"
             raise key_error(
-                join(path, name), f"a list of {counted(len(names), 'number')}, {each}", f"one of {len(values[name])}"
+                join(path, name), f"a list of {number_of(len(names), 'number')}, {each}", f"one of {len(values[name])}"
             )
 
 

@@ -34,8 +34,8 @@ from .table import (
     Module,
     join,
     keys_of,
+    read_by_name,
     read_family,
-    read_named,
     read_one_of,
     read_table,
     write_family,
@@ -356,7 +356,7 @@ SENSORS = Open(AbstractSensor, _SENSORS, keys=_EVERY_SENSOR)
 
 def read_sensors(values: Any, path: str) -> dict[str, AbstractSensor]:
     """The sensors by their names, which files and figures use."""
-    return read_named(values, path, functools.partial(read_family, family=SENSORS))
+    return read_by_name(values, path, functools.partial(read_family, family=SENSORS))
 
 
 def check_sensors(sensors: Mapping[str, AbstractSensor], path: str, system: AbstractBody) -> None:

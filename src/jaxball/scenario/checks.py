@@ -14,8 +14,8 @@ from ..numerics.arrays import to_array
 from ..physics.body import System
 from ..physics.breaches import breaches
 from ..physics.conditions import Problem, all_hold
-from ..physics.confinement import confined, surely_stay
-from ..physics.coupling import moved_masses
+from ..physics.confinement import is_confined, surely_stay
+from ..physics.coupling import mass_conditions
 from ..physics.dynamics import solvable_friction
 from ..physics.state import BallState, DiskState
 from ..physics.validity import beyond_arithmetic
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 EXTREME = 1e20
 
 
-def check_confined(system: System, times: Any, state: BallState | DiskState) -> None:
+def check_confinement(system: System, times: Any, state: BallState | DiskState) -> None:
     """Raises a :class:`ScenarioError` for the rails and masses that are not in the body (module ``confinement``).
 
     Where they are traced, this is a condition, which leaves undecided those that may leave an open rail or the shell.
@@ -38,7 +38,7 @@ def check_confined(system: System, times: Any, state: BallState | DiskState) -> 
     motions = [group.motion for group in system.groups]
     if any_traced((system.radius, motions, system.mechanism_groups, times, state.theta)):
         span = jnp.asarray(times)
-        leave_open("masses", lambda: confined(system.prepare(), span, state), lambda: surely_stay(system, *span))
+        leave_open("masses", lambda: is_confined(system.prepare(), span, state), lambda: surely_stay(system, *span))
     if any_traced((system, times, state)):
         return
     raise_first([_in_keys(problem) for problem in breaches(system, times, np.asarray(state.theta)[None])])
@@ -70,7 +70,7 @@ def check_start(system: System, start: Any, state: BallState | DiskState) -> Non
     rules = []
     if any(group.free for group in system.mechanism_groups):
         decisive = (system.mechanism_groups, system.radius, start, state.theta)
-        rules.append(("mechanisms", moved_masses, decisive))
+        rules.append(("mechanisms", mass_conditions, decisive))
     if system.resistance is not None and system.resistance.is_dry:
         rules.append(("resistance.dry", solvable_friction, (system, start, state)))
     for path, rule, decisive in rules:

@@ -33,7 +33,7 @@ from ..physics.system import AbstractState, AbstractSystem
 from .body import read_resistance, write_surroundings
 from .errors import ScenarioError
 from .initial import read_orientation
-from .motions import SERIES, WAVES_IN_SPACE, check_lengths, given_waves
+from .motions import SERIES, WAVES_IN_SPACE, check_lengths, wave_arguments
 from .own import Open, module_of, trying_class
 from .table import Key, Keys, Module, join, read_one_of, read_table, write_member, write_table
 from .values import NOT_ALL_ZERO, POSITIVE, Nested, Numbers, key_error, require_condition
@@ -45,7 +45,7 @@ PARTICLE_MASS = {"mass": Key(Numbers(rule=POSITIVE), 1.0)}
 _AXIS = Module(
     HarmonicAxis,
     {"constant": Key(Numbers((3,))), **WAVES_IN_SPACE},
-    build=lambda **keys: HarmonicAxis(**given_waves(**keys)),
+    build=lambda **keys: HarmonicAxis(**wave_arguments(**keys)),
     attributes=SERIES,
     check=check_lengths,
 )

@@ -13,11 +13,11 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..control.feedback import AbstractFeedback, Feedforward, nominal_from
-from ..control.inputs import recorded
+from ..control.inputs import replay_inputs
 from ..control.loop import ClosedLoop, closed_loop, limits_of, plant_of
-from ..control.prediction import limited_inputs, predictive
+from ..control.prediction import inputs_with_limits, predictive
 from ..control.sampled import SampledSystem
-from ..control.track import factors_of, tracked
+from ..control.track import build_track, factors_of
 from ..control.weights import by_name, weight_matrix
 from ..estimation import ErrorStateFilter, OutputFeedback
 from ..estimation.filter import samples_late, wanders
@@ -85,7 +85,7 @@ def with_estimator(scenario: "Scenario", feedback: AbstractFeedback) -> Abstract
     with in_keys("estimator"):
         return OutputFeedback.of(
             feedback,
-            estimator.chosen(scenario.sensors),
+            estimator.choose(scenario.sensors),
             spread=estimator.spread,
             process=estimator.process,
             biases=estimator.biases,
@@ -98,8 +98,8 @@ def robot_of(scenario: "Scenario") -> System:
     return with_pushes(scenario.system, settings_of(scenario).pushes)
 
 
-def sampled_of(scenario: "Scenario") -> SampledSystem:
-    """The robot that is simulated, with its inputs."""
+def build_sampled_system(scenario: "Scenario") -> SampledSystem:
+    """Builds the robot that is simulated, with its inputs."""
     return SampledSystem.of(robot_of(scenario), sample_of(scenario.times), settings_of(scenario).inputs)
 
 
@@ -129,9 +129,9 @@ def loop_along(scenario: "Scenario", feedback: AbstractFeedback, start: Any = No
 def system_of_run(scenario: "Scenario", u: Float[np.ndarray, "T m"]) -> System:
     """The robot of a saved run with the inputs that acted, which are those from each save time on."""
     settings, times = settings_of(scenario), jnp.asarray(scenario.times)
-    sampled = sampled_of(scenario)
+    sampled = build_sampled_system(scenario)
     limits = sampled.limits if settings.limits is None else limits_of(sampled, settings.limits)
-    return recorded(sampled.system, sampled.places, limits, times, jnp.asarray(u[:-1]))
+    return replay_inputs(sampled.system, sampled.places, limits, times, jnp.asarray(u[:-1]))
 
 
 def settings_of(scenario: "Scenario") -> AbstractFeedbackSettings:
@@ -166,7 +166,7 @@ class EstimatorNumbers(eqx.Module):
         """Feedback from what the sensors read of a robot; traceable."""
         sensors = Measurement(dict(sorted(self.sensors.items())))
         known = ErrorStateFilter(feedback.sampled, sensors, self.process, dict(sorted(self.biases.items())))
-        return OutputFeedback.made(feedback, known, plant, self.spread, dict(self.late))
+        return OutputFeedback.of_parts(feedback, known, plant, self.spread, dict(self.late))
 
 
 class LoopNumbers(eqx.Module):
@@ -216,7 +216,7 @@ class LoopNumbers(eqx.Module):
         nominal = nominal_from(self.model, t0, self.state, sampled, samples)
         if self.W is None:
             return Feedforward(sampled, nominal)
-        track = tracked(sampled, nominal, self.W, self.S)
+        track = build_track(sampled, nominal, self.W, self.S)
         if self.horizon is None or self.penalty is None:
             return track
         most = sampled.limits if self.limits is None else self.limits
@@ -262,7 +262,7 @@ def loop_numbers(contents: Contents, document: Mapping[str, Any], sample: float)
         estimator=None if contents.estimator is None else _of_estimator(contents.estimator, contents.sensors, sampled),
         inputs=feedback.inputs,
         horizon=feedback.horizon if predictive_control else None,
-        limited=limited_inputs(sampled.limits if limits is None else limits) if predictive_control else (),
+        limited=inputs_with_limits(sampled.limits if limits is None else limits) if predictive_control else (),
     )
 
 
@@ -289,7 +289,7 @@ def _of_estimator(
     def of(name: str, given: Any) -> Float[Array, " n"]:
         return to_array(by_name(name, given, sampled.directions))
 
-    chosen = estimator.chosen(sensors)
+    chosen = estimator.choose(sensors)
     for name, sensor in chosen.items():
         if sensor.errors is not None and is_traced(sensor.errors.noise):
             require(sensor.errors.noise > 0, f"sensors.{name}.errors.noise", "a positive number", lambda: "")

@@ -23,8 +23,8 @@ def key_error(path: str, must: str, got: str) -> ScenarioError:
     return ScenarioError(f"Key `{path}` must be {must}, but it is {got}.")
 
 
-def shown(value: Any) -> str:
-    """A value of a file in a few words, for an error message."""
+def describe(value: Any) -> str:
+    """Describes a value of a file in a few words, for an error message."""
     if isinstance(value, dict):
         return "a table"
     if isinstance(value, bool):
@@ -57,13 +57,13 @@ def each_of(*readers: Callable[[], Any]) -> list[Any]:
     **Raises:** the first :class:`ScenarioError`. Within :func:`all_problems` the other readers run too before that, and
     their errors are found there.
     """
-    results, errors = tried(*readers)
+    results, errors = try_readers(*readers)
     raise_first(errors)
     return results
 
 
-def tried(*readers: Callable[[], Any]) -> tuple[list[Any], list[ScenarioError]]:
-    """What the readers return, None of those that fail, and the errors of these.
+def try_readers(*readers: Callable[[], Any]) -> tuple[list[Any], list[ScenarioError]]:
+    """Returns what the readers return, None of those that fail, and the errors of these.
 
     **Raises:** the first error, but within :func:`all_problems`.
     """

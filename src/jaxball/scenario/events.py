@@ -14,7 +14,7 @@ from ..simulation.events import DOWN, EITHER, UP, AbstractEvent, Detachment, Eve
 from .errors import each_of
 from .imports import is_python_name
 from .own import Function, Open, names_own, read_own, trying, trying_class
-from .table import Family, Key, Module, join, keys_of, read_family, read_named, write_member
+from .table import Family, Key, Module, join, keys_of, read_by_name, read_family, write_member
 from .values import (
     POSITIVE,
     Choice,
@@ -22,9 +22,9 @@ from .values import (
     Integer,
     Numbers,
     ScenarioError,
+    describe,
     is_traced_document,
     key_error,
-    shown,
     unread,
 )
 
@@ -40,7 +40,7 @@ class _Quantity:
 
     def read(self, value: Any, path: str) -> Any:
         if not isinstance(value, str):
-            raise key_error(path, self.words, shown(value))
+            raise key_error(path, self.words, describe(value))
         return Function().read(value, path) if is_python_name(value) else value
 
     def write(self, value: Any, path: str) -> str:
@@ -81,7 +81,7 @@ KEYS = {"events": Key(unread("a table of tables", keys_of(EVENTS)), None)}
 
 def read_events(values: Any, path: str) -> dict[str, AbstractEvent]:
     """The events by their names, which files and messages use."""
-    return read_named(values, path, _read_event)
+    return read_by_name(values, path, _read_event)
 
 
 def _read_event(values: Any, path: str) -> AbstractEvent:

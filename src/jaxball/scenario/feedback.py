@@ -13,7 +13,7 @@ from jaxtyping import Array
 from ..physics.body import System
 from ..physics.force import Push
 from ..sensors import AbstractSensor
-from .errors import ScenarioError, each_of, key_error, shown
+from .errors import ScenarioError, describe, each_of, key_error
 from .paths import check_number, with_numbers
 from .solve import SaveTimes
 from .table import Family, Key, Module, join, keys_of, read_family, read_list, write_family
@@ -160,8 +160,8 @@ class EstimatorSettings:
     biases: Named = field(default_factory=dict)
     sensors: tuple[str, ...] | None = None
 
-    def chosen(self, sensors: Mapping[str, AbstractSensor]) -> dict[str, AbstractSensor]:
-        """The sensors that are read, of those of the scenario."""
+    def choose(self, sensors: Mapping[str, AbstractSensor]) -> dict[str, AbstractSensor]:
+        """Chooses the sensors that are read, of those of the scenario."""
         return {name: sensors[name] for name in (sensors if self.sensors is None else self.sensors)}
 
 
@@ -173,7 +173,7 @@ class _Names:
 
     def read(self, value: Any, path: str) -> tuple[str, ...]:
         if not isinstance(value, list) or not value or not all(isinstance(name, str) for name in value):
-            raise key_error(path, self.words, shown(value))
+            raise key_error(path, self.words, describe(value))
         return tuple(value)
 
     def write(self, value: Any, path: str) -> list[str]:
@@ -199,7 +199,7 @@ class _ByName:
         for shape in self.shapes:
             if np.ndim(value) == len(shape):
                 return Numbers(shape, self.rule).read(value, path)
-        raise key_error(path, self.words, shown(value))
+        raise key_error(path, self.words, describe(value))
 
     def write(self, value: Any, path: str) -> Any:
         if isinstance(value, Mapping):
@@ -325,7 +325,7 @@ def _check_solve(document: Mapping[str, Any], solve: Mapping[str, Any]) -> None:
 def check_solver(solver: str) -> None:
     """Raises for another solver than that of the samples of a closed loop."""
     if solver != SOLVER:
-        raise key_error("solve.solver", f'"{SOLVER}" with `feedback`, whose samples it solves', shown(solver))
+        raise key_error("solve.solver", f'"{SOLVER}" with `feedback`, whose samples it solves', describe(solver))
 
 
 def sample_of(times: np.ndarray) -> float:
@@ -347,7 +347,7 @@ def check_model(model: Named, document: Mapping[str, Any]) -> None:
         if re.split(r"[.\[]", path)[0] not in OF_MODEL:
             raise ScenarioError(
                 f"Key `feedback.model` must have paths of numbers of the robot as keys, in {', '.join(OF_MODEL)}, but "
-                f"one is {shown(path)}."
+                f"one is {describe(path)}."
             )
         try:
             check_number(document, path)
@@ -392,10 +392,10 @@ def _check_estimator(
     for name in estimator.sensors or ():
         if name not in sensors:
             known = f"they are {', '.join(sensors)}" if sensors else "there are none"
-            raise key_error("estimator.sensors", f"names of sensors of the scenario; {known}", shown(name))
-    chosen = estimator.chosen(sensors)
+            raise key_error("estimator.sensors", f"names of sensors of the scenario; {known}", describe(name))
+    chosen = estimator.choose(sensors)
     with in_keys("estimator"):
-        known = ErrorStateFilter.for_sampled(sampled, chosen, estimator.process, estimator.biases)
+        known = ErrorStateFilter.for_sampled_system(sampled, chosen, estimator.process, estimator.biases)
         known.deviations(estimator.spread)
         for name, sensor in chosen.items():
             samples_late(name, sensor, sampled)

@@ -36,9 +36,9 @@ from .body import (
     write_body,
     write_sensors,
 )
-from .checks import check_confined, check_run, check_start
+from .checks import check_confinement, check_run, check_start
 from .classical import CLASSICAL, INITIAL as CLASSICAL_INITIAL, RESISTED, read_classical, write_classical
-from .errors import all_problems, each_of, raise_first, tried
+from .errors import all_problems, each_of, raise_first, try_readers
 from .events import KEYS as EVENT_KEYS, check_events_of, read_events, write_events
 from .feedback import (
     ESTIMATOR,
@@ -51,7 +51,7 @@ from .feedback import (
     write_settings,
 )
 from .imports import is_python_name
-from .initial import INITIAL, balanced, initial_state, read_initial, released_from, write_initial
+from .initial import INITIAL, balance_schedules, initial_state, read_initial, release, write_initial
 from .logs import with_logs
 from .mechanisms import (
     CHOICES as MASSES,
@@ -68,7 +68,7 @@ from .solve import SOLVE, TIMES, SaveTimes, check_dae, read_times, write_times
 from .sources import document_of, naming, scenario_text
 from .table import Key, keeping_defaults, keys_of, read_table, write_table
 from .units import UNITS_KEY, Units, write_units
-from .values import Choice, Conditions, Integer, ScenarioError, Text, namespace, traced_conditions, unread
+from .values import Choice, Conditions, Integer, ScenarioError, Text, collect_conditions, namespace, unread
 
 if TYPE_CHECKING:
     from .closed_loop import LoopNumbers
@@ -193,7 +193,7 @@ class Contents(NamedTuple):
 def read_contents(document: dict[str, Any]) -> Contents:
     """The contents of a file; raises as :func:`read_document`.
 
-    Numbers of ``document`` may be traced within :func:`~jaxball.scenario.values.traced_conditions`.
+    Numbers of ``document`` may be traced within :func:`~jaxball.scenario.values.collect_conditions`.
     """
     if document.get("kind") in tuple(CLASSICAL) or is_python_name(document.get("kind")):
         return _read_classical(document)
@@ -215,11 +215,11 @@ def read_contents(document: dict[str, Any]) -> Contents:
         "feedback": lambda: read_feedback(document["feedback"], "feedback") if "feedback" in document else None,
         "estimator": lambda: ESTIMATOR.read(document["estimator"], "estimator") if "estimator" in document else None,
     }
-    read, errors = tried(*readers.values())
+    read, errors = try_readers(*readers.values())
     parts = dict(zip(readers, read, strict=True))
     if all(parts[name] is not None for name in ("table", "shell", "times", "masses", "mechanisms", "initial")):
         # Errors elsewhere must not hide errors in the body.
-        made, later = tried(lambda: _contents(kind, document, **parts))
+        made, later = try_readers(lambda: _contents(kind, document, **parts))
         if not errors and not later:
             return made[0]
         errors += later
@@ -248,7 +248,7 @@ def _contents(
     """The contents of a file whose parts fit together; None stands for a part that cannot be read or is missing."""
     start, surroundings = times.start, surroundings or {}
     shell_and_ground = {**shell, "ground": surroundings.get("ground")}
-    masses = balanced(masses, mechanisms, shell_and_ground, initial, "initial", kind, start)
+    masses = balance_schedules(masses, mechanisms, shell_and_ground, initial, "initial", kind, start)
     actuation = {"form": "prescribed"} if table["actuation"] is None else table["actuation"]
     actuated = apply_actuation(actuation, "actuation", masses, mechanisms, kind)
     driven = sum(isinstance(item.motion, Driven) for item in actuated.masses)
@@ -267,10 +267,10 @@ def _contents(
         lambda: check_modes(system, contact),
         lambda: solve and check_dae(system, contact, solve["solver"], solve["dae"]),
         lambda: check_run(system, span),
-        lambda: check_confined(system, span, state),
+        lambda: check_confinement(system, span, state),
         lambda: check_start(system, start, state),
         lambda: sensors is None or check_sensors(sensors, "sensors", system),
-        lambda: released_from(initial, "initial", state, "contact" in document),
+        lambda: release(initial, "initial", state, "contact" in document),
         lambda: solve and sensors is not None and check_feedback(feedback, estimator, sensors, fixed, document),
         lambda: events and check_events_of(events, "events", system, contact, start, state),
     )
@@ -417,7 +417,7 @@ class Structure:
         self.document, self.paths = dict(document), paths
         contents = read_contents(self.document)
         self.scenario, self.parts = contents.scenario(), Parts.of(contents, self.document)
-        self._build = jax.jit(lambda values: self.traced(values)[0])
+        self._build = jax.jit(lambda values: self.trace(values)[0])
 
     def build(self, values: Float[Array, " paths"]) -> Parts:
         """The contents of the document with ``values`` at ``paths``, possible or not."""
@@ -426,19 +426,19 @@ class Structure:
     def conditions(self, values: Float[Array, " paths"]) -> dict[str, Bool[Array, ""]]:
         """Whether each rule that involves ``values`` holds, by the path of the rule's key."""
         results: dict[str, Bool[Array, ""]] = {}
-        for path, holds in self.traced(values)[1].holds:
+        for path, holds in self.trace(values)[1].holds:
             results[path] = results[path] & holds() if path in results else holds()
         return results
 
-    def traced(self, values: Float[Array, " paths"]) -> tuple[Parts, Conditions]:
-        """What ``values``, which must be traced, make, and the conditions on them. What they do not change is known."""
-        return _traced(self.document, self.paths, values)
+    def trace(self, values: Float[Array, " paths"]) -> tuple[Parts, Conditions]:
+        """Builds the parts from ``values``, which must be traced, and the conditions on them; other parts are known."""
+        return _trace(self.document, self.paths, values)
 
 
-def _traced(
+def _trace(
     document: Mapping[str, Any], paths: tuple[str, ...], values: Float[Array, " paths"]
 ) -> tuple[Parts, Conditions]:
-    with traced_conditions() as conditions:
+    with collect_conditions() as conditions:
         traced = with_numbers(document, dict(zip(paths, values, strict=True)))
         return Parts.of(read_contents(traced), traced), conditions
 
@@ -468,9 +468,9 @@ class Outline:
 
         **Raises:** :class:`~.errors.UntraceableError` where something depends on them that cannot be traced.
         """
-        return _built(self, values)
+        return _build(self, values)
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _built(outline: Outline, values: Float[Array, " paths"]) -> Parts:
-    return _traced(json.loads(outline.text), outline.paths, values)[0]
+def _build(outline: Outline, values: Float[Array, " paths"]) -> Parts:
+    return _trace(json.loads(outline.text), outline.paths, values)[0]

@@ -12,7 +12,7 @@ import sys
 from collections.abc import Iterator
 from typing import Any
 
-from .errors import ScenarioError, shown
+from .errors import ScenarioError, describe
 
 VARIABLE = "JAXBALL_FILES_IMPORT"
 
@@ -22,8 +22,8 @@ def is_python_name(value: Any) -> bool:
     return isinstance(value, str) and ":" in value
 
 
-def imported(path: str, named: str, what: str = "function") -> Any:
-    """What the key at ``path`` names; modules are found in the current folder, too.
+def import_name(path: str, named: str, what: str = "function") -> Any:
+    """Imports the object that the key at ``path`` names; modules are found in the current folder, too.
 
     ``what`` says in messages what it must be, "function" or "class".
 
@@ -31,20 +31,20 @@ def imported(path: str, named: str, what: str = "function") -> Any:
     cannot be called.
     """
     module, _, name = named.partition(":")
-    _require_allowed(path, named, module)
+    _require_permission(path, named, module)
     try:
         with _current_folder():
-            found = getattr(importlib.import_module(module), name)
+            target = getattr(importlib.import_module(module), name)
     except Exception as error:  # of any kind: the module is the user's
         reason = f"{error}" if isinstance(error, ImportError | AttributeError) else f"{type(error).__name__}: {error}"
         reason = " ".join(reason.split())
     else:
-        if callable(found):
-            return found
+        if callable(target):
+            return target
         reason = f"it is not a {what}"
     many, form = ("functions", "module:function") if what == "function" else ("classes", "module:Class")
     raise ScenarioError(
-        f'Key `{path}` must name {many} that can be imported as "{form}", but {shown(named)} cannot: '
+        f'Key `{path}` must name {many} that can be imported as "{form}", but {describe(named)} cannot: '
         f"{reason.rstrip('.')}."
     )
 
@@ -54,12 +54,12 @@ def name_of(value: Any, path: str) -> str | None:
     name = f"{getattr(value, '__module__', '')}:{getattr(value, '__qualname__', '')}"
     if not name.startswith("__main__:"):
         with contextlib.suppress(ScenarioError):
-            if imported(path, name) is value:
+            if import_name(path, name) is value:
                 return name
     return None
 
 
-def _require_allowed(path: str, named: str, module: str) -> None:
+def _require_permission(path: str, named: str, module: str) -> None:
     listed = os.environ.get(VARIABLE)
     if listed is None:
         return
@@ -67,7 +67,7 @@ def _require_allowed(path: str, named: str, module: str) -> None:
     if not any(module == name or module.startswith(f"{name}.") for name in allowed):
         raise ScenarioError(
             f"Key `{path}` must name something in a module that {VARIABLE} allows files to import, but it is "
-            f"{shown(named)}; that variable of the environment lists {', '.join(allowed) or 'none'}."
+            f"{describe(named)}; that variable of the environment lists {', '.join(allowed) or 'none'}."
         )
 
 

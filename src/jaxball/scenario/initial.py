@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .. import programs
-from ..interface.wording import all_of, counted
+from ..interface.wording import all_of, number_of
 from ..numerics.arrays import is_traced, to_array
 from ..numerics.vectors import length
 from ..physics.body import Ball, Disk, PointMass, System
@@ -136,15 +136,15 @@ def initial_state(
         elif len(values) != len(coordinates):
             joints = any(path.startswith("mechanisms") for path in coordinates)
             each = f"those of {all_of(coordinates)}" if joints else "one for each mass that a law drives"
-            must = f"a list of {counted(len(coordinates), 'number')}, {each}"
+            must = f"a list of {number_of(len(coordinates), 'number')}, {each}"
             raise key_error(join(path, name), must, f"one of {len(values)}")
     return (DiskState if kind == "disk" else BallState)(**fields)
 
 
-def released_from(
+def release(
     fields: dict[str, Any], path: str, state: BallState | DiskState, may_slip: bool
 ) -> BallState | DiskState | ReleasedState:
-    """The state itself where it rolls; else released with the velocity and the height that are given, or 0.
+    """Releases the state, with the velocity and the height that are given, or 0; a body that rolls keeps its state.
 
     Only a body that ``may_slip`` can be, by a law of contact.
     """
@@ -183,7 +183,7 @@ def starting_angles(
     return {"theta": jnp.stack([rate[0] for rate in rates]), "thetadot": jnp.stack([rate[1] for rate in rates])}
 
 
-def balanced(
+def balance_schedules(
     masses: list[PointMass],
     mechanisms: Sequence[ReadMechanism],
     shell_and_ground: dict[str, Any],
@@ -192,7 +192,7 @@ def balanced(
     kind: str,
     start: Any,
 ) -> list[PointMass]:
-    """The masses, their schedules shifted so that the body starts in balance.
+    """Shifts the schedules of masses so that the body starts in balance.
 
     ``shell_and_ground`` has the numbers of the shell, and the ground.
     """

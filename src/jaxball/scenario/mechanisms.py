@@ -58,9 +58,9 @@ from .values import (
     Nested,
     Numbers,
     ScenarioError,
+    describe,
     key_error,
     require_conditions,
-    shown,
 )
 
 MASS = Key(Numbers(rule=POSITIVE))
@@ -175,7 +175,7 @@ def read_forces(values: Any, path: str) -> AbstractJointForce:
     if isinstance(values, list):
         return JointForces(tuple(read_list(values, path, _read_force, empty=True)))
     if not isinstance(values, dict):
-        raise key_error(path, _FORCE_WORDS, shown(values))
+        raise key_error(path, _FORCE_WORDS, describe(values))
     return _read_force(values, path)
 
 
@@ -339,12 +339,12 @@ def _write_mechanism(item: Any, targets: Mapping[str, AbstractSchedule | None], 
     paths = [f"{path}.joints[{a}]" for a in range(item.n_joints)]
     joints = [write_joint(joint, targets.get(at), at) for joint, at in zip(item.joints, paths, strict=True)]
     masses = [
-        _write_carried(mass, item.n_joints - 1, f"{join(path, 'masses')}[{index}]")
+        _write_carried_mass(mass, item.n_joints - 1, f"{join(path, 'masses')}[{index}]")
         for index, mass in enumerate(item.masses)
     ]
     return {"joints": joints, "masses": masses}
 
 
-def _write_carried(mass: CarriedMass, last: int, path: str) -> dict[str, Any]:
+def _write_carried_mass(mass: CarriedMass, last: int, path: str) -> dict[str, Any]:
     joint = None if mass.joint == last else mass.joint
     return write_table({"mass": mass.mass, "place": mass.place, "joint": joint}, path, _CARRIED.keys)

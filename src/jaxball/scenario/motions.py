@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..interface.arguments import require_function
-from ..interface.wording import counted
+from ..interface.wording import number_of
 from ..numerics.arrays import a_number
 from ..numerics.functions import HarmonicSeries
 from ..physics.force import HarmonicForce
@@ -104,13 +104,13 @@ def check_lengths(table: dict[str, Any], path: str) -> None:
         if len(table[name]) != n and not (name == "phase" and len(table[name]) == 0):
             raise key_error(
                 join(path, name),
-                f"as long as `frequency`, which has {counted(n, 'entry', 'entries')}",
+                f"as long as `frequency`, which has {number_of(n, 'entry', 'entries')}",
                 f"one of {len(table[name])}",
             )
 
 
-def given_waves(amplitude, frequency, phase, **others: Any) -> dict[str, Any]:
-    """The arguments of a series of which a file may leave out the phases, or every sinusoid."""
+def wave_arguments(amplitude, frequency, phase, **others: Any) -> dict[str, Any]:
+    """Returns the arguments of a series of which a file may leave out the phases, or every sinusoid."""
     waves = {"amplitude": amplitude if len(frequency) else None, "phase": phase if len(phase) else None}
     return {**others, **waves, "frequency": frequency}
 
@@ -118,21 +118,21 @@ def given_waves(amplitude, frequency, phase, **others: Any) -> dict[str, Any]:
 HARMONIC_FORCE = Module(
     HarmonicForce,
     {"constant": Key(Numbers((3,)), (0.0, 0.0, 0.0)), **WAVES_IN_SPACE, **POWERS},
-    build=lambda **keys: HarmonicForce(**given_waves(**keys)),
+    build=lambda **keys: HarmonicForce(**wave_arguments(**keys)),
     attributes={**SERIES, "powers": "series.powers"},
     check=check_lengths,
 )
 OSCILLATING = Module(
     Oscillating,
     {"constant": Key(Numbers((3,))), **WAVES_IN_SPACE, **POWERS},
-    build=lambda **keys: Oscillating(HarmonicSeries(**given_waves(**keys))),
+    build=lambda **keys: Oscillating(HarmonicSeries(**wave_arguments(**keys))),
     attributes=PATH,
     check=check_lengths,
 )
 SINUSOIDS = Module(
     Sinusoids,
     {"theta": Key(Numbers(dimension=ANGLE)), "rate": Key(Numbers(dimension=RATE), 0.0), **WAVES},
-    build=lambda **keys: Sinusoids(**given_waves(**keys)),
+    build=lambda **keys: Sinusoids(**wave_arguments(**keys)),
     attributes={**SERIES, "theta": "series.constant"},
     check=check_lengths,
 )
@@ -148,7 +148,7 @@ PLACE = {"centre": CENTRE, "frame": FRAME}
 def _check_harmonics(table: dict[str, Any], path: str) -> None:
     n, m = len(table["cosine"]), len(table["sine"])
     if m != n:
-        raise key_error(join(path, "sine"), f"as long as `cosine`, which has {counted(n, 'row')}", f"one of {m}")
+        raise key_error(join(path, "sine"), f"as long as `cosine`, which has {number_of(n, 'row')}", f"one of {m}")
 
 
 def _check_points(table: dict[str, Any], path: str) -> None:
@@ -188,7 +188,7 @@ def row_for_each_interval(name: str, entry: str = "row") -> Callable[[dict[str, 
         times, rows = len(table["times"]), len(table[name])
         if times != rows + 1:
             must = f"a list with a {entry} for each interval between the {times} `times`"
-            raise key_error(join(path, name), must, f"one of {counted(rows, entry)}")
+            raise key_error(join(path, name), must, f"one of {number_of(rows, entry)}")
 
     return check
 
@@ -200,7 +200,7 @@ def _check_waypoints(table: dict[str, Any], path: str) -> None:
     if angles != times:
         raise key_error(
             join(path, "angles"),
-            f"as long as `times`, which has {counted(times, 'entry', 'entries')}",
+            f"as long as `times`, which has {number_of(times, 'entry', 'entries')}",
             f"one of {angles}",
         )
 

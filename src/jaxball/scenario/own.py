@@ -17,8 +17,8 @@ import jax
 import numpy as np
 
 from ..numerics.arrays import to_array
-from .errors import ScenarioError, key_error, shown
-from .imports import imported, is_python_name, name_of
+from .errors import ScenarioError, describe, key_error
+from .imports import import_name, is_python_name, name_of
 from .table import REQUIRED, Key, Keys, Module, OpenFamily, join
 from .values import Kind, Numbers, require_conditions
 
@@ -39,11 +39,11 @@ def trying(path: str, argument: str = "function") -> Iterator[None]:
             end = "" if sentence.endswith((".", "?")) else "."
             raise ScenarioError(f"Key `{path}` {sentence.removeprefix(own)}{end}") from None
         raise ScenarioError(
-            f"Key `{path}` must name a function that fits here, but it raises {_raised(error)}."
+            f"Key `{path}` must name a function that fits here, but it raises {_describe_error(error)}."
         ) from error
 
 
-def _raised(error: Exception) -> str:
+def _describe_error(error: Exception) -> str:
     sentence = " ".join(str(error).split()).rstrip(".")
     return f"{type(error).__name__}: {sentence}" if sentence else type(error).__name__
 
@@ -56,8 +56,8 @@ class Function:
 
     def read(self, value: Any, path: str) -> Callable[..., Any]:
         if not isinstance(value, str):
-            raise key_error(path, self.words, shown(value))
-        return imported(path, value)
+            raise key_error(path, self.words, describe(value))
+        return import_name(path, value)
 
     def write(self, value: Any, path: str) -> str:
         name = name_of(value, path)
@@ -109,7 +109,7 @@ class Setting:
             return float(Numbers().read(value, path))
         if isinstance(value, str | int):
             return value
-        raise key_error(path, self.words, shown(value))
+        raise key_error(path, self.words, describe(value))
 
     def write(self, value: Any, path: str) -> Any:
         if isinstance(value, tuple | list):
@@ -177,11 +177,11 @@ def own_class(named: str, path: str, contract: type) -> Any:
 
     **Raises:** :class:`ScenarioError` where there is none.
     """
-    found = imported(path, named, "class")
+    found = import_name(path, named, "class")
     if isinstance(found, type) and issubclass(found, contract) and not inspect.isabstract(found):
         return found
     lacks = sorted(getattr(found, "__abstractmethods__", ())) if isinstance(found, type) else []
-    what = f"it lacks {', '.join(lacks)}" if lacks and issubclass(found, contract) else f"{shown(named)} is not one"
+    what = f"it lacks {', '.join(lacks)}" if lacks and issubclass(found, contract) else f"{describe(named)} is not one"
     raise ScenarioError(f"Key `{path}` must name a subclass of {contract.__name__} with all its methods, but {what}.")
 
 
@@ -233,5 +233,6 @@ def trying_class(path: str, named: str) -> Iterator[None]:
         raise
     except Exception as error:
         raise ScenarioError(
-            f"Key `{path}` must name a class that these keys can make, but {shown(named)} raises {_raised(error)}."
+            f"Key `{path}` must name a class that these keys can make, but {describe(named)} raises "
+            f"{_describe_error(error)}."
         ) from error

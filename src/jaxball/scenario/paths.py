@@ -9,8 +9,8 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from ..interface.wording import counted, did_you_mean
-from .errors import ScenarioError, shown
+from ..interface.wording import did_you_mean, number_of
+from .errors import ScenarioError, describe
 
 _NAME = r"[A-Za-z_][\w-]*"
 _STEP = re.compile(rf"\.?({_NAME})|\.'([^']*)'|\[(\d+)\]")
@@ -93,14 +93,14 @@ def _not_one_number(document: Mapping[str, Any], path: str, every: bool) -> str:
     value = value_at(document, path)
     inside = list(numbers_of(value, path))
     if not inside:
-        return f"is {shown(value)}."
+        return f"is {describe(value)}."
     tables = isinstance(value, dict) or any(isinstance(entry, dict) for entry in value)
     if tables:
         what = "a table" if isinstance(value, dict) else "a list of tables"
         return f"is {what}; name a number in it, such as `{inside[0]}`."
     pattern = re.sub(r"\d+", "*", inside[0].removeprefix(path))
     each = f", or each of them by `{path}{pattern}`" if every else ""
-    return f"is a list of {counted(len(inside), 'number')}; name one of them, such as `{inside[0]}`{each}."
+    return f"is a list of {number_of(len(inside), 'number')}; name one of them, such as `{inside[0]}`{each}."
 
 
 def with_numbers(document: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
@@ -202,7 +202,7 @@ def _entry(place: Any, way: Sequence[str | int], path: str, missing: Any) -> Any
         if not isinstance(place, list):
             raise ScenarioError(f"Path `{path}` does not exist, because `{name}` is not a list.")
         if step >= len(place):
-            has = counted(len(place), "entry", "entries")
+            has = number_of(len(place), "entry", "entries")
             raise ScenarioError(f"Path `{path}` does not exist, because `{name}` has {has}, counted from 0.")
         return place[step]
     if not isinstance(place, dict):

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..interface.arguments import refusal
 from ..interface.html import repr_html
-from ..interface.printing import shown
+from ..interface.printing import format_value
 from ..interface.wording import one_of
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
@@ -83,7 +83,7 @@ class Scenario:
         head = f"Scenario {self.title!r}: {span}, {self.solver} at rtol {self.rtol:g}"
         sensors = [f"{name}: {sensor}" for name, sensor in self.sensors.items()]
         events = [f"{name}: {event}" for name, event in self.events.items()]
-        parts = [self.system, shown(self.state), self.contact, *sensors, self.feedback, self.estimator, *events]
+        parts = [self.system, format_value(self.state), self.contact, *sensors, self.feedback, self.estimator, *events]
         parts = [str(part) for part in parts if part is not None]
         return "\n  ".join([head, *"\n".join(parts).splitlines()])
 
@@ -137,7 +137,7 @@ class Scenario:
         given = {"solver": solver, "rtol": rtol, "atol": atol, "max_steps": max_steps}
         used = dataclasses.replace(self, **{name: value for name, value in given.items() if value is not None})
         if used.feedback is not None:
-            trajectory = used._held(dense or bool(events) or bool(self.events))
+            trajectory = used._simulate_loop(dense or bool(events) or bool(self.events))
             return trajectory.raise_if_failed() if throw else trajectory
         trajectory = simulate(
             self.system,
@@ -154,7 +154,7 @@ class Scenario:
             events=self._with(events),
             contact=self.contact,
             progress=progress,
-        ).made_by(used)
+        ).set_scenario(used)
         return trajectory.raise_if_failed() if throw else trajectory
 
     def _with(self, events: "Mapping[str, AbstractEvent] | None") -> "Mapping[str, AbstractEvent] | None":
@@ -180,8 +180,8 @@ class Scenario:
         feedback = closed_loop.feedback_along(self, closed_loop.nominal_run(self).raise_if_failed())
         return closed_loop.loop_along(self, closed_loop.with_estimator(self, feedback))
 
-    def _held(self, asks_for_more: bool) -> "Trajectory[Any, Any]":
-        """The run of the closed loop, or of the motion where that fails."""
+    def _simulate_loop(self, asks_for_more: bool) -> "Trajectory[Any, Any]":
+        """Simulates the closed loop, or returns the run of the motion where that fails."""
         from . import closed_loop
         from .feedback import check_solver
 
@@ -193,6 +193,6 @@ class Scenario:
             )
         run = closed_loop.nominal_run(self)
         if not run.ok:
-            return run.made_by(self)
+            return run.set_scenario(self)
         feedback = closed_loop.feedback_along(self, run)
-        return closed_loop.loop_along(self, closed_loop.with_estimator(self, feedback)).run.made_by(self)
+        return closed_loop.loop_along(self, closed_loop.with_estimator(self, feedback)).run.set_scenario(self)

@@ -11,16 +11,16 @@ if TYPE_CHECKING:
     import diffrax
 
 
-def _made(package: str, solver: str, **settings: Any) -> Any:
+def _make_solver(package: str, solver: str, **settings: Any) -> Any:
     return getattr(importlib.import_module(package), solver)(**settings)
 
 
 def _of_diffrax(solver: str) -> Callable[[], Any]:
-    return functools.partial(_made, "diffrax", solver)
+    return functools.partial(_make_solver, "diffrax", solver)
 
 
 def _of_jaxball(solver: str, **settings: Any) -> Callable[[], Any]:
-    return functools.partial(_made, "jaxball.solvers", solver, **settings)
+    return functools.partial(_make_solver, "jaxball.solvers", solver, **settings)
 
 
 def own_solver(named: str, path: str) -> "diffrax.AbstractAdaptiveSolver":

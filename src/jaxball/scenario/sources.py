@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..interface.wording import did_you_mean
-from .errors import ScenarioError, key_error, shown
+from .errors import ScenarioError, describe, key_error
 from .logs import with_logs
 
 _FOLDER = os.path.join(os.path.dirname(__file__), "builtin")
@@ -118,7 +118,7 @@ def document_of(text: str, what: str, error: type[ScenarioError]) -> dict[str, A
     **Raises:** ``error`` when it is not TOML.
     """
     try:
-        return _parsed(text)
+        return _parse(text)
     except (ValueError, RecursionError) as cause:
         raise error(f"A {what} must be a TOML document, but it is not: {_reason(cause)}{_heading(text)}.") from None
 
@@ -133,20 +133,20 @@ def scenario_document(value: Any, folder: Path, error: type[ScenarioError]) -> d
     if isinstance(value, dict):
         return with_logs(value, folder)
     if not isinstance(value, str):
-        raise key_error("scenario", SCENARIO, shown(value))
+        raise key_error("scenario", SCENARIO, describe(value))
     try:
         known = value in builtin_scenarios()
-        document = _parsed(builtin_text(value) if known else (folder / value).read_text(encoding="utf-8"))
+        document = _parse(builtin_text(value) if known else (folder / value).read_text(encoding="utf-8"))
         return with_logs(document, (folder / value).parent)
     except (OSError, ValueError, RecursionError) as cause:
         raise error(
-            f"Key `scenario` must be a table, a scenario file, or the name of a built-in one, but it is {shown(value)} "
-            f"({_reason(cause)}){nearest_builtin(value)}"
+            f"Key `scenario` must be a table, a scenario file, or the name of a built-in one, but it is "
+            f"{describe(value)} ({_reason(cause)}){nearest_builtin(value)}"
         ) from None
 
 
-def _parsed(text: str) -> dict[str, Any]:
-    """Some editors put a byte-order mark at the beginning, which TOML does not allow."""
+def _parse(text: str) -> dict[str, Any]:
+    """Parses TOML without the byte-order mark that some editors put at the beginning, which TOML does not allow."""
     import tomllib  # here, as below, because it takes as long as Python itself to start
 
     return tomllib.loads(text.removeprefix("\ufeff"))

@@ -12,7 +12,7 @@ from typing import Any
 from ..interface.wording import did_you_mean
 from .errors import each_of
 from .imports import is_python_name
-from .values import Choice, Kind, Nested, ScenarioError, key_error, shown
+from .values import Choice, Kind, Nested, ScenarioError, describe, key_error
 
 REQUIRED = object()
 
@@ -97,7 +97,7 @@ def join(path: str, name: str) -> str:
 def read_table(values: Any, path: str, keys: Keys) -> dict[str, Any]:
     """The values of a table, defaults filled in. An unknown, missing or wrong key raises."""
     if not isinstance(values, dict):
-        raise key_error(path, "a table", shown(values))
+        raise key_error(path, "a table", describe(values))
 
     def value(name: str, key: Key) -> Any:
         if name in values:
@@ -156,7 +156,7 @@ def read_one_of(
 def read_family(values: Any, path: str, family: Family, key: str = "kind") -> Any:
     """The object that a table describes, of the kind given by its key ``kind``."""
     if not isinstance(values, dict):
-        raise key_error(path, "a table", shown(values))
+        raise key_error(path, "a table", describe(values))
     rest = {name: value for name, value in values.items() if name != key}
     chosen = values.get(key)
     if isinstance(chosen, str) and chosen in family:
@@ -214,22 +214,22 @@ def read_list(values: Any, path: str, read: Callable[[Any, str], Any], empty: bo
     """The results of ``read`` for each table of a list and its path; the list may be empty only if ``empty``."""
     if not isinstance(values, list) or not (values or empty):
         heading = re.sub(r"\[\d+\]", "", path)  # as in TOML, where tables have no indices
-        raise key_error(path, f"a list of tables, each under the heading [[{heading}]]", shown(values))
+        raise key_error(path, f"a list of tables, each under the heading [[{heading}]]", describe(values))
     return each_of(*(functools.partial(read, item, f"{path}[{index}]") for index, item in enumerate(values)))
 
 
 _NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
 
 
-def read_named(values: Any, path: str, read: Callable[[Any, str], Any]) -> dict[str, Any]:
-    """The results of ``read`` for each table of a table and its path, by their names, which variables of files have."""
+def read_by_name(values: Any, path: str, read: Callable[[Any, str], Any]) -> dict[str, Any]:
+    """Applies ``read`` to each table of a table and its path; returns the results by the names of the tables."""
     if not isinstance(values, dict):
-        raise key_error(path, f"a table of tables, each under the heading [{path}.name]", shown(values))
+        raise key_error(path, f"a table of tables, each under the heading [{path}.name]", describe(values))
     for name in values:
         if not _NAME.fullmatch(name):
             raise ScenarioError(
                 f"Key `{path}` must have names of letters, digits and underscores that begin with a letter, but it has "
-                f"{shown(name)}."
+                f"{describe(name)}."
             )
     read_each = each_of(*(functools.partial(read, table, join(path, name)) for name, table in values.items()))
     return dict(zip(values, read_each, strict=True))
@@ -238,7 +238,7 @@ def read_named(values: Any, path: str, read: Callable[[Any, str], Any]) -> dict[
 def refuse_unknown(values: Any, path: str, known: Iterable[str]) -> None:
     """Raises for a value that is not a table, and for a key that is not ``known``."""
     if not isinstance(values, dict):
-        raise key_error(path, "a table", shown(values))
+        raise key_error(path, "a table", describe(values))
     known = sorted(known)
 
     def refuse(name: str) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .table import Key, read_table, write_table
-from .values import Nested, key_error, shown
+from .values import Nested, describe, key_error
 
 DIMENSIONLESS = "dimensionless"
 # Exponents of mass, length and time.
@@ -37,7 +37,7 @@ class NameOfUnit:
 
     def read(self, value: Any, path: str) -> str:
         if not isinstance(value, str) or not re.fullmatch(r"[^\W\d_]+", value):
-            raise key_error(path, self.words, shown(value))
+            raise key_error(path, self.words, describe(value))
         return value
 
     def write(self, value: Any, path: str) -> str:
@@ -105,7 +105,7 @@ def _read(value: Any, path: str) -> Units:
     if value == DIMENSIONLESS:
         return Units()
     if not isinstance(value, dict):
-        raise key_error(path, WORDS, shown(value))
+        raise key_error(path, WORDS, describe(value))
     return Units(**read_table(value, path, UNITS))
 
 

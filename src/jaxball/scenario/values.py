@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float
 from ..interface.wording import did_you_mean, nearest, one_of
 from ..numerics.arrays import is_traced
 from ..physics.conditions import Condition
-from .errors import ScenarioError as ScenarioError, key_error, shown as shown
+from .errors import ScenarioError as ScenarioError, describe as describe, key_error
 from .paths import key_of
 
 
@@ -53,8 +53,8 @@ _CONDITIONS: ContextVar[Conditions | None] = ContextVar("_CONDITIONS", default=N
 
 
 @contextlib.contextmanager
-def traced_conditions() -> Iterator[Conditions]:
-    """The conditions on the traced numbers of a document that is read within.
+def collect_conditions() -> Iterator[Conditions]:
+    """Collects the conditions on the traced numbers of a document that is read within.
 
     What does not depend on them is computed while tracing, and stays known.
     """
@@ -218,9 +218,9 @@ class Numbers:
         """The numbers as an array, a single one as it is; traced where some in ``value`` are."""
         array = _as_floats(value)
         if array is None or not self._fits(array.shape):
-            raise key_error(path, self.words, shown(value))
+            raise key_error(path, self.words, describe(value))
         holds = namespace(array).isfinite(array).all() & self.rule.holds(array.reshape(-1))
-        require(holds, path, self.words, lambda: shown(value))
+        require(holds, path, self.words, lambda: describe(value))
         kinds_read = _KINDS_READ.get()
         if kinds_read is not None:
             kinds_read[key_of(path)] = self
@@ -246,7 +246,7 @@ class Radians(Numbers):
             degrees = _as_floats(value)
             if degrees is None or degrees.shape or not np.isfinite(degrees):
                 raise
-            in_radians = f"{shown(value)}; {shown(value)} degrees are {math.radians(float(degrees)):.8g} radians"
+            in_radians = f"{describe(value)}; {describe(value)} degrees are {math.radians(float(degrees)):.8g} radians"
             raise key_error(path, self.words, in_radians) from None
 
 
@@ -277,7 +277,7 @@ class Integer:
 
     def read(self, value: Any, path: str) -> int:
         if not _is_integer(value) or not self.least <= value <= self.most:
-            raise key_error(path, self.words, shown(value))
+            raise key_error(path, self.words, describe(value))
         return value
 
     def write(self, value: Any, path: str) -> int:
@@ -292,7 +292,7 @@ class WholeNumber(Integer):
         if not is_traced(value):
             return super().read(value, path)
         holds = (value == jnp.round(value)) & (value >= self.least) & (value <= self.most)
-        require(holds, path, self.words, lambda: shown(value))
+        require(holds, path, self.words, lambda: describe(value))
         return jnp.round(value).astype(int)
 
 
@@ -304,7 +304,7 @@ class Flag:
 
     def read(self, value: Any, path: str) -> bool:
         if not isinstance(value, bool):
-            raise key_error(path, self.words, shown(value))
+            raise key_error(path, self.words, describe(value))
         return value
 
     def write(self, value: Any, path: str) -> bool:
@@ -321,7 +321,7 @@ class Indices:
     def read(self, value: Any, path: str) -> tuple[int, ...]:
         good = isinstance(value, list) and all(_is_integer(item) and item >= 0 for item in value)
         if not good or sorted(set(value)) != value or not (value or self.empty):
-            raise key_error(path, self.words, shown(value))
+            raise key_error(path, self.words, describe(value))
         return tuple(value)
 
     def write(self, value: Any, path: str) -> list[int]:
@@ -336,7 +336,7 @@ class Text:
 
     def read(self, value: Any, path: str) -> str:
         if not isinstance(value, str):
-            raise key_error(path, self.words, shown(value))
+            raise key_error(path, self.words, describe(value))
         return value
 
     def write(self, value: Any, path: str) -> str:
@@ -356,8 +356,8 @@ class Choice:
     def read(self, value: Any, path: str) -> str:
         if not isinstance(value, str) or value not in self.names:
             if isinstance(value, str) and nearest(value, self.names):
-                raise ScenarioError(f"Key `{path}` cannot be {shown(value)}{did_you_mean(value, self.names)}")
-            raise key_error(path, self.words, shown(value))
+                raise ScenarioError(f"Key `{path}` cannot be {describe(value)}{did_you_mean(value, self.names)}")
+            raise key_error(path, self.words, describe(value))
         return value
 
     def write(self, value: Any, path: str) -> str:

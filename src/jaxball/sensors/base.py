@@ -180,12 +180,12 @@ def _beside(system: AbstractBody, t: Float[Array, ""], angles: Rates, row: int, 
 def _on_link(mechanism: Mechanism, rates: EachJoint, link: int, at: Float[Array, "3"]) -> Mount:
     theta, thetadot, thetaddot = rates
 
-    def placed(s: Float[Array, ""]) -> Float[Array, "4 3"]:
-        """The rotation of the link and the point, along a motion with these rates."""
+    def place_link(s: Float[Array, ""]) -> Float[Array, "4 3"]:
+        """Places the link and the point, along a motion with these rates: a rotation and a position."""
         placement = mechanism.links(theta + s * thetadot + s**2 / 2 * thetaddot)[link].placement
         return jnp.concatenate([placement.turn, placement.of_point(at)[None]])
 
-    place, velocity, acceleration = two_derivatives(placed, jnp.zeros((), at.dtype))
+    place, velocity, acceleration = two_derivatives(place_link, jnp.zeros((), at.dtype))
     turn = place[:3]
     spin = jnp.sum(velocity[:3, None, :] * turn[None, :, :], axis=-1)  # ŵ = Ṙ Rᵀ
     return Mount(

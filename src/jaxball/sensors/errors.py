@@ -70,10 +70,10 @@ class SensorErrors(Printed):
             if not is_traced(value) and not holds(value):
                 raise ValueError(f"Argument `{name}` must be {must}, but it is {value}.")
 
-    def applied(
+    def apply(
         self, times: Float[Array, " T"], exact: Float[Array, "T *components"], key: Any
     ) -> Float[Array, "T *components"]:
-        """What has arrived at each time; NaN where nothing has. ``exact`` are the exact readings at these times."""
+        """Applies the errors to exact readings at ``times``: what has arrived at each time, NaN where nothing has."""
         of_walk, of_noise, of_losses = jax.random.split(key, 3)
         roots = jnp.concatenate([jnp.zeros((1,), times.dtype), jnp.sqrt(jnp.diff(times))])
         roots = roots.reshape(-1, *(1,) * (exact.ndim - 1))
@@ -134,16 +134,19 @@ def with_errors(
         if not is_traced(times):
             for row in np.unique(np.asarray(times).reshape(-1, times.shape[-1]), axis=0):
                 one.require_times(f"sensors[{name!r}].errors", row)
-    applied = _applied
+    applied = _apply_all
     keys = random_key(key)
     if times.ndim > 1:
-        keys, applied = jax.random.split(keys, times.shape[:-1]), eqx.filter_vmap(_applied, in_axes=(None, 0, 0, 0))
+        keys, applied = jax.random.split(keys, times.shape[:-1]), eqx.filter_vmap(_apply_all, in_axes=(None, 0, 0, 0))
     return exact | applied(wrong, times, {name: exact[name] for name in wrong}, keys)
 
 
 @programs.filter_jit
-def _applied(errors: dict[str, SensorErrors], times: Array, exact: dict[str, Array], key: Any) -> dict[str, Array]:
-    return {name: one.applied(times, exact[name], key_of(name, one, key)) for name, one in errors.items()}
+def _apply_all(errors: dict[str, SensorErrors], times: Array, exact: dict[str, Array], key: Any) -> dict[str, Array]:
+    return {
+        name: sensor_errors.apply(times, exact[name], key_of(name, sensor_errors, key))
+        for name, sensor_errors in errors.items()
+    }
 
 
 def key_of(name: str, errors: SensorErrors, key: Any) -> Any:

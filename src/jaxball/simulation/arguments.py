@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..interface.arguments import described, refusal, require
+from ..interface.arguments import describe, refusal, require
 from ..interface.wording import UserError, all_of
 from ..numerics.arrays import Numbers, default_dtype, is_traced, require_numbers, to_array
 from ..physics.body import AbstractBody
@@ -51,8 +51,8 @@ def _as_array(name: str, x: Numbers) -> Array | np.ndarray:
         raise refusal(name, "numbers", x) from None
 
 
-def checked_times(times: Numbers) -> Array | np.ndarray:
-    """The times as an array.
+def check_times(times: Numbers) -> Array | np.ndarray:
+    """Checks times, and returns them as an array.
 
     **Raises:** ``ValueError`` unless they are two or more in one axis and, where that is known, increasing.
     """
@@ -74,8 +74,8 @@ def checked_times(times: Numbers) -> Array | np.ndarray:
     return array
 
 
-def checked_solver(solver: diffrax.AbstractAdaptiveSolver | None) -> diffrax.AbstractAdaptiveSolver:
-    """The solver, or the default.
+def check_solver(solver: diffrax.AbstractAdaptiveSolver | None) -> diffrax.AbstractAdaptiveSolver:
+    """Checks a solver, or chooses the default.
 
     **Raises:** ``TypeError`` for anything but a solver that estimates its error.
     """
@@ -90,8 +90,8 @@ def checked_solver(solver: diffrax.AbstractAdaptiveSolver | None) -> diffrax.Abs
     raise refusal("solver", "an adaptive solver, such as diffrax.Dopri8()", solver, remedy)
 
 
-def checked_steps(max_steps: int) -> int:
-    """The number of steps.
+def check_steps(max_steps: int) -> int:
+    """Checks the number of steps.
 
     **Raises:** ``TypeError`` or ``ValueError`` for anything but a positive whole number.
     """
@@ -102,10 +102,10 @@ def checked_steps(max_steps: int) -> int:
     return int(max_steps)
 
 
-def checked_adjoint(
+def check_adjoint(
     adjoint: diffrax.AbstractAdjoint | None,
 ) -> diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode | None:
-    """The adjoint; None, if it is that of the mode in which the solve is differentiated.
+    """Checks the adjoint; None, if it is that of the mode in which the solve is differentiated.
 
     **Raises:** ``TypeError`` for anything else, and for an adjoint that is not supported.
     """
@@ -134,8 +134,8 @@ def adjoint_in_mode(
     return diffrax.ForwardMode() if is_differentiated_forward() else DEFAULT_ADJOINT
 
 
-def checked_progress(progress: diffrax.AbstractProgressMeter | None) -> diffrax.AbstractProgressMeter:
-    """The progress meter, or none.
+def check_progress(progress: diffrax.AbstractProgressMeter | None) -> diffrax.AbstractProgressMeter:
+    """Checks the progress meter, or chooses none.
 
     **Raises:** ``TypeError`` for anything else.
     """
@@ -193,10 +193,10 @@ def require_dae(
         )
 
 
-def checked_tolerances(
+def check_tolerances(
     rtol: Numbers, atol: Numbers, of_many: bool = False
 ) -> tuple[Array | np.ndarray, Array | np.ndarray]:
-    """The tolerances as arrays; with many runs they may have an axis.
+    """Checks tolerances, and returns them as arrays; with many runs they may have an axis.
 
     **Raises:** ``ValueError`` for more than one number for a single run, and where they are known and negative or not
     finite, and :class:`PrecisionError` when the floating-point type cannot reach the larger of them.
@@ -248,7 +248,7 @@ def system_to_solve(system: AbstractSystem, contact: Contact | None) -> Abstract
     if not isinstance(system, AbstractBody):
         raise TypeError(
             f"Argument `contact` must be None for a {type(system).__name__}, which is neither a Ball nor a Disk, but "
-            f"it is {described(contact)}."
+            f"it is {describe(contact)}."
         )
     require_plane(system.ground, "a law of contact, with slip and flight", TypeError)
     if system.sticking:

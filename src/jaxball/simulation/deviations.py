@@ -45,8 +45,8 @@ def largest_row(rows: Float[Array, "rows size"]) -> Float[Array, ""]:
     return jnp.sqrt(jnp.max(jnp.mean(rows**2, axis=1)))
 
 
-def orthonormalised(vectors: Float[Array, "k size"]) -> tuple[Float[Array, "k size"], Float[Array, " k"]]:
-    """Orthonormal rows that span the same subspaces, and the length of each row orthogonal to those before it.
+def orthonormalise(vectors: Float[Array, "k size"]) -> tuple[Float[Array, "k size"], Float[Array, " k"]]:
+    """Computes orthonormal rows that span the same subspaces, and the length of each row orthogonal to those before it.
 
     Modified Gram–Schmidt. For a few vectors it takes a tenth of the time of a library's QR factorisation, and the loss
     of orthogonality, the condition number times the rounding error, is negligible after a short interval.
@@ -101,8 +101,8 @@ class Flow(NamedTuple):
         rolls = isinstance(system, AbstractRollingSystem)
         return cls(field, parameters, kinks_of(system), normal_force if rolls else None)
 
-    def monitored(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, ""]:
-        """The monitor's value; infinite without one."""
+    def monitor_value(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, ""]:
+        """Returns the monitor's value; infinite without one."""
         return jnp.full_like(t, jnp.inf) if self.monitor is None else self.monitor(t, x, self.args)
 
 
@@ -131,7 +131,7 @@ class Advanced(NamedTuple):
     least: Float[Array, ""]
 
 
-def advanced(
+def advance_deviations(
     flow: Flow,
     steps: Steps,
     t0: Float[Array, ""],
@@ -140,7 +140,7 @@ def advanced(
     first_step: Float[Array, ""],
     alive: Bool[Array, ""],
 ) -> Advanced:
-    """x, the first of ``rows``, and the deviations δx from it, the others, from ``t0`` to ``t1``.
+    """Advances x, the first of ``rows``, and the deviations δx from it, the others, from ``t0`` to ``t1``.
 
     δẋ = f′(t, x) δx is advanced with x under one control of the step. Where not ``alive``, nothing moves.
     """

@@ -19,8 +19,8 @@ from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..numerics.vectors import apply, cross, dot
 from ..physics.body import Ball, Disk, PointMass, System, with_masses
-from ..physics.coupling import joined, joint_forces, with_free_joints
-from ..physics.dynamics import given_angles
+from ..physics.coupling import join_coordinates, joint_forces, with_free_joints
+from ..physics.dynamics import angles_in_state
 from ..physics.ground import Ground, require_plane
 from ..physics.linkage import linkages
 from ..physics.load import load
@@ -196,7 +196,7 @@ def _others(system, free, state, t):
     if state is None:
         nothing = jnp.zeros(len(system.coordinates))
         state = system.state_type(theta=nothing, thetadot=nothing)
-    chi = kinematics(system, t, given_angles(system, t, state)).chi
+    chi = kinematics(system, t, angles_in_state(system, t, state)).chi
     m = point_mass_values(system)
     held = np.setdiff1d(np.arange(chi.shape[0]), np.asarray(free))
     offset = system.mass * system.offset + jnp.sum(m[held, None] * chi[held], axis=0)
@@ -337,7 +337,7 @@ def imbalance(system: BodyParameters, t: Float[Array, ""], state: BallState | Ro
     Lambda = state.Lambda
     return Imbalance(
         torque=apply(Lambda, acting.about_contact(at, system.radius)),
-        efforts=joined(still.thetadot, links, efforts),
+        efforts=join_coordinates(still.thetadot, links, efforts),
         p=apply(Lambda, at.p),
         weight=apply(Lambda, weight),
         M=at.M,

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..interface.arguments import require, require_callable, require_flags, traceable
-from ..interface.printing import Printed, is_single, shown
+from ..interface.printing import Printed, format_value, is_single
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, is_traced, numbers
 from ..physics.contact.body_on_plane import BodyOnPlane
@@ -41,7 +41,7 @@ class Occurrences(Printed):
     unresolved: Int[Array, "*batch"]
 
     def __repr__(self) -> str:
-        return f"Occurrences: {self.message}" if is_single(self.count) else shown(self)
+        return f"Occurrences: {self.message}" if is_single(self.count) else format_value(self)
 
     @property
     def message(self) -> str:

@@ -10,13 +10,13 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .. import programs
 from ..interface.arguments import require
-from ..interface.printing import Printed, is_single, shown
+from ..interface.printing import Printed, format_value, is_single
 from ..interface.status import Status
 from ..numerics.calculus import with_derivatives
 from ..physics.packing import Packing
 from ..physics.rolling import AbstractRollingSystem, Reaction
 from ..programs.derivatives.differentiation import differentiate_where, once
-from ..solvers.dense.maxima import maxima, moved
+from ..solvers.dense.maxima import maxima, move
 from ..solvers.dense.steps import Steps
 from .trajectory import Interpolant, Trajectory, always_rolls
 
@@ -79,7 +79,7 @@ class ContactExtremes(Printed):
 
     def __repr__(self) -> str:
         if not is_single(self.least_normal_force):
-            return shown(self)
+            return format_value(self)
         least = float(self.least_normal_force)
         lines = [f"least normal force {least:.10g} {self.when[0]}, {least / float(self.weight):.4g} of the weight"]
         if np.isfinite(self.friction_needed):
@@ -159,6 +159,6 @@ def _extremes(interpolant: Interpolant, reached: Float[Array, ""], status: Array
 def _at(steps: Steps, packing: Packing, index: Int[Array, "3"], times: Float[Array, "3"]) -> tuple[Array, ...]:
     """N, |f| / N and |f|, each with its time, at three times in steps, with their derivatives."""
     kinks = packing.system.kinks()
-    times, vectors = jax.vmap(lambda i, t: moved(steps, kinks, i, t))(index, times)
+    times, vectors = jax.vmap(lambda i, t: move(steps, kinks, i, t))(index, times)
     force = jax.lax.map(lambda at: packing.system.plane_reaction(at[0], packing.unpack(*at)), (times, vectors))
     return force.normal[0], times[0], force.ratio[1], times[1], force.friction[2], times[2]

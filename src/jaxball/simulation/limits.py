@@ -50,26 +50,26 @@ def _of_contact(history: ContactHistory, trajectory: Trajectory[Any, Any]) -> Tr
     order = _order(times, sides, history.law.room)
     rows = np.concatenate([order, np.full(size - len(order), len(times) + 2 * history.law.room)])
 
-    def joined(saved: Any, limits: Any, nothing: float | int) -> Any:
+    def join_rows(saved: Any, limits: Any, nothing: float | int) -> Any:
         """Rows of saved values and of limits, in order; ``nothing`` in unused ones."""
         saved, limits = np.asarray(saved), np.asarray(limits)
         none = np.full((1, *saved.shape[1:]), nothing, saved.dtype)
         return jnp.asarray(np.concatenate([saved, limits.astype(saved.dtype), none])[rows])
 
-    taken = _taken(times, history, sides, order)
+    taken = _sum_dissipation(times, history, sides, order)
     filled = np.full((2, size), taken[:, -1:] if taken.size else 0.0)
     filled[:, : len(order)] = taken
     return dataclasses.replace(
         trajectory,
-        times=np.asarray(joined(times, sides.times, times[-1])),
-        state=jax.tree.map(lambda leaf, limit: joined(leaf, limit, np.nan), state, sides.states.body),
+        times=np.asarray(join_rows(times, sides.times, times[-1])),
+        state=jax.tree.map(lambda leaf, limit: join_rows(leaf, limit, np.nan), state, sides.states.body),
         history=dataclasses.replace(
             history,
-            mode=joined(history.mode, sides.modes, -1),
-            V=joined(history.V, sides.states.V, np.nan),
-            height=joined(history.height, sides.height, np.nan),
-            slip=joined(history.slip, sides.slip, np.nan),
-            sigma=joined(history.sigma, sides.sigma, 0.0),
+            mode=join_rows(history.mode, sides.modes, -1),
+            V=join_rows(history.V, sides.states.V, np.nan),
+            height=join_rows(history.height, sides.height, np.nan),
+            slip=join_rows(history.slip, sides.slip, np.nan),
+            sigma=join_rows(history.sigma, sides.sigma, 0.0),
             friction_loss=jnp.asarray(filled[0]),
             impact_loss=jnp.asarray(filled[1]),
         ),
@@ -158,10 +158,10 @@ def _order(times: Float[np.ndarray, " T"], sides: _Sides, room: int) -> Int[np.n
     return np.insert(saved, places, len(times) + rows[inside])
 
 
-def _taken(
+def _sum_dissipation(
     times: Float[np.ndarray, " T"], history: ContactHistory, sides: _Sides, order: Int[np.ndarray, " rows"]
 ) -> Float[np.ndarray, "2 rows"]:
-    """The energy dissipated by sliding friction and by impacts at each row.
+    """Sums the energy dissipated by sliding friction and by impacts until each row.
 
     Between two saved times, friction dissipates energy while the body slides: all of it in a single slip, or for
     several slips, in proportion to their durations and speeds.
@@ -174,7 +174,7 @@ def _taken(
     shares = np.concatenate([[0.0], np.cumsum(np.where(slides, np.diff(when) * (speeds[1:] + speeds[:-1]), 0.0))])
     is_saved = order < count
     friction_loss = np.asarray(history.friction_loss)[order[is_saved]]
-    filled = _shared_out(shares, is_saved, friction_loss)
+    filled = _share_out(shares, is_saved, friction_loss)
     lost = np.zeros(len(order))
     after = ~is_saved & ((order - count) % 2 == 1)
     lost[after] = np.asarray(history.switches.lost)[(order[after] - count) // 2]
@@ -182,10 +182,10 @@ def _taken(
     return np.stack([filled, impact_loss[0] - total[is_saved][0] + total if is_saved.any() else total])
 
 
-def _shared_out(
+def _share_out(
     shares: Float[np.ndarray, " rows"], known: Bool[np.ndarray, " rows"], values: Float[np.ndarray, " known"]
 ) -> Float[np.ndarray, " rows"]:
-    """``values`` at the known rows, and between two of them values that grow as ``shares`` do."""
+    """Interpolates ``values`` at the known rows: between two of them, they grow as ``shares`` do."""
     rows = np.flatnonzero(known)
     filled = np.full(len(shares), values[0] if values.size else 0.0)
     for a, b, low, high in zip(rows[:-1], rows[1:], values[:-1], values[1:], strict=True):

@@ -117,7 +117,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
         y0, switching, watch = init_state.y, self.switching, self.watch
         observers = None if self.observers is None else self.observers(args)
 
-        def unfinished(carry: tuple[Any, ...]) -> Bool[Array, ""]:
+        def is_unfinished(carry: tuple[Any, ...]) -> Bool[Array, ""]:
             state, _, hybrid, *_ = carry
             return (state.tprev < t1) & (state.result == RESULTS.successful) & switching.goes_on(hybrid)
 
@@ -126,7 +126,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
         def advance(carry: tuple[Any, ...], counts: Bool[Array, ""]) -> tuple[Any, ...]:
             before, saved, hybrid, seen, watched = carry
             state, until, hybrid = solve.after_reset(before, switching.with_event_if(counts, hybrid))
-            new, info, keep, hybrid = solve.advanced(state, hybrid)
+            new, info, keep, hybrid = solve.advance(state, hybrid)
             pause = Pause(before.y, until, state.tprev)
             new, *recorded = recorder.record(before.tprev, pause, state, new, info, keep & counts, saved, seen, watched)
             return new, recorded[0], hybrid, *recorded[1:]
@@ -136,7 +136,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
         watched = None if watch is None else watch.begin(t0, y0, args)
         hybrid = switching.init(t0, y0, init_state.tnext - t0)
         state, saved, hybrid, seen, watched = while_loop(
-            unfinished,
+            is_unfinished,
             advance,
             (init_state, inner, hybrid, seen, watched),
             max_steps=max_steps,
@@ -154,12 +154,12 @@ class SolveLoop(diffrax.AbstractAdjoint):
             state,
             save_state=dataclasses.replace(state.save_state, ts=state.tprev[None], ys=states),
             num_rejected_steps=state.num_steps - state.num_accepted_steps,
-            result=RESULTS.where(unfinished((state, saved, hybrid)), RESULTS.max_steps_reached, state.result),
+            result=RESULTS.where(is_unfinished((state, saved, hybrid)), RESULTS.max_steps_reached, state.result),
         )
         statistics = {"switching": hybrid, "watched": watched}
         if observers is not None:
             solve = solve._replace(stepper=stepper_of(Recorded("stages")))
-            statistics["found"] = observers.found(seen, t0, first, functools.partial(solve.again, output))
+            statistics["found"] = observers.results(seen, t0, first, functools.partial(solve.again, output))
         return state, statistics
 
     def _checkpoints(self, max_steps: int) -> int | None:
@@ -241,7 +241,7 @@ class _Recorder(NamedTuple):
                 info = {"pause": pause, "info": info}
             saved = loop.save_states(saved, shown, jnp.where(keep, state.tnext, -jnp.inf))
         if self.dense:
-            new = _kept_for_dense_output(new, info, keep)
+            new = _keep_for_dense_output(new, info, keep)
         if observers is not None:
             taken = Step(state.tprev, state.tnext, state.y, coarse.evaluate, interpolation.evaluate)
             seen = observers.observe(seen, taken, keep)
@@ -277,8 +277,8 @@ class _Solve(NamedTuple):
         state = dataclasses.replace(state, tprev=step.start, tnext=step.end, y=reset.after, made_jump=jumped)
         return state, reset.before, hybrid
 
-    def advanced(self, state: Any, hybrid: Any) -> tuple[Any, Any, Bool[Array, ""], Any]:
-        """The state after a step, what the step's interpolation is made of, and whether the step was accepted."""
+    def advance(self, state: Any, hybrid: Any) -> tuple[Any, Any, Bool[Array, ""], Any]:
+        """Takes a step: the state after it, what its interpolation is made of, and whether it was accepted."""
         smooth = isinstance(self.controller, diffrax.PIDController | AbstractMultistepController)
         jumps = self.switching.jumps or not smooth
         solver_state, jumped = state.solver_state, state.made_jump if jumps else False
@@ -342,7 +342,7 @@ def _buffers(carry: tuple[Any, ...]) -> tuple[Any, ...]:
     return saved.vectors, state.dense_ts, state.dense_infos, () if watched is None else watched.buffers
 
 
-def _kept_for_dense_output(state: Any, info: Any, keep: Bool[Array, ""]) -> Any:
+def _keep_for_dense_output(state: Any, info: Any, keep: Bool[Array, ""]) -> Any:
     index = state.dense_save_index
     return dataclasses.replace(
         state,

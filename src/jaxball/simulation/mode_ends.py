@@ -57,10 +57,10 @@ class RootBracket(NamedTuple):
         no, first, zero = jnp.zeros_like(t, bool), jnp.zeros_like(t, int), jnp.zeros_like(t)
         return cls(no, first, t, t, t, t, t, t, zero, zero, first)
 
-    def narrowed(
+    def narrow(
         self, start: Float[Array, ""], x: Float[Array, ""], f: Float[Array, ""], target: Float[Array, ""]
     ) -> "RootBracket":
-        """The bracket after a step to ``x`` that found ``f`` there, with a new ``target`` if that is inside.
+        """Narrows the bracket after a step to ``x`` that found ``f`` there, to a new ``target`` if that is inside.
 
         If not, it is halfway where the guard was below zero, else the presumed end; and behind that the mean, by orders
         of magnitude of the lengths of steps, to where the guard certainly is below zero.
@@ -75,10 +75,10 @@ class RootBracket(NamedTuple):
         return self._replace(low=low, high=high, below=below, target=target, x=x, f=f, tries=self.tries + 1)
 
 
-def bracketed(
+def bracket_zero(
     bracket: RootBracket, start: Float[Array, ""], end: Float[Array, ""], guards: Float[Array, "k nodes"]
 ) -> tuple[Bool[Array, ""], RootBracket]:
-    """Whether a step is rejected because it goes beyond a zero of a guard, and the bracket of that zero."""
+    """Returns whether a step is rejected because it goes beyond a zero of a guard, and the bracket of that zero."""
     none = RootBracket.none(end)
     if guards.shape[0] == 0:
         return jnp.zeros_like(end, bool), none
@@ -103,7 +103,7 @@ def bracketed(
     tries = jnp.where(at_target, bracket.tries + 1, 0)
     found = first.on & another & (tries < MOST_TRIES)
     again = first._replace(x=end, f=value, size=bracket.size, tries=tries)
-    searched = select_tree(behind, again, bracket.narrowed(start, end, value, next_end))
+    searched = select_tree(behind, again, bracket.narrow(start, end, value, next_end))
     rejected = found | at_target & ~met
     return rejected, select_tree(rejected, select_tree(found, first._replace(tries=tries), searched), none)
 
@@ -162,8 +162,8 @@ def _root(samples: Float[Array, " nodes"], low: Float[Array, ""], high: Float[Ar
     def at(u: Float[Array, ""]) -> Sample:
         return Sample(u, a0 + u * (a1 + u * (a2 + u * (a3 + u * a4))))
 
-    def narrowed(_, bracket: tuple[Sample, Sample]) -> tuple[Sample, Sample]:
+    def narrow(_, bracket: tuple[Sample, Sample]) -> tuple[Sample, Sample]:
         newest = at(between(*bracket))
         return other_end(*bracket, newest), newest
 
-    return jax.lax.fori_loop(0, ROOT_STEPS, narrowed, (at(low), at(high)))[1].x
+    return jax.lax.fori_loop(0, ROOT_STEPS, narrow, (at(low), at(high)))[1].x

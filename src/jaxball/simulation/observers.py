@@ -95,22 +95,22 @@ class Observers:
         if best is not None:
             best = self._better(best, step, kept)
         if integrals is not None:
-            integrals = jnp.where(kept, integrals + self._integrated(step), integrals)
+            integrals = jnp.where(kept, integrals + self._integrate(step), integrals)
         return Seen(best, integrals)
 
-    def found(
+    def results(
         self,
         seen: Seen,
         start: Float[Array, ""],
         x: Float[Array, " size"],
         again: Callable[[Array, Array, Array], Step],
     ) -> Found:
-        """The results of a run from ``start``, where it is at ``x``. ``again`` recomputes a step.
+        """Computes the results of a run from ``start``, where it is at ``x``. ``again`` recomputes a step.
 
         Of a run without a step, extremes are NaN.
         """
         unknown = jnp.full(self._count, jnp.nan, x.dtype)
-        values, times = self._refined(seen.best, again) if seen.best is not None else ((), ())
+        values, times = self._refine(seen.best, again) if seen.best is not None else ((), ())
         integrals = unknown if seen.integrals is None else seen.integrals
         return Found(self._quantities(start, x), tuple(values), tuple(times), integrals)
 
@@ -120,7 +120,7 @@ class Observers:
 
         def sample(fraction: Float[Array, ""]) -> Float[Array, " k"]:
             t = jnp.minimum(step.start + fraction * (step.end - step.start), last)
-            return self._signed(t, step.between(t))
+            return self._sign(t, step.between(t))
 
         samples = jax.lax.stop_gradient(jax.lax.map(sample, nodes))
         fine = jnp.sum(jnp.asarray(sampling().matrix, samples.dtype)[..., None] * samples[None], axis=1)
@@ -128,16 +128,16 @@ class Observers:
         most = jnp.maximum(jnp.max(samples, axis=0), jnp.where(finite, jnp.max(fine, axis=0), -jnp.inf))
         first, second = kept & (most > seen.value[0]), kept & (most > seen.value[1])
 
-        def placed(old: Array, new: Array) -> Array:
+        def place(old: Array, new: Array) -> Array:
             shape = (-1, *(1,) * (old.ndim - 2))
             is_first, is_second = first.reshape(shape), second.reshape(shape)
             runner_up = jnp.where(is_first, old[0], jnp.where(is_second, new, old[1]))
             return jnp.stack([jnp.where(is_first, new, old[0]), runner_up])
 
-        return jax.tree.map(placed, seen, Best(most, step.start, step.end, step.x))
+        return jax.tree.map(place, seen, Best(most, step.start, step.end, step.x))
 
-    def _integrated(self, step: Step) -> Float[Array, " k"]:
-        """By the rule of Gauss and Lobatto with five nodes."""
+    def _integrate(self, step: Step) -> Float[Array, " k"]:
+        """Integrates by the rule of Gauss and Lobatto with five nodes."""
         h = step.end - step.start
 
         def one(total: Array, place: tuple[Array, Array]) -> tuple[Array, None]:
@@ -148,12 +148,12 @@ class Observers:
         nodes, weights = (jnp.asarray(x, step.x.dtype) for x in (sampling().nodes, lobatto_weights()))
         return h * jax.lax.scan(one, jnp.zeros(self._count, step.x.dtype), (nodes, weights))[0]
 
-    def _signed(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " k"]:
+    def _sign(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " k"]:
         values = self._quantities(t, x)
         return jnp.stack([sign * values[k] for k, sign in zip(self._which, self._signs, strict=True)])
 
-    def _refined(self, best: Best, again: Callable[[Array, Array, Array], Step]) -> tuple[Array, Array]:
-        """The largest values, and when they occur."""
+    def _refine(self, best: Best, again: Callable[[Array, Array, Array], Step]) -> tuple[Array, Array]:
+        """Refines the largest values, and when they occur."""
         count = len(self._which)
 
         # A loop, because the quantities are a long program that is to be compiled few times.
@@ -162,7 +162,7 @@ class Observers:
             step = again(best.start[rank, k], best.end[rank, k], best.x[rank, k])
 
             def at(t: Float[Array, ""]) -> Float[Array, ""]:
-                return self._signed(t, step.exact(t))[k]
+                return self._sign(t, step.exact(t))[k]
 
             # A maximum does not change to first order as its place does.
             first, last = jax.lax.stop_gradient((step.start, last_within(step.start, step.end)))

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from ..interface.wording import did_you_mean
 from ..physics.body import AbstractBody
 from ..physics.contact.modes import ContactState
-from ..physics.observables import Observables, movement, observed
+from ..physics.observables import Observables, compute_observables, movement
 from ..physics.rolling import AbstractRollingSystem
 from ..physics.state import ReducedState
 
@@ -60,7 +60,7 @@ def observables_of(system: Any, t: Float[Array, ""], state: Any) -> Observables:
         )
     if isinstance(state, ReducedState):
         raise ValueError("Observables need the full state, but the state is a ReducedState; simulate with a BallState.")
-    return observed(system.shown, t, movement(system, t, state))
+    return compute_observables(system.shown, t, movement(system, t, state))
 
 
 def _readers(system: Any, t: Float[Array, ""], state: Any) -> dict[str, Callable[[], Any]]:

@@ -20,7 +20,7 @@ from ..physics.confinement import until_left
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.hybrid import Accuracy
-from ..physics.packing import Packing, ravelled
+from ..physics.packing import Packing, ravel_state
 from ..physics.state import State
 from ..physics.system import AbstractState, AbstractSystem, require_system
 from ..physics.validity import possible_start
@@ -38,12 +38,12 @@ from ..solvers.collocation import fills_vectors
 from .arguments import (
     DEFAULT_TOLERANCE,
     adjoint_in_mode,
-    checked_adjoint,
-    checked_progress,
-    checked_solver,
-    checked_steps,
-    checked_times,
-    checked_tolerances,
+    check_adjoint,
+    check_progress,
+    check_solver,
+    check_steps,
+    check_times,
+    check_tolerances,
     require_dae,
     require_single,
     system_to_solve,
@@ -145,19 +145,19 @@ def simulate(
       t = 1.333333333: from sliding to rolling, as the slip ended
     """
     require_flags(dense=dense, step_to_times=step_to_times, dae=dae, project=project, inside=inside, throw=throw)
-    times = checked_times(times)
+    times = check_times(times)
     moving = system_to_solve(system, contact)
     state = at_rest(system) if state is None else state
     require_single(moving, state)
-    rtol, atol = checked_tolerances(rtol, atol)
+    rtol, atol = check_tolerances(rtol, atol)
     if dae:
         require_dae(moving, state, solver)
     events = check_events(moving, events)
     method = Method(
-        solver=checked_solver(solver),
-        adjoint=checked_adjoint(adjoint),
-        progress=checked_progress(progress),
-        max_steps=checked_steps(max_steps),
+        solver=check_solver(solver),
+        adjoint=check_adjoint(adjoint),
+        progress=check_progress(progress),
+        max_steps=check_steps(max_steps),
         dense=dense,
         step_to_times=step_to_times,
         dae=dae,
@@ -205,23 +205,23 @@ def _run(
 
 def _program(method: Method) -> Callable[..., tuple]:
     try:
-        return _compiled(method)
+        return _compile_program(method)
     except TypeError:  # a solver that carries arrays has no hash
         return functools.partial(_simulated_filtered, method)
 
 
 @functools.cache
-def _compiled(method: Method) -> Callable[..., tuple]:
-    return programs.jit(functools.partial(simulated, method), in_lanes=not fills_vectors(method.solver))
+def _compile_program(method: Method) -> Callable[..., tuple]:
+    return programs.jit(functools.partial(simulate_arrays, method), in_lanes=not fills_vectors(method.solver))
 
 
-def simulated(method: Method, system: AbstractSystem, times: Array, *others: Any) -> tuple:
-    """The fields of a trajectory except ``system`` and ``times``, which a program could only copy."""
-    return simulated_and_found(method, system, times, *others)[0]
+def simulate_arrays(method: Method, system: AbstractSystem, times: Array, *others: Any) -> tuple:
+    """Returns the fields of a trajectory except ``system`` and ``times``, which a program could only copy."""
+    return simulate_and_observe(method, system, times, *others)[0]
 
 
-def simulated_and_found(method: Method, system: AbstractSystem, times: Array, *others: Any) -> tuple[tuple, Any]:
-    """The same fields, and what was observed."""
+def simulate_and_observe(method: Method, system: AbstractSystem, times: Array, *others: Any) -> tuple[tuple, Any]:
+    """Simulates, and returns the same fields, and what was observed."""
     saved, *solved, record, found = solve(method, system, times, *others)
     return (system.shown_state(saved), *solved, system.history(times, saved, record)), found
 
@@ -245,7 +245,7 @@ def solve(
     startable, given = _startable(system, times, state, method.inside), (system, times, state)
     where_startable = functools.partial(differentiate_where, startable)
     system, times, state, events = change_with_captures(where_startable, (system, times, state, events))
-    packing, initial = _packed(system, times[0], state)
+    packing, initial = _pack(system, times[0], state)
     if method.inside and packing.system.clearance(times[0], state) is not None:
         events = events | {LEAVING: Leaving()}
     functions = _Functions(method, system, packing, events)
@@ -280,10 +280,10 @@ def solve(
         solution = forward_only(solution)
     states, ended = cast(Array, solution.ys), cast(Array, solution.ts)
     finite = startable & jnp.all(jnp.isfinite(states), axis=1)
-    saved = _unpacked(packing, finite, times, states, functions.projects)
+    saved = _unpack(packing, finite, times, states, functions.projects)
     reached, status, occurrences = ended[0], status_of(solution.result), {}
     if events:
-        unravel_shown = ravelled(system.shown_state(packing.unpack(times[0], initial)))[1]
+        unravel_shown = ravel_state(system.shown_state(packing.unpack(times[0], initial)))[1]
         occurrences = occurrences_of(cast(Any, solution.stats["watched"]), events, unravel_shown, startable)
         reached, status = end_by_events(occurrences, events, reached, status)
         saved = jax.tree.map(lambda leaf: keep_known_rows(times <= reached, leaf), saved)
@@ -355,7 +355,7 @@ class _Functions:
         """The state that an event's function is given, as a vector."""
         packing, _ = self.unpack(parameters)
         x = packing.projected(t, x) if self.projects else x
-        return ravelled(self._system.shown_state(packing.unpack(t, x)))[0]
+        return ravel_state(self._system.shown_state(packing.unpack(t, x)))[0]
 
     def projected(self, t, x, parameters):
         """The nearest vector on the constraints."""
@@ -369,19 +369,19 @@ def _quantities(observation: Observation, packing: Packing[Any, Any], t: Array, 
 
 def _startable(system: AbstractSystem, times: Array, state: AbstractState, inside: bool) -> Array:
     """Whether a solve can start: whether all numbers can be, and none of the initial vector is too large to be one."""
-    packing, initial = _packed(system, times[0], state)
+    packing, initial = _pack(system, times[0], state)
     return possible_start(system, packing.system, times, state, inside) & jnp.all(jnp.isfinite(initial))
 
 
 @jax.jit
-def _packed(system: AbstractSystem, t: Array, state: AbstractState) -> tuple[Packing[Any, Any], Array]:
-    """The packing of a system with its initial vector. Compiled on its own, it is traced once."""
+def _pack(system: AbstractSystem, t: Array, state: AbstractState) -> tuple[Packing[Any, Any], Array]:
+    """Makes the packing of a system with its initial vector. Compiled on its own, it is traced once."""
     packing = Packing.of(system.prepare(), state)
     return packing, packing.pack(t, state)
 
 
-def _unpacked(packing: Packing[Any, Any], known: Array, times: Array, states: Array, projects: bool) -> Any:
-    """The states of the vectors that are ``known``; of the others NaN, and nothing that has derivatives.
+def _unpack(packing: Packing[Any, Any], known: Array, times: Array, states: Array, projects: bool) -> Any:
+    """Unpacks the states of vectors that are ``known``; the others are NaN, and have no derivatives.
 
     - ``projects``: whether steps end on the constraints; so do then states within steps.
     """
@@ -395,7 +395,7 @@ def _unpacked(packing: Packing[Any, Any], known: Array, times: Array, states: Ar
     return jax.tree.map(functools.partial(keep_known_rows, known), unpacked)
 
 
-_simulated_filtered = programs.filter_jit(simulated)
+_simulated_filtered = programs.filter_jit(simulate_arrays)
 
 
 def _controller(

@@ -22,7 +22,7 @@ from ..physics.hybrid import NONE, START, Accuracy, GuardedStep, Record, Transit
 from ..physics.packing import Packing
 from ..programs.derivatives.reverse_rules import CarryOut, pull_by_forward_mode, put
 from ..solvers.dense.steps import sampling
-from .mode_ends import LEAST_LENGTH, RootBracket, bracketed
+from .mode_ends import LEAST_LENGTH, RootBracket, bracket_zero
 
 GRAZING = 1e-6  # a guard that falls by less than this part of its size in a step touches zero
 CLOSE_SWITCHES = 1e-9  # switches closer to each other than this part of a run are counted as crowded
@@ -212,13 +212,13 @@ class Switching(AbstractSwitching):
         return carry.rows
 
     def outcome(self, carry, status, packing):
-        def unpacked(row: Rows) -> Record:
+        def unpack_row(row: Rows) -> Record:
             known = jnp.isfinite(row.times)
             t = jnp.where(known, row.times, 0.0)
             before, after = (packing.unpack_where(known, t, vector) for vector in (row.before, row.after))
             return Record(carry.switches, row.times, row.event, before, after, row.grazing)
 
-        record = jax.lax.map(unpacked, carry.rows)._replace(number=carry.switches)
+        record = jax.lax.map(unpack_row, carry.rows)._replace(number=carry.switches)
         return jnp.where(carry.status == int(Status.SUCCESS), status, carry.status), record
 
     # Events.
@@ -277,7 +277,7 @@ class Switching(AbstractSwitching):
 
     def detect(self, carry, taken, proposed, args):
         def look(carry: HybridCarry) -> _Detection:
-            return self._detected(carry, taken, args)
+            return self._detect(carry, taken, args)
 
         def pass_by(carry: HybridCarry) -> _Detection:
             no, end = jnp.zeros_like(taken.end, bool), taken.end
@@ -296,8 +296,8 @@ class Switching(AbstractSwitching):
         )
         return found._replace(rows=carry.rows), following
 
-    def _detected(self, carry: HybridCarry, taken: Taken, args: Any) -> "_Detection":
-        """Whether the step ends too late for an event, and else whether there is one at its end."""
+    def _detect(self, carry: HybridCarry, taken: Taken, args: Any) -> "_Detection":
+        """Detects whether the step ends too late for an event, and else whether there is one at its end."""
         start, end, y, args, accuracy = jax.lax.stop_gradient((taken.start, taken.end, taken.y, args, self.accuracy))
         times = sampling().times(start, end, sampling().nodes)
         inner = jax.lax.stop_gradient(jax.vmap(taken.evaluate)(times[:-1]))
@@ -310,7 +310,7 @@ class Switching(AbstractSwitching):
             return packing.system.guards_in_step(place[0], packing.unpack(*place), reference)
 
         guards = jax.lax.map(guards_at, (times, jnp.concatenate([inner, y[None]]))).T
-        rejected, bracket = bracketed(carry.bracket, start, end, guards)
+        rejected, bracket = bracket_zero(carry.bracket, start, end, guards)
         at_target = carry.bracket.on & (end == carry.bracket.target)
         zero = jnp.where(at_target & ~rejected, carry.bracket.which, NONE)
         step = GuardedStep(

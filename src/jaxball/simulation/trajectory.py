@@ -17,14 +17,14 @@ from .. import programs
 from ..interface.html import as_html, sketch_of
 from ..interface.printing import Printed
 from ..interface.status import SUCCESSES, SolveError, Status
-from ..interface.wording import counted
+from ..interface.wording import number_of
 from ..numerics.arrays import Numbers, is_traced, to_array
 from ..numerics.kinks import seen_from_before
 from ..physics.body import AbstractBody, System
 from ..physics.conditions import Problem
 from ..physics.contact.body_on_plane import ContactHistory
 from ..physics.hybrid import NO_HISTORY, AbstractHistory, NoHistory, Switches
-from ..physics.observables import Observables, movement, observed
+from ..physics.observables import Observables, compute_observables, movement
 from ..physics.packing import Packing
 from ..physics.rolling import AbstractRollingSystem, Reaction
 from ..physics.state import BallState, DiskState, ReducedState, State
@@ -132,8 +132,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     # No field and so no part of the pytree: what a transformation returns need not be of the scenario.
     scenario: ClassVar["Scenario | None"] = None
 
-    def made_by(self, scenario: "Scenario") -> "Trajectory[AnySystem, AnyState]":
-        """This trajectory, now recorded as the run of ``scenario``."""
+    def set_scenario(self, scenario: "Scenario") -> "Trajectory[AnySystem, AnyState]":
+        """Records this trajectory as the run of ``scenario``."""
         object.__setattr__(self, "scenario", scenario)
         return self
 
@@ -221,7 +221,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         one of another system, which may have ``laws``.
         """
         body = self._body("The observables")
-        return self._evaluated(_observe_all, *self.history.as_solved(body, self.state))
+        return self._evaluate(_observe_all, *self.history.as_solved(body, self.state))
 
     def measured(self, sensors: "Mapping[str, AbstractSensor]", key: Any = None) -> dict[str, Array]:
         """The readings of sensors at every saved time, by name; NaN at times that the solve did not reach.
@@ -244,7 +244,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         body = self._body("The sensors")
         require_sensors(sensors, body)
         system, states = self.history.as_solved(body, self.state)
-        found = self._evaluated(functools.partial(_measure_all, dict(sensors)), system, states)
+        found = self._evaluate(functools.partial(_measure_all, dict(sensors)), system, states)
         exact = {name: found[name] for name in sensors}  # in their order, which JAX does not keep
         errors = {name: sensor.errors for name, sensor in sensors.items()}
         return with_errors(errors, jnp.asarray(self.times), exact, key)
@@ -262,7 +262,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
                 "The reaction of the plane is that of a system that always rolls on it, but this trajectory is of a "
                 f"{type(self.system).__name__}, which {which}."
             )
-        return self._evaluated(_react_all, self.system, self.state)
+        return self._evaluate(_react_all, self.system, self.state)
 
     @property
     def laws(self) -> Any:
@@ -278,7 +278,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
                 f"Only other systems have `laws`, but this trajectory is of a {type(self.system).__name__}; "
                 "the modules jaxball.physics.integrals and jaxball.physics.momentum have its integrals."
             )
-        return self._evaluated(_laws_of_all, self.system, self.state)
+        return self._evaluate(_laws_of_all, self.system, self.state)
 
     @property
     def multipliers(self) -> Float[Array, "*batch T m"]:
@@ -291,7 +291,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
                 "The multipliers are those of a LagrangianSystem of jaxball.classical, but this trajectory is of a "
                 f"{type(self.system).__name__}."
             )
-        return self._evaluated(_multiply_all, self.system, self.state)
+        return self._evaluate(_multiply_all, self.system, self.state)
 
     def _require_one(self, what: str, remedy: str = "the array `status` says how each run ended") -> None:
         """**Raises:** ``ValueError`` for a batch of trajectories."""
@@ -299,8 +299,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
             shape = np.shape(self.status)
             raise ValueError(f"{what} is for one trajectory, but this is a batch of shape {shape}; {remedy}.")
 
-    def _evaluated(self, function: Callable[..., Any], system: Any, states: Any) -> Any:
-        """``function`` of a system, the times, its states and the time of its end; for each run of a batch."""
+    def _evaluate(self, function: Callable[..., Any], system: Any, states: Any) -> Any:
+        """Evaluates ``function`` of a system, the times, its states and its end, for each run of a batch."""
         arguments = system, jnp.asarray(self.times), states, jnp.asarray(self.reached)
         for _ in range(np.ndim(self.status)):
             function = eqx.filter_vmap(function)
@@ -384,16 +384,16 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
 
     def __repr__(self) -> str:
         if is_traced(self.status):
-            return f"Trajectory of a {self.system.described()}, traced, with {self.times.shape[-1]} times"
+            return f"Trajectory of a {self.system.describe()}, traced, with {self.times.shape[-1]} times"
         if np.ndim(self.status):
             return self._of_many()
         lines = [
-            f"Trajectory of a {self.system.described()}",
-            f"  {counted(self.times.size, 'time')} from {float(self.times[0]):g} to {float(self.times[-1]):g}",
+            f"Trajectory of a {self.system.describe()}",
+            f"  {number_of(self.times.size, 'time')} from {float(self.times[0]):g} to {float(self.times[-1]):g}",
         ]
         if int(self.status) == Status.IMPOSSIBLE:
             return "\n".join([*lines, f"  {self.message}"])
-        steps = f"  {counted(int(self.steps), 'step')}, {int(self.rejected)} of them rejected"
+        steps = f"  {number_of(int(self.steps), 'step')}, {int(self.rejected)} of them rejected"
         lines += [steps, f"  {self.message}"]
         if isinstance(self.state, BallState | DiskState):
             z = np.atleast_1d(np.asarray(self.state.z)[-1])
@@ -413,7 +413,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         ends = ", ".join(f"{count} {Status(int(s)).name}" for s, count in zip(statuses, counts, strict=True))
         steps = np.asarray(self.steps)
         return (
-            f"Trajectories of a {self.system.described()}, a batch of shape {np.shape(self.status)}\n"
+            f"Trajectories of a {self.system.describe()}, a batch of shape {np.shape(self.status)}\n"
             f"  {self.times.shape[-1]} times from {np.min(self.times):g} to {np.max(self.times):g}\n"
             f"  {np.min(steps)} to {np.max(steps)} steps\n"
             f"  how they ended: {ends}"
@@ -436,20 +436,20 @@ def _outline() -> Any:
 
 @programs.filter_jit
 def _observe_all(system, times, state, reached) -> Observables:
-    def seen(system, t, x):
-        return observed(system.shown, t, movement(system, t, x))
+    def observe_at(system, t, x):
+        return compute_observables(system.shown, t, movement(system, t, x))
 
-    return _at_each(seen, system, times, state, reached)
+    return _at_each(observe_at, system, times, state, reached)
 
 
 @programs.filter_jit
 def _measure_all(sensors, system, times, states, reached) -> dict[str, Array]:
-    def measured(system, t, x):
+    def read_sensors(system, t, x):
         moves = movement(system, t, x)
         known = jnp.all(jnp.isfinite(moves.state.Omega))
         return {name: jnp.where(known, one.reading(system.shown, t, moves), jnp.nan) for name, one in sensors.items()}
 
-    return _at_each(measured, system, times, states, reached)
+    return _at_each(read_sensors, system, times, states, reached)
 
 
 @programs.filter_jit

@@ -10,9 +10,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics.arrays import select_tree
 from .base import RESULTS, FlatProblem, at_limit, flat_problem
-from .differences import Points, error_constants, folded, sums, unfolded
+from .differences import Points, error_constants, fold, sums, unfold
 from .interpolation import AdamsPolynomial
-from .multistep import EQUAL, AbstractMultistep, AdamsController, Plan, checked_order
+from .multistep import EQUAL, AbstractMultistep, AdamsController, Plan, check_order
 from .stages import FROM_CONTROLLER
 
 # The target error of a step, relative to the tolerance. With STEP's own 0.5 a run takes 7 % fewer evaluations and has
@@ -53,7 +53,7 @@ def plan(
     error = jnp.where(falls, lower, jnp.where(rises, higher, here))
     doubled = rising | (error * (1 << (new + 1)).astype(error.dtype) <= TARGET)
 
-    def shortened() -> tuple[Float[Array, ""], Float[Array, ""]]:
+    def shorten() -> tuple[Float[Array, ""], Float[Array, ""]]:
         kept = jnp.where(error <= TARGET, 1.0, jnp.clip(_ratio(error, new), 0.5, 0.9))
         shrink = jnp.clip(_ratio(here, k), MOST_SHRUNK, 0.5)
         return kept, jnp.where(jnp.isfinite(here), shrink, 0.1)
@@ -61,7 +61,7 @@ def plan(
     # Most steps are accepted and followed by one as long or twice as long, and powers cost as much as the rest.
     unchanged = (size <= 1) & (doubled | (error <= TARGET))
     same = jnp.ones_like(error), jnp.full_like(error, 0.5)
-    kept, shrink = jax.lax.cond(unchanged, lambda: same, shortened)
+    kept, shrink = jax.lax.cond(unchanged, lambda: same, shorten)
     return Plan(new, jnp.where(doubled, 2.0, kept), shrink), rising
 
 
@@ -150,7 +150,7 @@ class Adams(AbstractMultistep):
     root_finder: Any  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def __init__(self, max_order: int = HIGHEST_ADAMS):
-        self.max_order = checked_order(max_order, HIGHEST_ADAMS)
+        self.max_order = check_order(max_order, HIGHEST_ADAMS)
         self.root_finder = PredictorCorrector()  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def order(self, terms) -> int:
@@ -160,7 +160,7 @@ class Adams(AbstractMultistep):
     def init(self, terms, t0: Any, t1: Any, y0, args) -> AdamsState:
         x0, _ = ravel_pytree(y0)
         return AdamsState(
-            differences=folded(jnp.zeros((self.max_order + 1, x0.size), x0.dtype)),
+            differences=fold(jnp.zeros((self.max_order + 1, x0.size), x0.dtype)),
             past=jnp.zeros(self.max_order + 1, jnp.result_type(t0)),
             order=jnp.asarray(0),
             equal=jnp.asarray(0),
@@ -172,25 +172,25 @@ class Adams(AbstractMultistep):
         problem = flat_problem(terms, t0, t1, y0, args)
         problem.refuse_mass(self)
         first = (solver_state.order == 0) | made_jump
-        state = _begun(solver_state, first, t1 - t0)
+        state = _begin(solver_state, first, t1 - t0)
         points = Points(state.past, t1 - t0)
-        attempt = _attempted(problem, (t0, t1), state, points, first)
+        attempt = _attempt(problem, (t0, t1), state, points, first)
         size, sizes = self._errors(problem, state, points, attempt)
         # What is not finite in one difference is not finite in the last.
         finite = jnp.all(jnp.isfinite(attempt.x1)) & jnp.all(jnp.isfinite(attempt.differences[..., -1]))
         size = jnp.where(finite, size, jnp.where(at_limit(t0, t1), 0.0, jnp.inf))
         result = RESULTS.where(finite, RESULTS.successful, RESULTS.nonfinite)
         after, following = _after(state, points, attempt, first, (size, sizes))
-        terms = jax.vmap(problem.unravel)(unfolded(attempt.terms, problem.x0.size))
+        terms = jax.vmap(problem.unravel)(unfold(attempt.terms, problem.x0.size))
         dense = {"y0": y0, "terms": terms, "past": state.past}
-        return problem.unravel(attempt.x1), self.planned(size, following), dense, after, result
+        return problem.unravel(attempt.x1), self.plan_error(size, following), dense, after, result
 
     def _errors(
         self, problem: FlatProblem, state: AdamsState, points: Points, attempt: "Attempt"
     ) -> tuple[Float[Array, ""], Float[Array, "4"]]:
         """The error of the step, and those of four orders had all steps been as long, in units of the tolerance."""
         points = jax.lax.stop_gradient(points)
-        sizes = self.sizes(problem, attempt.x1, unfolded(attempt.corrections, problem.x0.size))
+        sizes = self.sizes(problem, attempt.x1, unfold(attempt.corrections, problem.x0.size))
         sizes, again = sizes[:-1], sizes[-1]
         g, evenness = (a.astype(sizes.dtype) for a in (points.integrals(), points.evenness()))
         _, below, here, _ = _around(state.order, g)
@@ -217,8 +217,8 @@ class Attempt(NamedTuple):
     differences: Float[Array, "lanes columns rows"]
 
 
-def _begun(state: AdamsState, first: Bool[Array, ""], h: Float[Array, ""]) -> AdamsState:
-    """The state, or on the first step an empty one; its points are arbitrary."""
+def _begin(state: AdamsState, first: Bool[Array, ""], h: Float[Array, ""]) -> AdamsState:
+    """Begins with the state, or on the first step with an empty one, whose points are arbitrary."""
     rows = state.past.size
     fresh = AdamsState(
         differences=jnp.zeros_like(state.differences),
@@ -230,14 +230,14 @@ def _begun(state: AdamsState, first: Bool[Array, ""], h: Float[Array, ""]) -> Ad
     return select_tree(first, fresh, state)
 
 
-def _attempted(
+def _attempt(
     problem: FlatProblem,
     times: tuple[Float[Array, ""], Float[Array, ""]],
     state: AdamsState,
     points: Points,
     first: Bool[Array, ""],
 ) -> Attempt:
-    """A step: predicted, evaluated, corrected and evaluated again.
+    """Attempts a step: predicted, evaluated, corrected and evaluated again.
 
     In a first step the slope at its start replaces the last evaluation, and the one before is the last.
     """
@@ -250,19 +250,19 @@ def _attempted(
     predicted = x0 + h * _flat(jnp.sum(jnp.where(rows < k, g, 0.0)[None, None] * starred, axis=-1), x0)
     extrapolated, correction = _flat(extrapolations[2], x0), h * _around(k, g)[2]
 
-    def evaluated(at, _):
+    def evaluate(at, _):
         slope = problem.field(*at)
         x = jnp.where(first, x0 + h * slope, predicted + correction * (slope - extrapolated))
         return (times[1], x), (x, slope)
 
     start = jnp.where(first, times[0], times[1]), jnp.where(first, x0, predicted)
-    _, (states, (one, last)) = jax.lax.scan(evaluated, start, length=2)
+    _, (states, (one, last)) = jax.lax.scan(evaluate, start, length=2)
     change = correction * (last - one)
     x1 = states[0] + jnp.where(first, change, 0.0)
     again = jnp.where(first, 0.0, change)
     # In a first step all differences are zero, except the slope at the start, which is known only now.
     columns = jnp.stack([jnp.where(first, one, 0.0), jnp.where(first, last, one), last, again])
-    begun, slope, last, again = jnp.moveaxis(folded(columns), -1, 0)
+    begun, slope, last, again = jnp.moveaxis(fold(columns), -1, 0)
     known = known + jnp.where((rows > 0)[None, None], begun[..., None], 0.0)
     corrections = [
         h * (slope - jnp.where(k + i > 0, begun, 0.0) - before) for i, before in zip(RANGE, extrapolations, strict=True)
@@ -274,7 +274,7 @@ def _attempted(
 
 
 def _flat(fold: Float[Array, "lanes columns"], like: Float[Array, " n"]) -> Float[Array, " n"]:
-    return unfolded(fold[..., None], like.size)[0]
+    return unfold(fold[..., None], like.size)[0]
 
 
 def _around(order: Int[Array, ""], rows: Float[Array, "*n rows"]) -> list[Float[Array, "*n"]]:
@@ -299,7 +299,7 @@ def _after(
     # was cut.
     rising = state.rising & (first | (h > 1.9 * spacing))
     following, rising = plan(*errors, state.order, equal, rising, state.past.size - 1)
-    moved = AdamsState(attempt.differences, points.advanced(), following.order, equal, rising)
+    moved = AdamsState(attempt.differences, points.advance(), following.order, equal, rising)
     # Differences of two points so close to each other would be rounding errors only, so the end is not added.
     stayed = state._replace(past=state.past + h)
     tiny = ~first & (h < SHORT_ADAMS_STEP * spacing) & (state.past[0] == 0)

@@ -56,31 +56,31 @@ def ascending(s: Float[Array, "..."], rows: int) -> Float[Array, "rows ..."]:
     return products((s[None] + j - 1) / j)
 
 
-def resampled(
+def resample(
     differences: Float[Array, "rows n"], ratio: Float[Array, ""], shift: Float[Array, ""] | float = 0.0
 ) -> Float[Array, "rows n"]:
-    """The differences of the polynomial at t_n + ``shift`` H for points at the distance ``ratio`` H.
+    """Computes the differences of the polynomial at t_n + ``shift`` H for points at the distance ``ratio`` H.
 
     The polynomial is of the degree of the last row that is not zero. As U and R in Shampine & Reichelt, section 2.
     """
     rows = len(differences)
     points = shift - ratio * jnp.arange(rows, dtype=ratio.dtype)
-    R, U = ascending(points, rows), jnp.asarray(_signed_binomials(rows), ratio.dtype)
+    R, U = ascending(points, rows), jnp.asarray(_binomials_with_signs(rows), ratio.dtype)
     weights = jnp.sum(R[:, :, None] * U[None], axis=1).astype(differences.dtype)
     return jnp.sum(weights[:, :, None] * differences[:, None, :], axis=0)
 
 
-def stretched(differences: Float[Array, "rows n"], by: Float[Array, ""]) -> Float[Array, "rows n"]:
-    """:func:`resampled` at the distance (1 + ``by``) H to first order, with its derivative, and much cheaper."""
+def stretch(differences: Float[Array, "rows n"], by: Float[Array, ""]) -> Float[Array, "rows n"]:
+    """Does as :func:`resample` at the distance (1 + ``by``) H to first order, with its derivative, and much cheaper."""
     slopes = jnp.asarray(_rates_of_stretching(len(differences)), differences.dtype)
     change = jnp.sum(slopes[:, :, None] * differences[:, None, :], axis=0)
     return differences + by.astype(differences.dtype) * change
 
 
-def advanced(
+def advance(
     differences: Float[Array, "rows n"], change: Float[Array, " n"], order: Int[Array, ""]
 ) -> Float[Array, "rows n"]:
-    """The differences at the end of a step, where the state differs by ``change`` from their prediction.
+    """Computes the differences at the end of a step, where the state differs by ``change`` from their prediction.
 
     They are zero above the order of the step. ``change`` is the difference of the order after that.
     """
@@ -92,7 +92,7 @@ def advanced(
 
 @functools.cache
 def _rates_of_stretching(rows: int) -> np.ndarray:
-    """The derivative of the weights in :func:`resampled` by the distance, where it is H.
+    """The derivative of the weights in :func:`resample` by the distance, where it is H.
 
     That of s (s + 1) ⋯ (s + i − 1)/i! at s = −m is, with the factor 0 left out where there is one, of products.
     """
@@ -102,9 +102,9 @@ def _rates_of_stretching(rows: int) -> np.ndarray:
             factors = np.arange(i) - m
             slope = sum(np.prod(np.delete(factors, left)) for left in range(i)) / math.factorial(i)
             rates[i, m] = -m * slope
-    return rates @ _signed_binomials(rows)
+    return rates @ _binomials_with_signs(rows)
 
 
-def _signed_binomials(rows: int) -> np.ndarray:
-    """(−1)ᵐ (j over m), the weight of the value at point m in the difference j."""
+def _binomials_with_signs(rows: int) -> np.ndarray:
+    """Computes (−1)ᵐ (j over m), the weight of the value at point m in the difference j."""
     return np.array([[(-1.0) ** m * math.comb(j, m) for j in range(rows)] for m in range(rows)])

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from .mass import Mass, mass_term, unwrapped
+from .mass import Mass, mass_term, unwrap
 from .stages import AbstractStageIteration, StageEquations, Stages
 from .tableau import Tableau
 
@@ -70,7 +70,7 @@ def flat_problem(
     state that is not real.
     """
     x0, unravel = ravel_pytree(y0)
-    term = unwrapped(terms)
+    term = unwrap(terms)
     if isinstance(term, (diffrax.ControlTerm, diffrax.MultiTerm)):
         raise TypeError(
             "Argument `terms` must be an ordinary differential equation for a solver of jaxball.solvers, an ODETerm or "
@@ -89,7 +89,7 @@ def flat_problem(
         # diffrax runs time backwards by changing its sign.
         direction = getattr(terms, "direction", 1)
         g, mass = mass_problem.at_step(t0 * direction, y0, args)
-        field = functools.partial(_reflected, g, direction)
+        field = functools.partial(_reflect, g, direction)
 
     def flat(t, x):
         return ravel_pytree(field(t, unravel(x), args))[0].astype(x.dtype)
@@ -99,7 +99,7 @@ def flat_problem(
     return FlatProblem(flat, Slope(flat, control), x0, unravel, control, mass)
 
 
-def _reflected(g, direction, t, y, args):
+def _reflect(g, direction, t, y, args):
     return g(t * direction, y, args)
 
 

@@ -48,7 +48,7 @@ class EmbeddedError(AbstractErrorEstimate):
         f0 = equations.slope(equations.t0, equations.x0) if stages.f0 is None else stages.f0
         at_start = (-1.0) ** np.arange(len(coefficients))
         defect = f0 - equations.mass_times(combine(at_start[None], coefficients))[0]
-        return smoothed(equations, stages, defect / float(equations.tableau.eigenvalues[0].real))
+        return smooth(equations, stages, defect / float(equations.tableau.eigenvalues[0].real))
 
 
 class TailError(AbstractErrorEstimate):
@@ -88,8 +88,8 @@ def _tail(coefficients: Float[Array, "s n"]) -> Float[Array, " n"]:
     return jnp.max(jnp.abs(coefficients[-2:]), axis=0)
 
 
-def smoothed(equations: StageEquations, stages: Stages, error: Float[Array, " n"]) -> Float[Array, " n"]:
-    """``error`` with its stiff components damped, γ (γM − h∂g/∂x)⁻¹ times it, where the iteration has the matrix.
+def smooth(equations: StageEquations, stages: Stages, error: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Damps the stiff components of ``error``, as γ (γM − h∂g/∂x)⁻¹ does, where the iteration has the matrix.
 
     The result must not be differentiated: it is only for choosing steps.
     """
@@ -148,8 +148,8 @@ class AbstractCollocation(AbstractStageSolver):
             slope = solver_state.slope * (problem.control / solver_state.control).astype(x0.dtype)
             f0 = slope if mass is None else mass.times(slope[None])[0]
         equations = problem.equations(tableau, t0, times, x0, f0=f0)
-        guess = jnp.where(made_jump, 0.0, _predicted(tableau, solver_state, problem.control))
-        stages = self.root_finder.solve(equations, guess, solver_state.memory.forgotten(made_jump))
+        guess = jnp.where(made_jump, 0.0, _predict(tableau, solver_state, problem.control))
+        stages = self.root_finder.solve(equations, guess, solver_state.memory.forget(made_jump))
         coefficients = combine(tableau.expansion, stages.K)
         increment = stages.Z[-1] if tableau.c[-1] == 1 else coefficients[0]
         error = jax.lax.stop_gradient(self.error.estimate(equations, stages, coefficients))
@@ -171,8 +171,8 @@ def fills_vectors(solver: diffrax.AbstractSolver) -> bool:
     return isinstance(solver, AbstractCollocation) and isinstance(solver.root_finder, SimplifiedNewton)
 
 
-def _predicted(tableau: Tableau, state: CollocationState, control: Float[Array, ""]) -> Float[Array, "s n"]:
-    """The slopes at the nodes, by extrapolating the polynomial of the last step.
+def _predict(tableau: Tableau, state: CollocationState, control: Float[Array, ""]) -> Float[Array, "s n"]:
+    """Predicts the slopes at the nodes, by extrapolating the polynomial of the last step.
 
     Beyond its step P̃ₖ grows, the faster the higher k, so the last coefficients may be meaningless: terms are used as
     long as they decrease.

@@ -111,7 +111,7 @@ def solve_algebraic(g: Callable, mass: Mass, x0: Float[Array, " n"], needed: Boo
     """
     eps = jnp.finfo(x0.dtype).eps
 
-    def unfinished(at: Solved):
+    def is_unfinished(at: Solved):
         return ~at.converged & at.index_one & (at.passes < MOST_NEWTON_STEPS)
 
     def improve(at: Solved) -> Solved:
@@ -121,7 +121,7 @@ def solve_algebraic(g: Callable, mass: Mass, x0: Float[Array, " n"], needed: Boo
         return Solved(at.x + change, lacking, small & index_one, index_one, at.passes + 1)
 
     start = Solved(x0, jnp.zeros_like(x0), ~jnp.asarray(needed), jnp.asarray(True), jnp.asarray(0))
-    return jax.lax.while_loop(unfinished, improve, start)
+    return jax.lax.while_loop(is_unfinished, improve, start)
 
 
 def _correction(g: Callable, mass: Mass, x: Float[Array, " n"]) -> tuple[Float[Array, " n"], Bool[Array, ""]]:

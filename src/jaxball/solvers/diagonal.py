@@ -11,7 +11,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
 from .base import NO_FAULT, UNKNOWN, AbstractStageSolver, FlatProblem, flat_problem, outcome
-from .collocation import smoothed
+from .collocation import smooth
 from .consistency import start_of_step
 from .interpolation import CubicHermite
 from .mass import mass_term
@@ -58,10 +58,10 @@ class AbstractDiagonallyImplicit(AbstractStageSolver):
     root_finder: AbstractStageIteration = SimplifiedNewton()
 
     @abc.abstractmethod
-    def estimated_error(
+    def estimate_error(
         self, K: Float[Array, "s_plus_one n"], h: Float[Array, ""], before: StepBefore
     ) -> Float[Array, " n"]:
-        """The error of a step of length h, from ẋ at all stages in units of 1/h and the step before."""
+        """Estimates the error of a step of length h, from ẋ at all stages in units of 1/h and the step before."""
 
     def order(self, terms) -> int:
         return 2
@@ -92,13 +92,13 @@ class AbstractDiagonallyImplicit(AbstractStageSolver):
         if problem.mass is not None:
             # `equations` take slopes times M, and have no use for those of algebraic variables.
             guess = combine(self.tableau.A_inverse, combine(self.tableau.A, guess) + from_first - known)
-        stages = self.root_finder.solve(equations, guess, before.memory.forgotten(made_jump))
+        stages = self.root_finder.solve(equations, guess, before.memory.forget(made_jump))
         k0, K, form = _slopes(problem, stages, k0, combine(self.tableau.A_inverse, stages.Z - from_first), before)
-        error = self.estimated_error(jnp.concatenate([k0[None], K]), h, before)
+        error = self.estimate_error(jnp.concatenate([k0[None], K]), h, before)
         if problem.mass is None:
-            error = smoothed(equations, stages, error)
+            error = smooth(equations, stages, error)
         else:
-            error = smoothed(equations, stages, problem.mass.times(error[None])[0])
+            error = smooth(equations, stages, problem.mass.times(error[None])[0])
             error = problem.mass.without_algebraic(error)
         y_error, result = outcome(stages, error, t0, t1, fault)
         y1, k1 = unravel(x0 + stages.Z[-1]), K[-1]
@@ -119,11 +119,11 @@ def _first_slope(problem: FlatProblem, before: StepBefore, t0: Float[Array, ""],
     if mass is not None and before.form is not None:
         known = known & jnp.all(mass.matrix == before.form.mass)
 
-    def evaluated():
+    def evaluate():
         slope = problem.slope(t0, problem.x0)
         return slope if mass is None else mass.rates(slope)
 
-    return jax.lax.cond(known, lambda: h * before.f_end, evaluated)
+    return jax.lax.cond(known, lambda: h * before.f_end, evaluate)
 
 
 def _slopes(
@@ -140,11 +140,11 @@ def _slopes(
     change = stages.Z[-1]
     bend = jnp.where(before.known, (change - h * before.form.secant) * h / (h + before.length), 0.0)
 
-    def completed(k, estimate):
+    def complete(k, estimate):
         return mass.without_algebraic(k) + estimate - mass.without_algebraic(estimate)
 
-    K = jax.vmap(lambda k: completed(k, change + bend))(K)
-    return completed(k0, change - bend), K, Form(mass.matrix, change / h, before.form.fault)
+    K = jax.vmap(lambda k: complete(k, change + bend))(K)
+    return complete(k0, change - bend), K, Form(mass.matrix, change / h, before.form.fault)
 
 
 def diagonally_implicit(c: list[float], A: list[list[float]]) -> Tableau:
@@ -185,7 +185,7 @@ class Trapezoidal(AbstractDiagonallyImplicit):
     tableau: ClassVar[Tableau] = diagonally_implicit([1.0], [[0.5]])
     first: ClassVar[np.ndarray] = np.array([[0.5]])
 
-    def estimated_error(self, K, h, before):
+    def estimate_error(self, K, h, before):
         k0, k1 = K
         # h³/12 times the second derivative of f, from f at three times; k₀ = h f₀, k₁ = h f₁.
         second = k1 - k0 - (k0 - h * before.f_start) * h / before.length
@@ -213,5 +213,5 @@ class TRBDF2(AbstractDiagonallyImplicit):
     tableau: ClassVar[Tableau] = diagonally_implicit([TR_BDF2_GAMMA, 1.0], [[D, 0.0], [W, D]])
     first: ClassVar[np.ndarray] = np.array([[D], [W]])
 
-    def estimated_error(self, K, h, before):
+    def estimate_error(self, K, h, before):
         return combine(ERROR_WEIGHTS, K)[0]

@@ -66,8 +66,8 @@ class Points(NamedTuple):
         """h/(t − t_{n−i})."""
         return self.h / (self.h + self.past[:-1])
 
-    def advanced(self) -> Float[Array, " rows"]:
-        """``past`` of the next step."""
+    def advance(self) -> Float[Array, " rows"]:
+        """Computes ``past`` of the next step."""
         return jnp.concatenate([jnp.zeros_like(self.past[:1]), self.h + self.past[:-1]])
 
 
@@ -87,8 +87,8 @@ def _before_each(combined: Callable[[Array, Array], Array], items: Sequence[Arra
     return [first, *itertools.accumulate(items, combined)]
 
 
-def folded(rows: Float[Array, "rows n"]) -> Float[Array, "lanes columns rows"]:
-    """Rows of n components with a first axis of eight, along which the native compiler computes in vectors.
+def fold(rows: Float[Array, "rows n"]) -> Float[Array, "lanes columns rows"]:
+    """Folds rows of n components to a first axis of eight, along which the native compiler computes in vectors.
 
     They end with zeros where n is no multiple of eight. One or two components stay as they are.
     """
@@ -99,8 +99,8 @@ def folded(rows: Float[Array, "rows n"]) -> Float[Array, "lanes columns rows"]:
     return jnp.transpose(padded.reshape(len(rows), columns, lanes), (2, 1, 0))
 
 
-def unfolded(folds: Float[Array, "lanes columns rows"], n: int) -> Float[Array, "rows n"]:
-    """The rows of n components that were :func:`folded`."""
+def unfold(folds: Float[Array, "lanes columns rows"], n: int) -> Float[Array, "rows n"]:
+    """Restores the rows of n components from what :func:`fold` returned."""
     return jnp.transpose(folds, (2, 1, 0)).reshape(folds.shape[2], folds.shape[0] * folds.shape[1])[:, :n]
 
 

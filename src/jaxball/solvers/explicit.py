@@ -65,7 +65,7 @@ class StagesPulledBack(AbstractWrappingSolver):
             stages = _Stages(self.solver.tableau, *begun, k, of_t0 or of_t1, of_args)
             # Of a rejected step cotangents are 0, and its stages may not be finite: 0 times those is not 0.
             counts = functools.reduce(jnp.logical_or, (jnp.any(x != 0) for x in cotangents if x is not None), False)
-            found = jax.tree.map(lambda x: jnp.where(counts, x, jnp.zeros_like(x)), stages.pulled(*cotangents))
+            found = jax.tree.map(lambda x: jnp.where(counts, x, jnp.zeros_like(x)), stages.pull_back(*cotangents))
             return jax.tree.map(lambda _: None, arrays), *found, None
 
         y1, error, k, *last = self.carry_out(step, pull, (arrays, t0, t1, y0, args, slope, fresh))
@@ -97,8 +97,8 @@ class _Stages(NamedTuple):
     timed: bool
     of_args: Any
 
-    def pulled(self, y1: Any, error: Any, k: Any, last: Any = None) -> tuple[Any, ...]:
-        """The cotangents of t0, t1, y0, args and slope, from those of the results of a step."""
+    def pull_back(self, y1: Any, error: Any, k: Any, last: Any = None) -> tuple[Any, ...]:
+        """Computes the cotangents of t0, t1, y0, args and slope, from those of the results of a step."""
         of_k, of_y, of_last = or_zeros(k, self.k), or_zeros(y1, self.y0), or_zeros(last, self.y0)
         for weights, cotangent in ((self.tableau.b_sol, y1), (self.tableau.b_error, error)):
             if cotangent is not None:
@@ -110,7 +110,7 @@ class _Stages(NamedTuple):
         def back(turn: Array, at: tuple[Array, Array, list[Array]]) -> tuple[Array, Array, list[Array]]:
             i, (of_k, of_y, summed) = count - 1 - turn, at
             cotangents = jnp.where(i == count - 1, of_last, 0.0), of_k[i]
-            of_stage, new = self.pulled_from(matrix[i], nodes[i], control, cotangents)
+            of_stage, new = self.pull_back_stage(matrix[i], nodes[i], control, cotangents)
             return of_k + matrix[i][:, None] * of_stage[None], of_y + of_stage, add_arrays(summed, new)
 
         start = of_k, of_y, [jnp.zeros_like(x) for x in [*times, *chosen(jax.tree.leaves(self.args), self.which)]]
@@ -138,8 +138,8 @@ class _Stages(NamedTuple):
         nodes = np.append(0.0 if self.tableau.c1 is None else self.tableau.c1, self.tableau.c)
         return jnp.asarray(matrix, self.k.dtype), jnp.asarray(nodes, self.t0.dtype)
 
-    def pulled_from(self, row: Array, node: Array, control: Any, cotangents: Any) -> tuple[Array, list[Array]]:
-        """The cotangents of the state at a stage; those of its time, times its node, of the control, of args."""
+    def pull_back_stage(self, row: Array, node: Array, control: Any, cotangents: Any) -> tuple[Array, list[Array]]:
+        """Computes cotangents of the state at a stage; those of its time, times its node, of the control, of args."""
         leaves, structure = jax.tree.flatten(self.args)
         y = self.y0 + jnp.sum(row[:, None] * self.k, axis=0)
         t = jnp.where(node == 1, self.t1, self.t0 + node * (self.t1 - self.t0))

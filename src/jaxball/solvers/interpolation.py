@@ -71,7 +71,7 @@ class AdamsPolynomial(_Polynomial):
 
     def at(self, theta):
         weights = Points(self.past, self._width).integrals(theta)
-        return jax.tree.map(lambda y, terms: y + _weighted(weights, terms), self.y0, self.terms)
+        return jax.tree.map(lambda y, terms: y + _weigh(weights, terms), self.y0, self.terms)
 
 
 class BackwardPolynomial(_Polynomial):
@@ -84,14 +84,14 @@ class BackwardPolynomial(_Polynomial):
 
     def at(self, theta):
         weights = ascending(theta - 1, _rows(self.terms) + 1)[1:].at[0].set(theta)
-        return jax.tree.map(lambda y, terms: y + _weighted(weights, terms), self.y0, self.terms)
+        return jax.tree.map(lambda y, terms: y + _weigh(weights, terms), self.y0, self.terms)
 
 
 def _rows(terms: PyTree[Array]) -> int:
     return len(jax.tree.leaves(terms)[0])
 
 
-def _weighted(weights: Float[Array, " rows"], terms: Float[Array, "rows *shape"]) -> Float[Array, "*shape"]:
+def _weigh(weights: Float[Array, " rows"], terms: Float[Array, "rows *shape"]) -> Float[Array, "*shape"]:
     return jnp.sum(weights.astype(terms.dtype).reshape(-1, *(1,) * (terms.ndim - 1)) * terms, axis=0)
 
 

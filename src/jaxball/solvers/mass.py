@@ -125,12 +125,12 @@ class SwitchingMassMatrixTerm(AbstractMassTerm):
 
 def mass_term(term: diffrax.AbstractTerm) -> AbstractMassTerm | None:
     """The term with a mass matrix that ``term`` is or wraps; None for an ordinary differential equation."""
-    inner = unwrapped(term)
+    inner = unwrap(term)
     return inner if isinstance(inner, AbstractMassTerm) else None
 
 
-def unwrapped(term: diffrax.AbstractTerm) -> diffrax.AbstractTerm:
-    """The term inside wrappers.
+def unwrap(term: diffrax.AbstractTerm) -> diffrax.AbstractTerm:
+    """Returns the term inside wrappers.
 
     diffrax wraps terms to give them a direction of time; other wrappers declare that they are ``transparent``.
     """

@@ -88,7 +88,7 @@ class AbstractMultistepController(diffrax.AbstractAdaptiveStepSizeController):
         # A run starts at order 1, whose error is of order 2.
         first = diffrax.PIDController(rtol=self.rtol, atol=self.atol, norm=self.norm)
         end, _ = first.init(terms, t0, t1, y0, dt0, args, func, 2)
-        length = self._bounded(end - t0)
+        length = self._bound(end - t0)
         return t0 + length, (length, jnp.asarray(False))
 
     def adapt_step_size(self, t0: Any, t1: Any, y0, y1_candidate, args, y_error, error_order, controller_state):
@@ -103,7 +103,7 @@ class AbstractMultistepController(diffrax.AbstractAdaptiveStepSizeController):
         h = jax.lax.stop_gradient(t1 - t0)
         length = h * jnp.where(keep, y_error.growth, y_error.shrink).astype(h.dtype)
         cut = keep & ~failed & (h < 0.99 * wanted)
-        length = self._bounded(jnp.where(cut, jnp.maximum(length, wanted), length))
+        length = self._bound(jnp.where(cut, jnp.maximum(length, wanted), length))
         result = diffrax.RESULTS.successful
         if self.dtmin is not None:
             short = ~keep & (length < self.dtmin)
@@ -111,7 +111,7 @@ class AbstractMultistepController(diffrax.AbstractAdaptiveStepSizeController):
         start = jnp.where(keep, t1, t0)
         return keep, start, start + length, False, (length, ~keep), result
 
-    def _bounded(self, length: Float[Array, ""]) -> Float[Array, ""]:
+    def _bound(self, length: Float[Array, ""]) -> Float[Array, ""]:
         return length if self.dtmax is None else jnp.minimum(length, jnp.asarray(self.dtmax, length.dtype))
 
 
@@ -226,8 +226,8 @@ class AbstractMultistep(diffrax.AbstractImplicitSolver, diffrax.AbstractAdaptive
                 "different one."
             )
 
-    def planned(self, size: Float[Array, ""], plan: Plan) -> PlannedError:
-        """What the controller is passed about a step with an error of this size."""
+    def plan_error(self, size: Float[Array, ""], plan: Plan) -> PlannedError:
+        """Returns what the controller is passed about a step with an error of this size."""
         return PlannedError(size, plan.growth, plan.shrink, self.controller_cls)
 
     def sizes(
@@ -243,8 +243,8 @@ class AbstractMultistep(diffrax.AbstractImplicitSolver, diffrax.AbstractAdaptive
         return jax.vmap(lambda row: norm(problem.unravel(row * weight)))(errors)
 
 
-def checked_order(max_order: int, highest: int) -> int:
-    """The highest order that a method may take.
+def check_order(max_order: int, highest: int) -> int:
+    """Checks the highest order that a method may take.
 
     **Raises:** ``ValueError`` for one that is not from 1 to ``highest``.
     """

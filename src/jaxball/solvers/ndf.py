@@ -14,11 +14,11 @@ from .backward_differences import (
     HIGHEST_BDF,
     KAPPAS,
     Kappa,
-    advanced,
+    advance,
     error_constants,
     leading,
-    resampled,
-    stretched,
+    resample,
+    stretch,
     up_to,
 )
 from .base import NO_FAULT, UNKNOWN, FlatProblem, Slope, flat_problem, outcome
@@ -27,7 +27,7 @@ from .diagonal import diagonally_implicit
 from .differences import products
 from .interpolation import BackwardPolynomial
 from .mass import mass_term
-from .multistep import EQUAL, AbstractMultistep, NDFController, Plan, checked_order
+from .multistep import EQUAL, AbstractMultistep, NDFController, Plan, check_order
 from .stages import FROM_CONTROLLER, AbstractStageIteration, Memory, SimplifiedNewton, Stages
 
 # The next step over the one that would have an error of 1, by the estimate.
@@ -59,7 +59,7 @@ def plan(errors: Float[Array, "3"], order: Int[Array, ""], equal: Int[Array, ""]
     stays = exists & (errors <= _error_of(LONGEST_SHRUNK, orders, highest, errors.dtype))
     changes = ready & (jnp.any(grows) | ~jnp.any(stays))
 
-    def changed() -> Plan:
+    def change() -> Plan:
         lengths = jnp.where(exists, CAUTION * _ratio(errors, orders), 0.0)
         longest, here = jnp.max(lengths), lengths[1]
         kept = jnp.where(ready | stays[1], 1.0, here)
@@ -70,7 +70,7 @@ def plan(errors: Float[Array, "3"], order: Int[Array, ""], equal: Int[Array, ""]
 
     # Most steps change nothing, and powers are a large part of the cost of a step with few equations.
     same = Plan(order, jnp.ones_like(errors[1]), jnp.ones_like(errors[1]))
-    return jax.lax.cond(changes | ~stays[1], changed, lambda: same)
+    return jax.lax.cond(changes | ~stays[1], change, lambda: same)
 
 
 def _error_of(growth: float, orders: Int[Array, "3"], highest: int, dtype: Any) -> Float[Array, "3"]:
@@ -176,7 +176,7 @@ class NDF(AbstractMultistep):
                 "Argument `root_finder` must have no tolerances and no norm of its own, because the order is chosen by "
                 "those of the step-size controller, but it has."
             )
-        self.max_order, self.kappa = checked_order(max_order, HIGHEST_BDF), kappa
+        self.max_order, self.kappa = check_order(max_order, HIGHEST_BDF), kappa
         self.root_finder = root_finder  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def order(self, terms) -> int:
@@ -202,23 +202,23 @@ class NDF(AbstractMultistep):
         if problem.mass is not None:
             x0, fault = start_of_step(problem, problem.mass, t0, self.root_finder, fault, made_jump)
             problem = problem._replace(x0=x0)
-        state = _begun(problem, t0, solver_state._replace(fault=fault), first)
+        state = _begin(problem, t0, solver_state._replace(fault=fault), first)
         before, beyond = _at_distance(state, problem.control / state.length)
-        stages = self._solved(problem, t1, before, state)
+        stages = self._solve(problem, t1, before, state)
         change = stages.Z[0]
-        after = advanced(before, change, state.order)
+        after = advance(before, change, state.order)
         # The differences of the orders k, k + 1 and k + 2 at the end of the step.
         last = jnp.stack([_at(before, state.order, before.dtype) + change, change, change - beyond[0]])
         sizes = self.sizes(problem, after[0], self._errors(problem, state.order, last))
         size, result = outcome(stages, sizes[1:2], t0, t1, NO_FAULT if fault is None else fault)
         moved, following = self._after(problem, state, stages, (after, last), sizes)
         dense = {"y0": problem.unravel(problem.x0), "terms": jax.vmap(problem.unravel)(after[1:])}
-        return problem.unravel(after[0]), self.planned(size[0], following), dense, moved, result
+        return problem.unravel(after[0]), self.plan_error(size[0], following), dense, moved, result
 
-    def _solved(
+    def _solve(
         self, problem: FlatProblem, t1: Float[Array, ""], before: Float[Array, "rows n"], state: NDFState
     ) -> Stages:
-        """The correction to the state that ``before`` predicts for the end of the step, as the only stage."""
+        """Solves for the correction to the state that ``before`` predicts for the step's end, as the only stage."""
         alpha = _at(leading(self.kappa), state.order, problem.x0.dtype)
         psi = jnp.sum(jnp.asarray(HARMONIC_SUMS[: len(before)], before.dtype)[:, None] * before, axis=0) / alpha
         mass_psi = (psi if problem.mass is None else problem.mass.times(psi[None])[0])[None]
@@ -252,7 +252,7 @@ class NDF(AbstractMultistep):
         # After a step much shorter than those before, rounding errors of its differences would grow with the next
         # steps. So the points stay on their old polynomial; the next step begins where this one ended.
         stays = ~state.stayed & (ratio < SHORT_NDF_STEP)
-        after, last = jax.lax.cond(stays, lambda: _kept(state, ratio), lambda: (after, last))
+        after, last = jax.lax.cond(stays, lambda: _differences_before(state, ratio), lambda: (after, last))
         changes = following.order != state.order
         differences, beyond = jax.lax.cond(
             changes, lambda: _of_order(following.order, state.order, after, last), lambda: (after, last[1:])
@@ -270,7 +270,7 @@ class NDF(AbstractMultistep):
         return new, following
 
 
-def _begun(problem: FlatProblem, t0: Float[Array, ""], state: NDFState, first: Bool[Array, ""]) -> NDFState:
+def _begin(problem: FlatProblem, t0: Float[Array, ""], state: NDFState, first: Bool[Array, ""]) -> NDFState:
     """The state with x₀ as its last point, which a projection may have moved; in a first step, only with its slope."""
 
     def slope():
@@ -289,7 +289,7 @@ def _begun(problem: FlatProblem, t0: Float[Array, ""], state: NDFState, first: B
         order=jnp.where(first, 1, state.order),
         equal=jnp.where(first, 0, state.equal),
         stayed=state.stayed & ~first,
-        memory=state.memory.forgotten(first),
+        memory=state.memory.forget(first),
     )
 
 
@@ -299,24 +299,24 @@ def _at_distance(state: NDFState, ratio: Float[Array, ""]) -> tuple[Float[Array,
 
     def equal():
         orders = (order + jnp.arange(1, 3)).astype(ratio.dtype)
-        return stretched(differences, ratio - 1), _scaled(beyond, 1 + orders * (ratio - 1))
+        return stretch(differences, ratio - 1), _scale(beyond, 1 + orders * (ratio - 1))
 
     def another():
         powers = products(jnp.broadcast_to(ratio, len(differences) + 1))
         scales = jnp.stack([_at(powers, order + i, ratio.dtype) for i in (1, 2)])
-        inside = jnp.where(up_to(order, len(differences)), resampled(differences, ratio), 0.0)
-        return inside, _scaled(beyond, scales)
+        inside = jnp.where(up_to(order, len(differences)), resample(differences, ratio), 0.0)
+        return inside, _scale(beyond, scales)
 
     return jax.lax.cond(jnp.abs(ratio - 1) < ROUNDING_OF_LENGTHS, equal, another)
 
 
-def _scaled(rows: Float[Array, "rows n"], scales: Float[Array, " rows"]) -> Float[Array, "rows n"]:
+def _scale(rows: Float[Array, "rows n"], scales: Float[Array, " rows"]) -> Float[Array, "rows n"]:
     return scales.astype(rows.dtype)[:, None] * rows
 
 
-def _kept(state: NDFState, ratio: Float[Array, ""]) -> tuple[Float[Array, "rows n"], Float[Array, "3 n"]]:
-    """The differences, and the last three, for the points of the step before, moved along their polynomial."""
-    moved = resampled(state.differences, jnp.ones_like(ratio), ratio)
+def _differences_before(state: NDFState, ratio: Float[Array, ""]) -> tuple[Float[Array, "rows n"], Float[Array, "3 n"]]:
+    """Moves the differences, and the last three, along their polynomial to the points of the step before."""
+    moved = resample(state.differences, jnp.ones_like(ratio), ratio)
     inside = jnp.where(up_to(state.order, len(moved)), moved, 0.0)
     here = _at(inside, state.order, inside.dtype)
     return inside, jnp.stack([here, jnp.zeros_like(here), jnp.zeros_like(here)])

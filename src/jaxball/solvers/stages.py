@@ -81,8 +81,8 @@ class Memory(eqx.Module):
     imaginary: Float[Array, "k n n"] | None = None
     control: Float[Array, ""] | None = None
 
-    def forgotten(self, when: Bool[Array, ""] | bool) -> "Memory":
-        """The memory after a jump."""
+    def forget(self, when: Bool[Array, ""] | bool) -> "Memory":
+        """Forgets what does not hold after a jump."""
         return eqx.tree_at(lambda m: m.rate, self, jnp.where(when, 1.0, self.rate))
 
 
@@ -279,7 +279,7 @@ class FixedPoint(AbstractStageIteration):
 
 
 def _series(linear, y: Float[Array, "s n"]) -> Float[Array, "s n"]:
-    def unfinished(carry):
+    def is_unfinished(carry):
         x, change, count = carry
         return (jnp.max(jnp.abs(change)) > jnp.finfo(y.dtype).eps * jnp.max(jnp.abs(x))) & (count < LONGEST_SERIES)
 
@@ -288,7 +288,7 @@ def _series(linear, y: Float[Array, "s n"]) -> Float[Array, "s n"]:
         change = y - linear(x)
         return x + change, change, count + 1
 
-    return jax.lax.while_loop(unfinished, add, (y, y, 0))[0]
+    return jax.lax.while_loop(is_unfinished, add, (y, y, 0))[0]
 
 
 class SimplifiedNewton(AbstractStageIteration):

@@ -14,7 +14,7 @@ from ..interface.arguments import require_callable, traceable
 from ..numerics.arrays import Numbers, to_array
 from ..physics.packing import phase_point
 from ..physics.system import AbstractState, AbstractSystem
-from ..simulation.arguments import checked_steps, checked_tolerances
+from ..simulation.arguments import check_steps, check_tolerances
 from .periodic import PERIODIC_TOLERANCE, equations_of, multipliers_of
 from .shooting import Search, Shot, shoot
 
@@ -78,10 +78,10 @@ def floquet_chart(
     """
     grid = grid_of(parameters)
     require_callable("make", make, "first", "second")
-    rtol, atol = map(to_array, checked_tolerances(rtol, atol))
+    rtol, atol = map(to_array, check_tolerances(rtol, atol))
     cells, start = grid.cells, to_array(t)
     forced, angles = _equations(make, cells, float(start))
-    search = Search(forced, angles, checked_steps(iterations), checked_steps(max_steps), start, rtol, atol)
+    search = Search(forced, angles, check_steps(iterations), check_steps(max_steps), start, rtol, atol)
     shots = grid.map(lambda cell: _solve(make, search, cell), chunk, workers, progress)
     system = make(*to_array(cells[0]))[0]
     growth, multiplier = np.full(len(cells), np.nan), np.full(len(cells), complex(np.nan))

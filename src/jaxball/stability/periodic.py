@@ -6,12 +6,12 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Complex, Float
 
 from .. import programs
-from ..interface.printing import Printed, shown
+from ..interface.printing import Printed, format_value
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..physics.packing import dimension, normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem
-from ..simulation.arguments import checked_steps, checked_tolerances
+from ..simulation.arguments import check_steps, check_tolerances
 from ..simulation.deviations import generic_vectors
 from .shooting import TURN, Search, Shot, countable, rates_at, returning, shoot
 from .steady import kind_of
@@ -56,7 +56,7 @@ class PeriodicMotion(Printed):
         multipliers = ", ".join(f"{value:.6g}" for value in self.multipliers)
         turns = f" and turns {self.turns}" if any(self.turns) else ""
         return (
-            f"Periodic motion of period {self.period:.8g}{turns} from {shown(self.state)}\n"
+            f"Periodic motion of period {self.period:.8g}{turns} from {format_value(self.state)}\n"
             f"  {self.message}\n  multipliers {multipliers}"
         )
 
@@ -124,13 +124,13 @@ def periodic_motion(
     ((1,), 'The motion is spectrally stable, a centre: its multipliers are all of size 1.')
     """
     state = phase_point(system, state)
-    rtol, atol = map(to_array, checked_tolerances(rtol, atol))
+    rtol, atol = map(to_array, check_tolerances(rtol, atol))
     length, start = float(to_numpy(period, "period")), float(to_numpy(t, "t"))
     if not (np.isfinite(length) and length > 0):
         raise ValueError(f"Argument `period` must be a positive time, but it is {length:g}.")
     forced, angles = equations_of(system, state, start, length)
     counts = None if turns is None else to_array(_counts(turns, state, angles))
-    search = Search(forced, angles, checked_steps(iterations), checked_steps(max_steps), to_array(start), rtol, atol)
+    search = Search(forced, angles, check_steps(iterations), check_steps(max_steps), to_array(start), rtol, atol)
     shot = _shoot(search, system, state, to_array(length), counts)
     return _motion(jax.tree.map(np.asarray, shot), system, search, turns is not None)
 

@@ -17,7 +17,7 @@ from ..physics.state import AbstractBodyState, BallState, DiskState
 from ..physics.system import AbstractState, AbstractSystem, vector_field
 from ..physics.validity import possible_start
 from ..simulation.arguments import DEFAULT_SOLVER
-from ..simulation.deviations import FIRST_STEP_SHARE, Flow, Steps, advanced
+from ..simulation.deviations import FIRST_STEP_SHARE, Flow, Steps, advance_deviations
 
 TURN = 2 * np.pi
 CLOSED_RESIDUAL = 100.0  # the residual, in units of the tolerance, up to which a motion counts as closed
@@ -119,7 +119,7 @@ def shoot(
         return (
             ravel_pytree(state)[0],
             period,
-            _returned(search, system, state, period, returned.turns, known),
+            _follow_period(search, system, state, period, returned.turns, known),
             count + 1,
         )
 
@@ -161,10 +161,10 @@ def _newton(
     return change[:-1], change[-1]
 
 
-def _returned(
+def _follow_period(
     search: Search, system: AbstractSystem, state: AbstractState, period: Float[Array, ""], turns, known
 ) -> Return:
-    """The motion from ``state`` over a period; whole turns are counted unless they are ``known``."""
+    """Follows the motion from ``state`` over a period; whole turns are counted unless they are ``known``."""
     prepared, (x, unravel) = system.prepare(), ravel_pytree(state)
     packing, end = Packing.of(prepared, state), search.t + period
 
@@ -177,14 +177,14 @@ def _returned(
     y, into = pack(x), jax.jacfwd(pack)(x)
     flow, steps = Flow.of(system, packing), Steps(DEFAULT_SOLVER, search.rtol, search.atol, search.max_steps)
     from_rows, possible = jnp.concatenate([y[None], into.T]), jnp.asarray(True)
-    solution = advanced(flow, steps, search.t, end, from_rows, FIRST_STEP_SHARE * period, possible)
+    solution = advance_deviations(flow, steps, search.t, end, from_rows, FIRST_STEP_SHARE * period, possible)
     rows = solution.rows
     arrived, out = unpack(rows[0]), jax.jacfwd(unpack)(rows[0])
     after = ravel_pytree(vector_field(prepared, end, unravel(arrived)))[0]
     monodromy = jnp.sum(out[:, :, None] * rows[1:].T[None], axis=1)
 
     # q and −q are the same orientation.
-    spinor = jnp.asarray(_named(state, ".q"))
+    spinor = jnp.asarray(_mark_components(state, ".q"))
     sign = jnp.where(spinor & (jnp.sum(jnp.where(spinor, x * arrived, 0.0)) < 0), -1.0, 1.0)
     arrived, after, monodromy = sign * arrived, sign * after, sign[:, None] * monodromy
     counted = jnp.where(jnp.asarray(search.angles), jnp.round((arrived - x) / TURN), 0.0)
@@ -199,7 +199,7 @@ def _returned(
         after=jnp.where(back, after, 0.0),
         status=solution.status,
         reached=solution.reached,
-        least_normal_force=jnp.minimum(flow.monitored(search.t, y), solution.least),
+        least_normal_force=jnp.minimum(flow.monitor_value(search.t, y), solution.least),
     )
 
 
@@ -209,16 +209,18 @@ def returning(system: AbstractSystem, state: AbstractState) -> Bool[np.ndarray, 
     placed = isinstance(state, BallState | DiskState) and (
         ground is None or (isinstance(ground, Ground) and ground.turntable is None)
     )
-    return ~_named(state, ".z") if placed else _named(state)
+    return ~_mark_components(state, ".z") if placed else _mark_components(state)
 
 
 def countable(state: AbstractState) -> Bool[np.ndarray, " size"]:
     """Which components of ``state`` may be angles that gain whole turns: φ of a disk, and the coordinates θ."""
-    return _named(state, ".phi", ".theta") if isinstance(state, AbstractBodyState) else ~_named(state)
+    return (
+        _mark_components(state, ".phi", ".theta") if isinstance(state, AbstractBodyState) else ~_mark_components(state)
+    )
 
 
-def _named(state: AbstractState, *names: str) -> Bool[np.ndarray, " size"]:
-    """Which components belong to the fields of these names, or to any where none is given."""
+def _mark_components(state: AbstractState, *names: str) -> Bool[np.ndarray, " size"]:
+    """Marks the components that belong to the fields of these names, or to any where none is given."""
     leaves = jax.tree_util.tree_leaves_with_path(state)
     marks = [np.full(np.size(leaf), not names or jax.tree_util.keystr(path) in names) for path, leaf in leaves]
     return np.concatenate(marks)

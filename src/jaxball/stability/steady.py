@@ -12,7 +12,7 @@ from jaxtyping import Array, Complex, Float
 
 from .. import programs
 from ..interface.arguments import require
-from ..interface.printing import Printed, shown
+from ..interface.printing import Printed, format_value
 from ..interface.wording import all_of
 from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..numerics.vectors import cross
@@ -53,7 +53,7 @@ class SteadyMotion(Printed):
 
     def __repr__(self) -> str:
         eigenvalues = ", ".join(f"{value:.6g}" for value in self.eigenvalues)
-        return f"Steady motion at {shown(self.state)}\n  {self.message}\n  eigenvalues {eigenvalues}"
+        return f"Steady motion at {format_value(self.state)}\n  {self.message}\n  eigenvalues {eigenvalues}"
 
     @property
     def stable(self) -> bool:
@@ -92,7 +92,7 @@ def stability(system: System, state: State, *, turning: float = 0.0, t: Numbers 
     'The motion is unstable, a saddle: deviations grow as exp(0.308607 t).'
     """
     state = phase_point(system, state)
-    rates, derivative, normal = _linearised(system, state, to_array(turning), to_array(t))
+    rates, derivative, normal = _linearise(system, state, to_array(turning), to_array(t))
     matrix = np.asarray(derivative)
     if normal is not None:  # on the vectors orthogonal to the normal of the sphere of Γ
         basis = np.linalg.svd(np.asarray(normal)[None])[2][1:]
@@ -125,8 +125,8 @@ def require_prescribed(ball: Ball) -> None:
 
 
 @programs.filter_jit
-def _linearised(system: System, state: State, turning, t):
-    """The rates apart from the turning, their derivative, and the normal of the sphere of Γ; None if there is none."""
+def _linearise(system: System, state: State, turning, t):
+    """Computes the rates apart from the turning, their derivative, and the normal of the sphere of Γ, if any."""
     prepared = system.prepare()
     x, unravel = ravel_pytree(state)
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..scenario.table import Key, Keys, read_one_of, read_table
-from ..scenario.values import Choice, Integer, Numbers, Text, key_error, shown, unread
+from ..scenario.values import Choice, Integer, Numbers, Text, describe, key_error, unread
 from .errors import StudyError
 
 Design = Callable[[Int[np.ndarray, " points"], int, int, int], Float[np.ndarray, "points numbers"]]
@@ -97,7 +97,7 @@ def read_distribution(values: Any, path: str) -> Distribution:
     """
     kind, table = read_one_of(values, path, DISTRIBUTIONS)
     first, second = map(float, table[kind])
-    path, got = f"{path}.{kind}", shown(values[kind])
+    path, got = f"{path}.{kind}", describe(values[kind])
     if kind in ("uniform", "log-uniform") and not first < second:
         raise key_error(path, "two numbers, the smaller one first", got)
     if kind == "log-uniform" and not first > 0:
@@ -303,11 +303,11 @@ def read_axis(values: Any, path: str, folder: Path) -> Axis:
     return _READERS[choice](table, path, folder)
 
 
-def _listed(table: dict[str, Any], path: str, folder: Path) -> Axis:
+def _read_listed(table: dict[str, Any], path: str, folder: Path) -> Axis:
     return Listed(table["path"], tuple(table["values"].tolist()))
 
 
-def _ranged(spacing: str, table: dict[str, Any], path: str, folder: Path) -> Axis:
+def _read_range(spacing: str, table: dict[str, Any], path: str, folder: Path) -> Axis:
     limits = read_table(table[spacing], f"{path}.{spacing}", _RANGE)
     for name in ("from", "to"):
         if spacing == "log" and limits[name] <= 0:
@@ -315,10 +315,10 @@ def _ranged(spacing: str, table: dict[str, Any], path: str, folder: Path) -> Axi
     return Ranged(table["path"], limits["from"], limits["to"], limits["count"], spacing == "log")
 
 
-def _designed(table: dict[str, Any], path: str, folder: Path) -> Axis:
+def _read_design(table: dict[str, Any], path: str, folder: Path) -> Axis:
     numbers, count = table["numbers"], table["count"]
     if not isinstance(numbers, dict) or not numbers:
-        raise key_error(f"{path}.numbers", "a table with a distribution for each path", shown(numbers))
+        raise key_error(f"{path}.numbers", "a table with a distribution for each path", describe(numbers))
     if table["design"] == "sobol" and count & (count - 1):
         raise key_error(f"{path}.count", "a power of two for a Sobol design", repr(count))
     distributions = tuple(read_distribution(item, f'{path}.numbers."{name}"') for name, item in numbers.items())
@@ -333,9 +333,9 @@ def _from_file(table: dict[str, Any], path: str, folder: Path) -> Axis:
     return FromFile(file, digest, names, size)
 
 
-def _zipped(table: dict[str, Any], path: str, folder: Path) -> Axis:
+def _read_zip(table: dict[str, Any], path: str, folder: Path) -> Axis:
     if not isinstance(table["zip"], list) or not table["zip"]:
-        raise key_error(f"{path}.zip", _TABLES.words, shown(table["zip"]))
+        raise key_error(f"{path}.zip", _TABLES.words, describe(table["zip"]))
     members = tuple(read_axis(item, f"{path}.zip[{k}]", folder) for k, item in enumerate(table["zip"]))
     sizes = [member.size for member in members]
     if len(set(sizes)) > 1:
@@ -344,10 +344,10 @@ def _zipped(table: dict[str, Any], path: str, folder: Path) -> Axis:
 
 
 _READERS: Mapping[str, Callable[[dict[str, Any], str, Path], Axis]] = {
-    "values": _listed,
-    "linear": functools.partial(_ranged, "linear"),
-    "log": functools.partial(_ranged, "log"),
-    "design": _designed,
+    "values": _read_listed,
+    "linear": functools.partial(_read_range, "linear"),
+    "log": functools.partial(_read_range, "log"),
+    "design": _read_design,
     "points": _from_file,
-    "zip": _zipped,
+    "zip": _read_zip,
 }

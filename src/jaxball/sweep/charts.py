@@ -47,7 +47,7 @@ def scenario_chart(
     cells = _Cells(document, axes, "Lyapunov exponents are")
     template = cells.template
     data = chart(
-        cells.made,
+        cells.start_of,
         cells.indices,
         (template.times[0], template.times[-1] if end is None else end),
         transient=transient,
@@ -57,7 +57,7 @@ def scenario_chart(
         atol=template.atol,
         progress=progress,
     )
-    return cells.finished(data, ("exponent", "exponent_regardless", "standard_error", "least_normal_force"))
+    return cells.finish(data, ("exponent", "exponent_regardless", "standard_error", "least_normal_force"))
 
 
 def scenario_floquet_chart(
@@ -81,7 +81,7 @@ def scenario_floquet_chart(
     periods = cells.periods(period)
 
     def make(up, right):
-        return *cells.made(up, right), periods[up.astype(int), right.astype(int)]
+        return *cells.start_of(up, right), periods[up.astype(int), right.astype(int)]
 
     data = floquet_chart(
         make,
@@ -94,7 +94,7 @@ def scenario_floquet_chart(
         progress=progress,
     )
     data["closed"].values.flat[cells.impossible] = False
-    return cells.finished(data, ("growth", "multiplier", "angle", "period", "residual", "least_normal_force"))
+    return cells.finish(data, ("growth", "multiplier", "angle", "period", "residual", "least_normal_force"))
 
 
 class _Cells:
@@ -125,8 +125,8 @@ class _Cells:
         """The parameters of the chart: the path of each axis, and the numbers of its values."""
         return {axis.path: np.arange(axis.size) for axis in self.axes}
 
-    def made(self, up: Float[Array, ""], right: Float[Array, ""]) -> tuple[Any, Any]:
-        """The system and the initial state of a cell, by the numbers of its values; traceable."""
+    def start_of(self, up: Float[Array, ""], right: Float[Array, ""]) -> tuple[Any, Any]:
+        """Picks the system and the initial state of a cell, by the numbers of its values; traceable."""
         at = self._places[up.astype(int), right.astype(int)]
         return jax.tree.map(lambda leaf: leaf[at], self._several)
 
@@ -140,8 +140,8 @@ class _Cells:
         frequency = named[period] if period in named else value_at(self.document, period)
         return 2 * jnp.pi / jnp.broadcast_to(jnp.asarray(frequency), shape)
 
-    def finished(self, data: "xarray.Dataset", unknown: tuple[str, ...]) -> "xarray.Dataset":
-        """The chart with the values of its axes, and NaN where the parameters are impossible."""
+    def finish(self, data: "xarray.Dataset", unknown: tuple[str, ...]) -> "xarray.Dataset":
+        """Adds the values of the chart's axes, and makes it NaN where the parameters are impossible."""
         for name in unknown:
             data[name].values.flat[self.impossible] = np.nan
         data["status"].values.flat[self.impossible] = Status.IMPOSSIBLE

@@ -16,14 +16,14 @@ from jaxtyping import Array, Float
 
 from .. import programs
 from ..control.feedback import AbstractFeedback
-from ..control.loop import ClosedLoop, looped
+from ..control.loop import ClosedLoop, run_loop
 from ..control.weights import weight_matrix
 from ..ensemble import AbstractReduction
 from ..ensemble.reductions import Observed, values
 from ..interface.status import Status
 from ..programs.operation import in_threads
 from ..scenario import RegulatorSettings, Scenario
-from ..scenario.closed_loop import LoopNumbers, sampled_of
+from ..scenario.closed_loop import LoopNumbers, build_sampled_system
 from ..scenario.feedback import sample_of
 from ..simulation.variables import Variable
 
@@ -101,7 +101,7 @@ def solve_loops(
 
 
 def _common(template: Scenario, numbers: LoopNumbers, changes: Any, within: float, samples: int) -> Common:
-    sampled = sampled_of(template)
+    sampled = build_sampled_system(template)
     settings = template.feedback
     Q = settings.Q if isinstance(settings, RegulatorSettings) else 1.0
     weights = np.asarray(weight_matrix("Q", Q, sampled.directions))
@@ -124,7 +124,7 @@ def _row(sought: Sought, common: Common, shared: Any, row: Any) -> dict[str, Arr
     numbers: LoopNumbers = eqx.combine(own, shared)
     known = numbers.feedback(common.sample, common.t0, sought.samples) if common.feedback is None else common.feedback
     feedback, plant, first = numbers.around(known)
-    found = looped(feedback, plant, first, sought.samples, numbers.delay, None, sought.longest)
+    found = run_loop(feedback, plant, first, sought.samples, numbers.delay, None, sought.longest)
     times, states, u, du, xi, memory = found
     loop = ClosedLoop(times, states, u, du, xi, feedback, plant, memory)
     reached = jnp.sum(jnp.all(jnp.isfinite(loop.xi), axis=1)) - 1
@@ -136,7 +136,7 @@ def _row(sought: Sought, common: Common, shared: Any, row: Any) -> dict[str, Arr
         **vars(loop.states),
         **_of_loop(loop, common),
         **_of_estimate(loop, common),
-        **_reduced(loop, sought.reductions),
+        **_reduce(loop, sought.reductions),
     }
     if sought.readings:
         results |= {f"measured_{name}": read for name, read in loop.run.measured(sensors).items()}
@@ -155,7 +155,7 @@ def _of_loop(loop: ClosedLoop, common: Common) -> dict[str, Array]:
 
 
 def _of_estimate(loop: ClosedLoop, common: Common) -> dict[str, Array]:
-    estimate = loop.feedback.estimated(loop.times, loop.memory)
+    estimate = loop.feedback.estimates(loop.times, loop.memory)
     if estimate is None:
         return {}
     before = jax.tree.map(lambda leaf: leaf[:-1], loop.states)
@@ -174,18 +174,18 @@ def _size(xi: Float[Array, "T n"], common: Common) -> Float[Array, " T"]:
     return jnp.sqrt(jnp.maximum(squared, 0.0))
 
 
-def _reduced(loop: ClosedLoop, reductions: tuple[tuple[str, AbstractReduction], ...]) -> dict[str, Array]:
-    """What reductions report of the samples and the end, where the last input is still held."""
+def _reduce(loop: ClosedLoop, reductions: tuple[tuple[str, AbstractReduction], ...]) -> dict[str, Array]:
+    """Reduces the samples and the end, where the last input is still held, to what is reported."""
     if not reductions:
         return {}
     quantities = tuple(dict.fromkeys(item.quantity for _, item in reductions))
     u = jnp.concatenate([loop.u, loop.u[-1:]])
 
-    def seen(at: Any) -> Array:
+    def quantities_at(at: Any) -> Array:
         t, state, u = at
-        return values(quantities, loop.plant.held(u).prepare(), t, state)
+        return values(quantities, loop.plant.hold(u).prepare(), t, state)
 
-    every, reports = jax.lax.map(seen, (loop.times, loop.states, u)), {}
+    every, reports = jax.lax.map(quantities_at, (loop.times, loop.states, u)), {}
     for name, item in reductions:
         own = every[:, quantities.index(item.quantity)]
         places = [jnp.argmax(sign * own) for sign in item.signs]

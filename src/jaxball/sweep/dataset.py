@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..interface.wording import counted
+from ..interface.wording import number_of
 from ..scenario import Scenario, ScenarioError, read_document
 from ..scenario.paths import with_numbers
 from ..simulation.events import AbstractEvent, Detachment
@@ -52,7 +52,7 @@ def open_grid(folder: str | Path) -> "xarray.Dataset":
     """
     import xarray
 
-    from .grid import crossed
+    from .grid import cross_axes
 
     data = open_dataset(folder)
     if not (Path(folder) / AXES).is_dir():
@@ -60,7 +60,7 @@ def open_grid(folder: str | Path) -> "xarray.Dataset":
             f'The store "{folder}" must contain the points of its axes, but another version of jaxball wrote it '
             "without them; use open_dataset for its rows."
         )
-    return crossed(data, xarray.open_zarr(folder, group=AXES, chunks=None, consolidated=False))
+    return cross_axes(data, xarray.open_zarr(folder, group=AXES, chunks=None, consolidated=False))
 
 
 def row_events(folder: str | Path) -> dict[str, AbstractEvent]:
@@ -87,8 +87,8 @@ def row_scenarios(folder: str | Path, rows: Sequence[int]) -> list[Scenario]:
     beyond = [row for row in rows if not 0 <= row < count]
     if beyond:
         raise StoreError(
-            f'Rows must be among the {counted(count, "row")} of "{folder}", from 0 to {count - 1}, but {beyond[0]} is '
-            "not."
+            f'Rows must be among the {number_of(count, "row")} of "{folder}", from 0 to {count - 1}, but {beyond[0]} '
+            "is not."
         )
     document, chosen = tomllib.loads(data.attrs["scenario"]), data[["row", *paths]].isel(row=list(rows)).load()
     scenarios = []

@@ -34,27 +34,27 @@ def solve_in_lanes(batch: Batch, request: Request) -> dict[str, np.ndarray]:
     """
     reductions = {**_contact(batch, request), **{find.name: find.reduction() for find in request.finds}}
     if batch.template.feedback is not None:
-        return _closed_loops(batch, request, reductions)
+        return _solve_closed_loops(batch, request, reductions)
     detachment: dict[str, AbstractEvent] = {"detachment": Detachment()} if request.detachment else {}
     ends = detachment or any(event.terminal for event in batch.events.values())
     if not (ends and reductions):
-        return _solved(batch, request, reductions, detachment)
-    ended = _solved(batch, request, {}, detachment)
+        return _solve_rows(batch, request, reductions, detachment)
+    ended = _solve_rows(batch, request, {}, detachment)
     until = np.stack([batch.times[:, 0], ended["reached"]], axis=1)
     shorter = batch._replace(times=until, events={}, in_axes=(*batch.in_axes[:2], {}))
-    results = _solved(shorter, request, reductions, {})
+    results = _solve_rows(shorter, request, reductions, {})
     return ended | {name + end: results[name + end] for name, item in reductions.items() for end in item.ends}
 
 
-def _solved(
+def _solve_rows(
     batch: Batch,
     request: Request,
     reductions: Mapping[str, AbstractReduction],
     others: dict[str, AbstractEvent],
 ) -> dict[str, np.ndarray]:
-    """The rows; ``others`` are events besides those of the scenario, of which nothing is kept."""
+    """Solves the rows; ``others`` are events besides those of the scenario, of which nothing is kept."""
     first = batch.template
-    system, state, events = batch.shared_once()
+    system, state, events = batch.unstack_shared()
     *axes, axes_of_events = batch.in_axes
     ensemble = simulate_ensemble(
         system,
@@ -81,12 +81,12 @@ def _solved(
         seen = trajectory.events[name]
         results |= {f"{name}_count": seen.count, f"{name}_time": seen.times[:, 0]}
     if request.readings:
-        results = results | _measured(batch.sensors, trajectory)
+        results = results | _measure_rows(batch.sensors, trajectory)
     return rows | jax.tree.map(np.asarray, results)
 
 
-def _measured(sensors: Any, trajectory: Trajectory[Any, Any]) -> dict[str, Array]:
-    """What the sensors of each row read."""
+def _measure_rows(sensors: Any, trajectory: Trajectory[Any, Any]) -> dict[str, Array]:
+    """Reads the sensors of each row."""
     return {f"measured_{name}": read for name, read in _measure(sensors, trajectory).items()}
 
 
@@ -95,8 +95,10 @@ def _measure(sensors: Any, trajectory: Trajectory[Any, Any]) -> dict[str, Array]
     return of_rows(lambda sensors, run: run.measured(sensors), sensors, trajectory)
 
 
-def _closed_loops(batch: Batch, request: Request, reductions: Mapping[str, AbstractReduction]) -> dict[str, np.ndarray]:
-    """The rows of a scenario with feedback."""
+def _solve_closed_loops(
+    batch: Batch, request: Request, reductions: Mapping[str, AbstractReduction]
+) -> dict[str, np.ndarray]:
+    """Solves the rows of a scenario with feedback."""
     from .closed_loops import solve_loops  # which other studies do without
 
     return solve_loops(

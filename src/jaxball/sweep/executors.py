@@ -22,7 +22,7 @@ from ..interface import interruption
 from ..interface.status import SUCCESSES, Status
 from ..scenario import Scenario
 from .errors import WorkerError
-from .outputs import LEAST_FORCE, LEFT, Output, left_plane, outputs_of, state_variables, went_on, with_extremes
+from .outputs import LEAST_FORCE, LEFT, Output, flag_departures, outputs_of, state_variables, went_on, with_extremes
 from .rows import Engine, Request, read_rows
 from .store import Store
 from .study import Study
@@ -92,7 +92,7 @@ def compute(
     request = Request(study.contact, study.detachment, study.finds, study.chunk, threads, study.readings, study.within)
     solved = with_extremes(engine(batch, request), template if study.readings else None)
     if LEFT in outputs and LEAST_FORCE in solved:
-        solved = solved | {LEFT: left_plane(solved["status"], solved[LEAST_FORCE])}
+        solved = solved | {LEFT: flag_departures(solved["status"], solved[LEAST_FORCE])}
     for name in outputs.keys() & solved.keys():
         array = solved[name]
         at_each_time = name in state_variables(template) and study.save == "end"
@@ -174,7 +174,7 @@ class Processes(concurrent.futures.ThreadPoolExecutor):
                 if os.name != "nt":  # where it starts one first, Python lets the signals through again
                     resource_tracker.ensure_running()
                 # Importing JAX takes seconds, in which a Ctrl-C at the terminal would reach it too.
-                with interruption.blocked_in_children():
+                with interruption.block_in_children():
                     process.start()
                 there.close()
                 self._started.append((process, here))
@@ -241,7 +241,7 @@ def solve_all(executor: Any, tasks: Iterable[Task], ahead: int, stop: threading.
             if not waiting:
                 return
             if stop.is_set():
-                waiting = [future for future in waiting if not _cancelled(future)]
+                waiting = [future for future in waiting if not _cancel(future)]
             ended = [future for future in waiting if future.done()]
             waiting = [future for future in waiting if future not in ended]
             for future in ended:
@@ -255,9 +255,9 @@ def solve_all(executor: Any, tasks: Iterable[Task], ahead: int, stop: threading.
         ) from None
     finally:
         for future in waiting:
-            _cancelled(future)
+            _cancel(future)
 
 
-def _cancelled(future: Any) -> bool:
+def _cancel(future: Any) -> bool:
     """Cancels a task that has not begun, where the executor can; returns whether it did."""
     return bool(getattr(future, "cancel", lambda: False)())

@@ -87,8 +87,8 @@ class Damage(NamedTuple):
     chunk: int | None
 
 
-def done(folder: Path) -> list[int]:
-    """The chunks that have been written, in order."""
+def list_chunks(folder: Path) -> list[int]:
+    """Lists the chunks that have been written, in order."""
     marks = folder / MARKS
     return sorted(int(path.name) for path in marks.iterdir() if path.name.isdigit()) if marks.is_dir() else []
 
@@ -110,7 +110,7 @@ def damages(folder: Path, *, numbers: bool = True) -> Iterator[Damage]:
 
     With ``numbers`` all files are read; otherwise only their sizes are checked.
     """
-    chunks = set(done(folder))
+    chunks = set(list_chunks(folder))
     nodes = _nodes(folder)
     for name, metadata in nodes.items():
         about = folder / name / "zarr.json"
@@ -133,11 +133,11 @@ def damages(folder: Path, *, numbers: bool = True) -> Iterator[Damage]:
 def check_intact(folder: Path, *, numbers: bool = True) -> None:
     """Raises a :class:`StoreError` where a file of a store has been changed from outside, see :func:`damages`."""
     for damage in damages(folder, numbers=numbers):
-        raise changed(damage.path)
+        raise change_error(damage.path)
 
 
-def changed(path: Path) -> StoreError:
-    """The error for a file that has been changed from outside."""
+def change_error(path: Path) -> StoreError:
+    """Makes the error for a file that has been changed from outside."""
     return StoreError(
         f'The file "{path}" must be as the sweep wrote it, but something has changed it; run the study into the same '
         "store again to recompute it."

@@ -11,19 +11,21 @@ from xarray.core import indexing
 from .outputs import dimensions
 
 
-def crossed(data: xarray.Dataset, points: xarray.Dataset) -> xarray.Dataset:
-    """The rows in ``data`` along the axes of their study; ``points`` are the values along these."""
+def cross_axes(data: xarray.Dataset, points: xarray.Dataset) -> xarray.Dataset:
+    """Puts the rows in ``data`` along the axes of their study; ``points`` are the values along these."""
     axes, shape = dimensions(data.attrs["paths"], data.attrs["path_axis"]), tuple(data.attrs["shape"])
     counted = {name: np.arange(size) for name, size in zip(axes, shape, strict=True) if name not in points.variables}
     crossed = {
-        name: _crossed(item, axes, shape) for name, item in data.variables.items() if name not in points.variables
+        name: _cross_variable(item, axes, shape)
+        for name, item in data.variables.items()
+        if name not in points.variables
     }
     coordinates = {name: crossed.pop(name) for name in data.coords if name in crossed}
     return xarray.Dataset(crossed, {**counted, **points.variables, **coordinates}, data.attrs)
 
 
-def _crossed(variable: Any, axes: list[str], shape: tuple[int, ...]) -> Any:
-    """A variable with the axes in place of its dimension ``row``, if it has one."""
+def _cross_variable(variable: Any, axes: list[str], shape: tuple[int, ...]) -> Any:
+    """Puts a variable along the axes in place of its dimension ``row``, if it has one."""
     if variable.dims[:1] != ("row",):
         return variable
     lazy = indexing.LazilyIndexedArray(_Crossed(variable, shape))

@@ -53,7 +53,7 @@ def layout_of(study: Study) -> dict[str, list[Any]]:
     return finds | {
         "path_axis": [k for k, axis in enumerate(study.axes) for _ in axis.paths],
         "path_logarithmic": [int(item) for axis in study.axes for item in _logarithmic(axis)],
-        "axis_scattered": [int(_scattered(axis)) for axis in study.axes],
+        "axis_scattered": [int(_is_scattered(axis)) for axis in study.axes],
     }
 
 
@@ -72,9 +72,9 @@ def _logarithmic(axis: Axis) -> list[bool]:
     return [isinstance(axis, Ranged) and axis.logarithmic] * len(axis.paths)
 
 
-def _scattered(axis: Axis) -> bool:
+def _is_scattered(axis: Axis) -> bool:
     if isinstance(axis, Zipped):
-        return any(_scattered(member) for member in axis.members)
+        return any(_is_scattered(member) for member in axis.members)
     return isinstance(axis, Designed | FromFile)
 
 
@@ -148,7 +148,7 @@ def state_variables(template: Scenario) -> dict[str, tuple[Variable, tuple[int, 
     state = template.state
     body = state.body if isinstance(state, ReleasedState) else state
     if template.feedback is not None:
-        none = np.zeros(len(_shown_system(template).coordinates))
+        none = np.zeros(len(_system_of_rows(template).coordinates))
         body = dataclasses.replace(body, theta=none, thetadot=none)
     shapes = {name: np.shape(leaf) for name, leaf in vars(body).items() if np.size(leaf)}
     known = {name: (_variable(body, name, shape), shape) for name, shape in shapes.items()}
@@ -187,16 +187,16 @@ def _of_contact(contact: ContactHistory) -> dict[str, Array]:
 def labels_of(outputs: dict[str, Output], template: Scenario) -> dict[str, np.ndarray]:
     """The labels along each dimension except ``row``."""
     sizes = {name: n for item in outputs.values() for name, n in zip(item.dimensions, item.shape, strict=True)}
-    return labels(_shown_system(template), sizes)
+    return labels(_system_of_rows(template), sizes)
 
 
-def _shown_system(template: Scenario) -> Any:
-    """The system of the states of rows: with feedback every input is in the state."""
+def _system_of_rows(template: Scenario) -> Any:
+    """Returns the system of the states of rows: with feedback every input is in the state."""
     if template.feedback is None:
         return template.system
-    from ..scenario.closed_loop import sampled_of  # as above
+    from ..scenario.closed_loop import build_sampled_system  # as above
 
-    return sampled_of(template).system
+    return build_sampled_system(template).system
 
 
 def finds_least_normal_force(study: Study, template: Scenario) -> bool:
@@ -204,8 +204,8 @@ def finds_least_normal_force(study: Study, template: Scenario) -> bool:
     return not template.may_slip and (study.contact or any(find == Find(LEAST_FORCE) for find in study.finds))
 
 
-def left_plane(status: Int[np.ndarray, " rows"], least: Float[np.ndarray, " rows"]) -> Int[np.ndarray, " rows"]:
-    """1 for a row whose least normal force was not positive, else 0; ``NOT_COMPUTED`` where that is NaN.
+def flag_departures(status: Int[np.ndarray, " rows"], least: Float[np.ndarray, " rows"]) -> Int[np.ndarray, " rows"]:
+    """Flags with 1 a row whose least normal force was not positive, else 0; ``NOT_COMPUTED`` where that is NaN.
 
     A row that ended where it detached has left the plane, whatever the sign of a force that is zero but for rounding.
     """

@@ -11,12 +11,12 @@ from jaxtyping import Int
 
 from ..interface.activity import ERASE
 from ..interface.status import SUCCESSES, Status
-from ..interface.wording import counted
+from ..interface.wording import number_of
 from ..scenario import ScenarioError, read_document
 from ..scenario.paths import with_numbers
 from ..simulation.variables import LEFT_PLANE
 from .executors import ChunkResult
-from .files import STATUS, changed, check_intact, done, numbers_of
+from .files import STATUS, change_error, check_intact, list_chunks, numbers_of
 from .outputs import LEFT, went_on
 from .store import read_attributes
 
@@ -53,10 +53,10 @@ def status_counts(folder: Path) -> StatusCounts:
     rows, size = attributes["rows"], attributes["chunk"]
     counts, first, left = np.zeros(len(Status), dtype=int), None, 0
     looks = (folder / LEFT).is_dir()
-    for chunk in done(folder):
+    for chunk in list_chunks(folder):
         status = column(folder, "status", chunk, size, STATUS)[: rows - chunk * size]
         if not np.all((status >= 0) & (status < len(Status))):  # as a store of an earlier version may have them
-            raise changed(folder / "status" / "c" / str(chunk))
+            raise change_error(folder / "status" / "c" / str(chunk))
         counts += np.bincount(status, minlength=len(Status))
         failed = ~np.isin(status, SUCCESSES)
         if first is None and np.any(failed):
@@ -78,7 +78,7 @@ def column(folder: Path, name: str, chunk: int, rows: int, dtype: np.dtype) -> n
         return np.frombuffer(content, dtype)
     numbers = numbers_of(path, rows * dtype.itemsize)
     if numbers is None:
-        raise changed(path)
+        raise change_error(path)
     return np.frombuffer(numbers, dtype)
 
 
@@ -100,8 +100,8 @@ def describe(folder: str | Path) -> str:
     lines += [f"  {int(counts.counts[status]):,} {status.name}" for status in Status if counts.counts[status]]
     if counts.left:
         lines.append(
-            f"  {counted(counts.left, 'row')} with a least normal force that is not positive (`left_plane`): the body "
-            "would leave the ground, and the equations of rolling do not hold after that"
+            f"  {number_of(counts.left, 'row')} with a least normal force that is not positive (`left_plane`): the "
+            "body would leave the ground, and the equations of rolling do not hold after that"
         )
     if counts.first is not None:
         lines.append(_failure(folder, attributes, counts.first))

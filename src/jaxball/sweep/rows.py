@@ -63,8 +63,8 @@ class Batch(NamedTuple):
         stacked = {name: getattr(self, name) for name in names}
         return self._replace(**jax.tree.map(lambda leaf: leaf[rows], stacked))
 
-    def shared_once(self) -> tuple[Any, Any, Any]:
-        """System, state and events, with the arrays that do not change unstacked."""
+    def unstack_shared(self) -> tuple[Any, Any, Any]:
+        """Returns system, state and events, with the arrays that do not change unstacked."""
         return jax.tree.map(
             lambda axis, part: jax.tree.map(lambda leaf: leaf[0], part) if axis is None else part,
             self.in_axes,
@@ -115,7 +115,7 @@ def read_rows(
     where that number matters.
     """
     try:
-        stacked = _read_stacked(study, values)
+        stacked = _read_stack(study, values)
     except UntraceableError:
         stacked = _read_one_by_one(study, values)
     possible = np.flatnonzero(stacked.possible)
@@ -154,8 +154,8 @@ class _Stacked(NamedTuple):
     possible: Bool[np.ndarray, " rows"]
 
 
-def _read_stacked(study: Study, values: Float[np.ndarray, "rows numbers"]) -> _Stacked:
-    structure, program = _compiled(tomli_w.dumps(study.document), study.paths)
+def _read_stack(study: Study, values: Float[np.ndarray, "rows numbers"]) -> _Stacked:
+    structure, program = _compile_reader(tomli_w.dumps(study.document), study.paths)
     changing, possible, certain = in_batches(program, values, min(ROWS_OF_BATCH, study.chunk))
     for k in np.flatnonzero(possible & ~certain):
         possible[k] = _read(study, values[k]) is not None
@@ -176,8 +176,8 @@ def _as_array(leaf: Any) -> np.ndarray:
 
 
 @functools.lru_cache(maxsize=8)
-def _compiled(text: str, paths: tuple[str, ...]) -> tuple[Structure, Callable[[np.ndarray], Any]]:
-    """The structure of a document, given as TOML, and the compiled reader of several rows.
+def _compile_reader(text: str, paths: tuple[str, ...]) -> tuple[Structure, Callable[[np.ndarray], Any]]:
+    """Compiles the reader of several rows of a document, given as TOML, and returns it after the document's structure.
 
     It finds which leaves of the parts change, by index, and for each row whether all conditions hold, and whether that
     is certain.
@@ -185,7 +185,7 @@ def _compiled(text: str, paths: tuple[str, ...]) -> tuple[Structure, Callable[[n
     structure = Structure(tomllib.loads(text), paths)
 
     def read(values: Float[Array, " numbers"]) -> tuple[dict[int, Array], Bool[Array, ""], Bool[Array, ""]]:
-        parts, conditions = structure.traced(values)
+        parts, conditions = structure.trace(values)
         changing = {k: leaf for k, leaf in enumerate(jax.tree.leaves(parts)) if is_traced(leaf)}
         return changing, conditions.all_hold(), conditions.all_certain()
 

@@ -16,7 +16,7 @@ import numpy as np
 from ..cpu import cores
 from ..interface.arguments import require_flags
 from ..interface.interruption import on_interrupt, stop_requested
-from ..interface.wording import counted
+from ..interface.wording import number_of
 from ..scenario import Scenario
 from .engine import solve_in_lanes
 from .errors import StudyError
@@ -86,9 +86,9 @@ def sweep(
     store = open_store(Path(out).resolve(), study, outputs_of(study, study.template()))
     words = STOPPING if stream is not None else ""
     stream = io.StringIO() if stream is None else stream
-    stream.write(_repaired(study, store.repair()))
+    stream.write(_describe_repair(study, store.repair()))
     parallel = workers if executor is None else int(getattr(executor, "_max_workers", 0) or 32)
-    before, known = set(store.done()), status_counts(store.folder)
+    before, known = set(store.list_chunks()), status_counts(store.folder)
     mine = [k for k in range(shard[0] - 1, study.chunks, shard[1]) if k not in before]
     progress = Progress(stream, study.rows, known, sum(len(study.rows_of(k)) for k in mine), parallel)
     threads = _threads(workers) if executor is None else 1
@@ -102,23 +102,23 @@ def sweep(
             raise
         progress.close(status_counts(store.folder))
         interrupted = stop.is_set()
-    return _ended(store, interrupted)
+    return _finish(store, interrupted)
 
 
-def _repaired(study: Study, damages: list[Damage]) -> str:
-    """The line that says what is recomputed; empty if nothing is."""
+def _describe_repair(study: Study, damages: list[Damage]) -> str:
+    """Writes the line that says what is recomputed; empty if nothing is."""
     if not damages:
         return ""
-    others = f" and {counted(len(damages) - 1, 'other file')}" if damages[1:] else ""
-    chunks = {one.chunk for one in damages if one.chunk is not None}
+    others = f" and {number_of(len(damages) - 1, 'other file')}" if damages[1:] else ""
+    chunks = {damage.chunk for damage in damages if damage.chunk is not None}
     rows = sum(len(study.rows_of(chunk)) for chunk in chunks)
-    again = f"{counted(rows, 'row')} {'is' if rows == 1 else 'are'} computed again" if rows else "it is written again"
+    again = f"{number_of(rows, 'row')} {'is' if rows == 1 else 'are'} computed again" if rows else "it is written again"
     return f'Something has changed "{damages[0].path}"{others}; {again}.\n'
 
 
-def _ended(store: Store, interrupted: bool) -> Outcome:
-    """The outcome; the table is written if all chunks are done."""
-    study, done = store.study, store.done()
+def _finish(store: Store, interrupted: bool) -> Outcome:
+    """Returns the outcome; the table is written if all chunks are done."""
+    study, done = store.study, store.list_chunks()
     finished = len(done) == study.chunks
     if finished and not store.table.exists():
         remove_parts(store.folder)
@@ -192,12 +192,12 @@ class Estimate(NamedTuple):
 
     def sentence(self) -> str:
         """The estimate as text."""
-        words = f"{counted(self.rows, 'row')} in {counted(self.chunks, 'chunk')}, a store of {_bytes(self.size)}"
+        words = f"{number_of(self.rows, 'row')} in {number_of(self.chunks, 'chunk')}, a store of {_bytes(self.size)}"
         if self.compiling is None or self.solving is None:
             return words
         share = f", {duration(self.starting)} of it to start" if self.starting else ""
         return (
-            f"{words}, about {duration(self.starting + self.solving)} with {counted(self.workers, 'worker')}{share} "
+            f"{words}, about {duration(self.starting + self.solving)} with {number_of(self.workers, 'worker')}{share} "
             f"after compiling for {duration(self.compiling)}"
         )
 
@@ -254,10 +254,10 @@ def _alone(task: Task, template: Scenario, outputs: dict[str, Output]) -> dict[s
     study, chunk = task.study, task.study.rows_of(task.chunk)
     tried = np.unique(np.linspace(0, study.rows - 1, min(TRIED, study.chunk)).astype(int))
 
-    def solve_tried() -> None:
+    def solve_trial() -> None:
         compute(study, template, outputs, tried, task.engine, task.threads)
 
-    first, again = _seconds(solve_tried), _seconds(solve_tried)
+    first, again = _seconds(solve_trial), _seconds(solve_trial)
     each = again / len(tried)
     if each * len(chunk) <= LONGEST:
         each = _seconds(lambda: solve_chunk(task)) / len(chunk)

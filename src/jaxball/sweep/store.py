@@ -28,9 +28,9 @@ from .errors import StoreError
 from .files import (
     MARKS,
     Damage,
-    changed,
+    change_error,
     damages,
-    done,
+    list_chunks,
     numbers_of,
     remove_dead_parts,
     with_checksum,
@@ -125,9 +125,9 @@ class Store:
                 "free some space, and run the same command again."
             ) from error
 
-    def done(self) -> list[int]:
-        """The chunks that are on disk, in order."""
-        return done(self.folder)
+    def list_chunks(self) -> list[int]:
+        """Lists the chunks that are on disk, in order."""
+        return list_chunks(self.folder)
 
     def read(self, name: str, chunk: int) -> np.ndarray:
         """A variable in the rows of a chunk that is done.
@@ -138,7 +138,7 @@ class Store:
         shape = (self.study.chunk, *output.shape)
         numbers = numbers_of(path, int(np.prod(shape)) * output.dtype.itemsize)
         if numbers is None:
-            raise changed(path)
+            raise change_error(path)
         array = np.frombuffer(numbers, output.dtype.newbyteorder("<")).reshape(shape)
         return array[: len(self.study.rows_of(chunk))]
 
@@ -160,7 +160,7 @@ class Store:
                 self._mark(damage.chunk).unlink(missing_ok=True)
         lost = [damage.path for damage in damaged if damage.chunk is None]
         if lost:
-            with _made(self, identity_of(self.study)) as made:
+            with _make_store(self, identity_of(self.study)) as made:
                 for path in lost:
                     path.parent.mkdir(parents=True, exist_ok=True)
                     (made / path.relative_to(self.folder)).replace(path)
@@ -221,8 +221,8 @@ def _check_table(table: Path, expected: dict[str, str]) -> None:
 
 
 @contextlib.contextmanager
-def _made(store: Store, attributes: dict[str, Any]) -> Iterator[Path]:
-    """A store without results, in a temporary folder beside it that is removed afterwards.
+def _make_store(store: Store, attributes: dict[str, Any]) -> Iterator[Path]:
+    """Makes a store without results, in a temporary folder beside it that is removed afterwards.
 
     **Raises:** :class:`StoreError` when it cannot be created.
     """
@@ -245,7 +245,7 @@ def _made(store: Store, attributes: dict[str, Any]) -> Iterator[Path]:
 
 
 def _create(store: Store, attributes: dict[str, Any]) -> None:
-    with _made(store, attributes) as made:
+    with _make_store(store, attributes) as made:
         try:
             made.rename(store.folder)
         except OSError:

@@ -16,17 +16,17 @@ from jaxtyping import Float, Int
 from ..ensemble import REDUCTIONS, AbstractReduction, Drift, Integral, Maximum, Minimum
 from ..ensemble.reductions import reductions_of
 from ..interface.html import repr_html
-from ..interface.wording import counted, did_you_mean
+from ..interface.wording import did_you_mean, number_of
 from ..physics.rolling import AbstractRollingSystem
 from ..scenario import Scenario, ScenarioError, read_document
-from ..scenario.errors import each_of, raise_first, tried
+from ..scenario.errors import each_of, raise_first, try_readers
 from ..scenario.files import with_defaults
-from ..scenario.imports import imported
+from ..scenario.imports import import_name
 from ..scenario.own import own_class, trying_class
 from ..scenario.paths import check_number, value_at, with_numbers
 from ..scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
 from ..scenario.table import Key, read_list, read_one_of, read_table
-from ..scenario.values import POSITIVE, Choice, Flag, Integer, Numbers, Text, key_error, shown, unread
+from ..scenario.values import POSITIVE, Choice, Flag, Integer, Numbers, Text, describe, key_error, unread
 from .axes import AXES, Axis, keys_of_paths, read_axis
 from .errors import StudyError
 
@@ -54,7 +54,7 @@ class Find:
             kind = own_class(self.function, "find", AbstractReduction)
             with trying_class("find", self.function):
                 return kind()
-        return KINDS[self.kind](imported("find", self.function))
+        return KINDS[self.kind](import_name("find", self.function))
 
 
 def read_finds(values: Any, template: Scenario) -> tuple[Find, ...]:
@@ -64,11 +64,11 @@ def read_finds(values: Any, template: Scenario) -> tuple[Find, ...]:
     scenario.
     """
     if not isinstance(values, list):
-        raise key_error("find", "a list of names and tables", shown(values))
+        raise key_error("find", "a list of names and tables", describe(values))
     finds = tuple(_read_find(item, f"find[{k}]", template) for k, item in enumerate(values))
     names = [find.name for find in finds]
     if len(set(names)) < len(names):
-        raise key_error("find", "a list of different names", shown(names))
+        raise key_error("find", "a list of different names", describe(names))
     for find in finds:
         find.reduction()
     return finds
@@ -80,7 +80,7 @@ def _read_find(value: Any, path: str, template: Scenario) -> Find:
         if value not in known:
             hint = f"the names are {', '.join(known)}" if known else "there are none for this system"
             raise StudyError(
-                f"Key `{path}` must be a table or a name that is known, but it is {shown(value)}"
+                f"Key `{path}` must be a table or a name that is known, but it is {describe(value)}"
                 f"{did_you_mean(value, known, hint)}"
             )
         return Find(value)
@@ -142,9 +142,9 @@ class Study:
     _repr_html_ = repr_html
 
     def __repr__(self) -> str:
-        axes = [f"  {', '.join(axis.paths)}: {counted(axis.size, 'point')}" for axis in self.axes]
+        axes = [f"  {', '.join(axis.paths)}: {number_of(axis.size, 'point')}" for axis in self.axes]
         finds = [f"  finds {', '.join(find.name for find in self.finds)}"] if self.finds else []
-        return "\n".join([f"Study {self.title!r}: {counted(self.rows, 'row')}", *axes, *finds])
+        return "\n".join([f"Study {self.title!r}: {number_of(self.rows, 'row')}", *axes, *finds])
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -249,7 +249,7 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
     def axis(values: Any, path: str) -> Axis:
         return read_axis(values, path, folder)
 
-    (table, read, axes), errors = tried(
+    (table, read, axes), errors = try_readers(
         lambda: read_table(document, "", KEYS),
         lambda: _template(document["scenario"], folder) if "scenario" in document else None,
         lambda: tuple(read_list(document["axes"], "axes", axis)) if "axes" in document else None,
@@ -258,7 +258,7 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
     # Errors in one of these parts must not hide errors in the others.
     if axes and template:
         scenario = with_defaults(scenario, template, (path for axis in axes for path in axis.paths))
-    (*_, finds), later = tried(
+    (*_, finds), later = try_readers(
         lambda: table and template and _check_contact(table, template),
         lambda: table and template and _check_sensors(table, template),
         lambda: axes and template and _check_paths(axes, scenario, template, document.get("readings") is True),

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from ..interface.wording import UserError
-from ..mjcf.elements import Frame, Inertial, called, principal
+from ..mjcf.elements import Frame, Inertial, label, principal
 from ..physics.conditions import real_inertia
 
 MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
@@ -41,7 +41,7 @@ def parse(text: str) -> ET.Element:
     except ET.ParseError as error:
         raise URDFError(f"The file must be XML, but it is not: {error}.") from None
     if root.tag != "robot":
-        raise URDFError(f"The file must have <robot> as its root, but it has {called(root)}.")
+        raise URDFError(f"The file must have <robot> as its root, but it has {label(root)}.")
     for element in root.iter():
         if "xacro" in element.tag or any("${" in value for value in element.attrib.values()):
             raise URDFError(
@@ -59,7 +59,7 @@ def numbers(
     **Raises:** :class:`URDFError` where they are missing without a default, or something else.
     """
     text, must = element.get(name), f"{count} finite numbers" if count != 1 else "a finite number"
-    where = called(element) if element is owner else f"<{element.tag}> in {called(owner)}"
+    where = label(element) if element is owner else f"<{element.tag}> in {label(owner)}"
     if text is None:
         if default is None:
             raise URDFError(f"Element {where} must have `{name}`, {must}, but it is missing.")
@@ -99,17 +99,17 @@ def inertial_of(link: ET.Element) -> Inertial | None:
     stated = [element.find("mass"), element.find("inertia")]
     for tag, part in zip(("mass", "inertia"), stated, strict=True):
         if part is None:
-            raise URDFError(f"Element <inertial> in {called(link)} must have a <{tag}>, but it is missing.")
+            raise URDFError(f"Element <inertial> in {label(link)} must have a <{tag}>, but it is missing.")
     mass = number(stated[0], "value", link)  # pyright: ignore[reportArgumentType]
     xx, yy, zz, xy, xz, yz = (number(stated[1], name, link, 0.0) for name in MOMENTS)  # pyright: ignore
     moments, axes = principal(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
     if mass == 0 and not np.any(moments):
         return None
     if mass <= 0:
-        raise URDFError(f"The mass of {called(link)} must be positive, or 0 without moments, but it is {mass:g}.")
+        raise URDFError(f"The mass of {label(link)} must be positive, or 0 without moments, but it is {mass:g}.")
     if not real_inertia(moments).holds or np.min(moments) < 0:
         raise URDFError(
-            f"The inertia of {called(link)} must have principal moments of which none exceeds the sum of the other "
+            f"The inertia of {label(link)} must have principal moments of which none exceeds the sum of the other "
             f"two, as in every real body, but they are {', '.join(f'{moment:g}' for moment in moments)}; correct it."
         )
     frame = origin_of(element, link)
@@ -127,9 +127,9 @@ def shapes_of(link: ET.Element) -> list[Shape]:
             inner = list(element.findall("geometry/*"))
             if len(inner) != 1 or inner[0].tag not in SHAPES:
                 kinds = ", ".join(f"<{kind}>" for kind in SHAPES)
-                given = ", ".join(called(one) for one in inner) or "nothing"
+                given = ", ".join(label(one) for one in inner) or "nothing"
                 raise URDFError(
-                    f"The <geometry> of <{purpose}> in {called(link)} must be one of {kinds}, but it is {given}."
+                    f"The <geometry> of <{purpose}> in {label(link)} must be one of {kinds}, but it is {given}."
                 )
             shapes.append(Shape(inner[0], origin_of(element, link), purpose))
     return shapes

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from ..interface.arguments import require
 from ..interface.wording import all_of, did_you_mean
-from ..mjcf.elements import Frame, Inertial, called
+from ..mjcf.elements import Frame, Inertial, label
 from ..mjcf.reading import TIMES, Imported
 from ..numerics.arrays import Numbers
 from ..physics.body import Ball
@@ -101,7 +101,7 @@ def read_urdf(text: str, *, shell: str | None = None, times: Numbers = TIMES, gr
     _check_inside(tree, shapes, rolls)
     own = tree.inertial(rolls.link)
     if own is None:
-        raise URDFError(f"Element {called(tree.links[rolls.link])} must have an <inertial>, but it has none.")
+        raise URDFError(f"Element {label(tree.links[rolls.link])} must have an <inertial>, but it has none.")
     ball = Frame(own.axes.turn, tree.frames[rolls.link].of_point(rolls.frame.shift))
     inside = _Inside(tree, ball)
     inside.read_joints(rolls.link)
@@ -132,13 +132,13 @@ def _shell(tree: Tree, shapes: dict[str, list[Shape]], asked: str | None) -> She
     for found in spheres.values():
         own = [(name, shape) for name, shape in found if asked in (None, name)]
         if len(own) > 1:
-            which = all_of([called(tree.links[name]) for name, _ in own])
+            which = all_of([label(tree.links[name]) for name, _ in own])
             out = "leave all but one out" if asked else "name the link that rolls, `shell`, which contains the others"
             raise URDFError(f"There must be one sphere, the shell, but {len(own)} are in {which}; {out}.")
         if own:
             ((name, shape),) = own
             return Shell(name, number(shape.element, "radius", tree.links[name]), shape.frame)
-    who = f"Element {called(tree.links[asked])} must have" if asked else "There must be a link with"
+    who = f"Element {label(tree.links[asked])} must have" if asked else "There must be a link with"
     raise URDFError(
         f'{who} a sphere, which rolls, but there is none; give the <collision> of the shell a <sphere radius="…"/>.'
     )
@@ -155,7 +155,7 @@ def _check_inside(tree: Tree, shapes: dict[str, list[Shape]], shell: Shell) -> N
         link, frame = tree.links[name], tree.frames[name]
         if link.find("inertial") is None and any(shape.element.tag == "mesh" for shape in own):
             raise URDFError(
-                f"Element {called(link)} must have an <inertial>, because the mass of its mesh is not computed here, "
+                f"Element {label(link)} must have an <inertial>, because the mass of its mesh is not computed here, "
                 "but it has none; state its mass and its inertia."
             )
         for shape in own:
@@ -164,7 +164,7 @@ def _check_inside(tree: Tree, shapes: dict[str, list[Shape]], shell: Shell) -> N
             far = reach(shape, link, frame.turn.T @ (centre - frame.shift))
             if far > WITHIN * shell.radius:
                 raise URDFError(
-                    f"The <collision> of {called(link)} must be inside the shell, a sphere of radius {shell.radius:g}, "
+                    f"The <collision> of {label(link)} must be inside the shell, a sphere of radius {shell.radius:g}, "
                     f"because only the shell rolls here, but it reaches {far:g} from its centre; wheels on the ground "
                     "have no counterpart, and what never touches it needs no <collision>."
                 )
@@ -204,7 +204,7 @@ class _Inside:
         drive, carrier = _forces(joint), None if on in (None, before) else on
         hinged = joint.kind in HINGES
         self.joints.append(Hinge(axis, frame.shift, drive, carrier) if hinged else Slider(axis, drive, carrier))
-        self.names.append(called(joint.element))
+        self.names.append(label(joint.element))
         outer = joint.child if forward else joint.parent
         own = self.tree.inertial(outer)
         if own is not None:
@@ -224,7 +224,7 @@ def _axis(joint: Joint) -> np.ndarray:
     element = joint.element.find("axis")
     axis = np.array([1.0, 0.0, 0.0]) if element is None else numbers(element, "xyz", 3, joint.element)
     if not np.any(axis != 0):
-        raise URDFError(f"The <axis> of {called(joint.element)} must be a direction, but it is 0.")
+        raise URDFError(f"The <axis> of {label(joint.element)} must be a direction, but it is 0.")
     return axis
 
 
@@ -237,7 +237,7 @@ def _forces(joint: Joint) -> AbstractJointForce | None:
     for name, kind in (("damping", Damper), ("friction", JointFriction)):
         value = number(element, name, joint.element, 0.0)
         if value < 0:
-            raise URDFError(f"The `{name}` of {called(joint.element)} must be 0 or positive, but it is {value:g}.")
+            raise URDFError(f"The `{name}` of {label(joint.element)} must be 0 or positive, but it is {value:g}.")
         forces += [kind(value)] if value else []
     return JointForces(tuple(forces)) if len(forces) > 1 else forces[0] if forces else None
 
@@ -250,23 +250,23 @@ def _notes(robot: ET.Element, tree: Tree, shapes: dict[str, list[Shape]]) -> lis
         if limit is not None and joint.kind != "continuous":
             ends = [number(limit, name, joint.element, 0.0) for name in ("lower", "upper")]
             notes.append(
-                f"The limits of {called(joint.element)}, {ends[0]:g} and {ends[1]:g}, were not imported, because URDF "
+                f"The limits of {label(joint.element)}, {ends[0]:g} and {ends[1]:g}, were not imported, because URDF "
                 "gives them no stiffness; add `end-stops` to the joint in the scenario."
             )
     limited = [joint for joint in tree.joints if joint.element.find("limit") is not None]
     if limited:
         notes.append(
-            f"The `effort` and `velocity` of {all_of([called(joint.element) for joint in limited])} were not imported, "
+            f"The `effort` and `velocity` of {all_of([label(joint.element) for joint in limited])} were not imported, "
             "because URDF has no motors; give them to those that you add."
         )
     meshes = [
-        called(tree.links[name])
+        label(tree.links[name])
         for name, own in shapes.items()
         if any(shape.element.tag == "mesh" and shape.purpose == CONTACT for shape in own)
     ]
     if meshes:
         notes.append(f"The meshes of {all_of(meshes)} were not read; they are taken to be inside the shell.")
-    light = [called(link) for name, link in tree.links.items() if link.find("inertial") is None and shapes[name]]
+    light = [label(link) for name, link in tree.links.items() if link.find("inertial") is None and shapes[name]]
     if light:
         notes.append(f"The mass of {all_of(light)} is 0, because there is no <inertial>.")
     others = sorted({element.tag for element in robot if element.tag not in READ})

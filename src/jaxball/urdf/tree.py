@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..interface.wording import all_of
-from ..mjcf.elements import Frame, Inertial, called, combined
+from ..mjcf.elements import Frame, Inertial, combine, label
 from .elements import URDFError, inertial_of, origin_of
 
 HINGES, SLIDERS = ("revolute", "continuous"), ("prismatic",)
@@ -56,7 +56,7 @@ class Tree(NamedTuple):
             own = inertial_of(self.links[name])
             if own is not None:
                 parts.append(own._replace(axes=self.frames[name].then(own.axes)))
-        return (parts[0] if len(parts) == 1 else combined(parts)) if parts else None
+        return (parts[0] if len(parts) == 1 else combine(parts)) if parts else None
 
 
 def read_tree(robot: ET.Element) -> Tree:
@@ -64,14 +64,14 @@ def read_tree(robot: ET.Element) -> Tree:
 
     **Raises:** :class:`URDFError` for links that are no tree, and for joints of other kinds.
     """
-    links = _named(robot, "link")
-    joints = [_joint(element, links) for element in _named(robot, "joint").values()]
+    links = _elements_by_name(robot, "link")
+    joints = [_joint(element, links) for element in _elements_by_name(robot, "joint").values()]
     above: dict[str, Joint] = {}
     for joint in joints:
         if joint.child in above:
             raise URDFError(
-                f"Element {called(links[joint.child])} must be the child of one joint, but it is that of "
-                f"{called(above[joint.child].element)} and {called(joint.element)}; leave one of them out."
+                f"Element {label(links[joint.child])} must be the child of one joint, but it is that of "
+                f"{label(above[joint.child].element)} and {label(joint.element)}; leave one of them out."
             )
         above[joint.child] = joint
     root = _root(links, above)
@@ -86,20 +86,20 @@ def read_tree(robot: ET.Element) -> Tree:
             frames[joint.child] = frames[parent].then(origin_of(joint.element, joint.element))
             rigid[joint.child] = rigid[parent] if joint.kind == "fixed" else joint.child
             waiting.append(joint.child)
-    lost = [called(links[name]) for name in links if name not in frames]
+    lost = [label(links[name]) for name in links if name not in frames]
     if lost:
         raise URDFError(f"The joints must be a tree, but {all_of(lost)} are in a loop; leave one of its joints out.")
     return Tree(links, frames, [joint for joint in joints if joint.kind in MOVING], rigid)
 
 
-def _named(robot: ET.Element, tag: str) -> dict[str, ET.Element]:
+def _elements_by_name(robot: ET.Element, tag: str) -> dict[str, ET.Element]:
     elements: dict[str, ET.Element] = {}
     for element in robot.findall(tag):
         name = element.get("name")
         if not name:
             raise URDFError(f"Every <{tag}> must have a `name`, but one of them has none.")
         if name in elements:
-            raise URDFError(f"Element {called(element)} must have a name of its own, but there are two with this one.")
+            raise URDFError(f"Element {label(element)} must have a name of its own, but there are two with this one.")
         elements[name] = element
     return elements
 
@@ -111,7 +111,7 @@ def _joint(element: ET.Element, links: dict[str, ET.Element]) -> Joint:
         name = None if part is None else part.get("link")
         if name is None or name not in links:
             given = "it has none" if name is None else f'it is "{name}"'
-            raise URDFError(f"The <{tag}> of {called(element)} must be a link of the file, but {given}.")
+            raise URDFError(f"The <{tag}> of {label(element)} must be a link of the file, but {given}.")
         ends.append(name)
     return Joint(element, *ends)
 
@@ -122,7 +122,7 @@ def _root(links: dict[str, ET.Element], above: dict[str, Joint]) -> str:
         return roots[0]
     if not links:
         raise URDFError("The file must have a <link>, the shell, but it has none.")
-    which = f"there are {all_of([called(links[name]) for name in roots])}" if roots else "every link is one"
+    which = f"there are {all_of([label(links[name]) for name in roots])}" if roots else "every link is one"
     raise URDFError(
         f"There must be one link that is no child of a joint, the root, but {which}; join all links to one by joints."
     )
@@ -137,17 +137,17 @@ def _is_world(joint: Joint, root: str, links: dict[str, ET.Element], joints: lis
 def _check_kind(joint: Joint) -> None:
     if joint.element.find("mimic") is not None:
         raise URDFError(
-            f"Element <mimic> of {called(joint.element)} must be left out, because a joint that follows another has no "
+            f"Element <mimic> of {label(joint.element)} must be left out, because a joint that follows another has no "
             "counterpart here; drive it in the scenario."
         )
     if joint.parent == "world" and joint.kind == "fixed":
         raise URDFError(
-            f"Element {called(joint.element)} must be of the type floating, because the robot rolls, but it is fixed "
+            f"Element {label(joint.element)} must be of the type floating, because the robot rolls, but it is fixed "
             'to the link "world"; leave both out.'
         )
     if joint.kind not in (*MOVING, "fixed"):
         instead = f"; write {INSTEAD[joint.kind]} instead" if joint.kind in INSTEAD else ""
         raise URDFError(
-            f"Element {called(joint.element)} must be of the type revolute, continuous, prismatic or fixed inside a "
+            f"Element {label(joint.element)} must be of the type revolute, continuous, prismatic or fixed inside a "
             f'shell, but its type is "{joint.kind}"{instead}.'
         )

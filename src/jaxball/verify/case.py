@@ -134,7 +134,7 @@ class Case:
         factors = []
         for direction in generic_vectors(DIRECTIONS, self.weights.size):
             change = DEVIATION * direction / np.linalg.norm(direction) * self.weights
-            nearby = self.precise(_displaced(self.scenario.system, self.scenario.times[0], self.state, change))
+            nearby = self.precise(_displace(self.scenario.system, self.scenario.times[0], self.state, change))
             # A constrained body cannot start from every nearby state.
             if nearby.ok:
                 deviation = self.distance(nearby.state, self.reference.state)
@@ -151,7 +151,7 @@ class Case:
 
 
 @programs.filter_jit
-def _displaced(
+def _displace(
     system: AbstractSystem, t: Float[ArrayLike, ""], state: AbstractState, change: Float[Array, " size"]
 ) -> AbstractState:
     vector, unravel = ravel_pytree(state)

@@ -29,8 +29,8 @@ LOOSEST = 1e-2
 SLOW_COMPARISONS = ("solvers", "dae", "embedding")  # each compiles a program of its own
 
 
-def saved(case: Case) -> Row:
-    """The given trajectory, up to the time that it reached, compared with the run solved again."""
+def compare_saved(case: Case) -> Row:
+    """Compares the given trajectory, up to the time that it reached, with the run solved again."""
     given = case.given
     if given is None:
         return Row("saved", reason="a scenario was given, not a run")
@@ -114,7 +114,7 @@ def closed_form(case: Case) -> Row:
 
 
 CHECKS: dict[str, Callable[[Case], Row]] = {
-    "saved": saved,
+    "saved": compare_saved,
     "error": error,
     "convergence": convergence,
     "solvers": solvers,

@@ -55,7 +55,9 @@ def verify(
     _ = case.state  # raises for one with a law of contact
     known = {**laws_along(case.scenario), **CHECKS}
     chosen = (
-        [name for name in known if not (quick and name in SLOW_COMPARISONS)] if laws is None else _checked(laws, known)
+        [name for name in known if not (quick and name in SLOW_COMPARISONS)]
+        if laws is None
+        else _check_laws(laws, known)
     )
     if not case.run.ok:
         return Report(case.scenario.title, (), failure=case.run.message)
@@ -109,7 +111,7 @@ def _scenario(
     return Scenario("", system, state, np.asarray(times, dtype=float), **settings)
 
 
-def _checked(laws: Sequence[str], known: Mapping[str, Any]) -> list[str]:
+def _check_laws(laws: Sequence[str], known: Mapping[str, Any]) -> list[str]:
     unknown = [name for name in laws if name not in known and name not in LAWS]
     if unknown:
         hint = did_you_mean(unknown[0], known, f"the laws here are {', '.join(known)}")

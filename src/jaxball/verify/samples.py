@@ -198,12 +198,12 @@ def _about(axis: Float[Array, "3"], at: Moments, r, Omega, Gamma):
     """The moments and vectors in axes turned so that E3 is ``axis``."""
     turn = jnp.stack([*frisvad(axis), axis])
 
-    def turned(matrix):
+    def turn_matrix(matrix):
         half = jnp.sum(turn[:, :, None] * matrix[None], axis=1)
         return jnp.sum(half[:, None, :] * turn[None], axis=2)
 
     p, pdot, pddot, l, ldot = (apply(turn, v) for v in (at.p, at.pdot, at.pddot, at.l, at.ldot))
-    J, Jdot = turned(at.J), turned(at.Jdot)
+    J, Jdot = turn_matrix(at.J), turn_matrix(at.Jdot)
     about = Moments(M=at.M, p=p, pdot=pdot, J=J, Jdot=Jdot, l=l, pddot=pddot, ldot=ldot)
     return about, r, apply(turn, Omega), apply(turn, Gamma)
 

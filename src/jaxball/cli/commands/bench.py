@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
         "limit": options.limit,
     }
     settings = dataclasses.replace(plan.settings, **{key: value for key, value in changes.items() if value is not None})
-    with interrupt_message(lambda: _stopped(options.out)):
+    with interrupt_message(lambda: _describe_stop(options.out)):
         results = comparison.compare(plan.problems, plan.contenders, settings, options.out)
     return EXIT_INTERRUPTED if results.interrupted else 0
 
@@ -111,6 +111,6 @@ def _engines(options: argparse.Namespace) -> int:
     return 0
 
 
-def _stopped(out: Path) -> str:
+def _describe_stop(out: Path) -> str:
     written = (out / "results.json").exists()
     return f'Stopped; "{out}" has the problems that were finished.' if written else STOPPED

@@ -3,7 +3,7 @@
 import argparse
 
 from ...cache import Contents, clear, contents
-from ...interface.wording import counted
+from ...interface.wording import number_of
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -19,13 +19,13 @@ def run(options: argparse.Namespace) -> int:
     kept = contents()
     print(f"Compiled programs in {kept.folder}")
     print(f"  {_amount(kept)} of at most {_megabytes(kept.limit)}")
-    print(f"  {counted(kept.native + kept.xla, 'program')}: {kept.native} compiled natively, {kept.xla} by XLA")
+    print(f"  {number_of(kept.native + kept.xla, 'program')}: {kept.native} compiled natively, {kept.xla} by XLA")
     print(f"  not in use: {kept.objection}" if kept.objection else "  in use")
     return 0
 
 
 def _amount(kept: Contents) -> str:
-    return f"{counted(kept.files, 'file')}, {_megabytes(kept.size)}"
+    return f"{number_of(kept.files, 'file')}, {_megabytes(kept.size)}"
 
 
 def _megabytes(size: int) -> str:

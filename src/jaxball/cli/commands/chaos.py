@@ -143,9 +143,9 @@ def _poincare(options: argparse.Namespace) -> int:
     state = rolling_state(scenario, "a Poincaré map is")
     state = phase_point(scenario.system, state)
     known = _components(state)
-    path = _checked(path, known)
+    path = _check_component(path, known)
     others = [name for name in known if name != path]
-    across, up = (_checked(name, known) for name in options.axes or (others * 2)[:2])
+    across, up = (_check_component(name, known) for name in options.axes or (others * 2)[:2])
     name, index = known[path]
 
     def section(system, t, x):
@@ -268,7 +268,7 @@ def _components(state: Any) -> dict[str, tuple[str, tuple[int, ...]]]:
     }
 
 
-def _checked(name: str, known: dict[str, Any]) -> str:
+def _check_component(name: str, known: dict[str, Any]) -> str:
     if name not in known:
         raise BadInputError(f'The component must be one of {", ".join(known)}, but it is "{name}".')
     return name

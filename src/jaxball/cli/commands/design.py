@@ -10,7 +10,7 @@ from typing import Any
 from ...interface.activity import Line
 from ...interface.interruption import interrupt_message
 from ...interface.output import check_folder
-from ..input import all_told, text_and_document
+from ..input import gather_problems, text_and_document
 from ..jax_setup import set_up_jax
 from ..kinds import PROBLEMS
 from ..options import working
@@ -33,7 +33,7 @@ def run(options: argparse.Namespace) -> int:
     from ...design.result import Source
 
     file = Path(options.problem)
-    with all_told(options.problem):
+    with gather_problems(options.problem):
         problem_file = (read_control if CONTROL_TABLE in document else problem_of)(document, file.parent)
     source = Source(shlex.join(["jaxball", "design", str(file), "--out", str(options.out)]), file, text)
     source.check(options.out)
@@ -47,7 +47,7 @@ def _progress(options: argparse.Namespace, line: Line) -> Callable[[str], None]:
 
 def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int:
     from ...design.control.solution import means
-    from ...design.control.solve import controlled
+    from ...design.control.solve import solve_control
     from ...design.report import objectives_in_units, violation, write_control_report, write_design
     from ...design.search.design import SCENARIO
 
@@ -58,12 +58,12 @@ def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int
         write_design(solution, problem_file.title, problem_file.saves, options.out)
         saved = True
 
-    def stopped() -> str:
+    def describe_stop() -> str:
         what = f"the last motion found is {options.out / SCENARIO}" if saved else "no motion was found yet"
         return f"Stopped; {what}."
 
-    with interrupt_message(stopped), working(options, "searching for a motion") as line:
-        done = controlled(problem_file, _progress(options, line), save)
+    with interrupt_message(describe_stop), working(options, "searching for a motion") as line:
+        done = solve_control(problem_file, _progress(options, line), save)
         report = write_control_report(done, problem_file.title, problem_file.saves, options.out, source)
     violations = {name: violation(by, done.violation) for name, by in done.seen.violations.items()}
     _print_summary(problem_file.title, means(done.solution), objectives_in_units(done), violations)
@@ -78,13 +78,13 @@ def _search(options: argparse.Namespace, problem_file: Any, source: Any) -> int:
     from ...design.report import objectives_in_units, violation, write_report
     from ...design.search.design import PROGRESS, SCENARIO, design, warnings
 
-    def stopped() -> str:
+    def describe_stop() -> str:
         if not all((options.out / name).exists() for name in (PROGRESS, SCENARIO)):
             return "Stopped; no design was found yet."
         return f"Stopped; the best design so far is {options.out / SCENARIO}; run the same command to resume."
 
     problem, settings = problem_file.problem, problem_file.settings
-    with interrupt_message(stopped), working(options, "searching for a design") as line:
+    with interrupt_message(describe_stop), working(options, "searching for a design") as line:
         say = _progress(options, line)
         done = design(problem, settings, options.out, identity=problem_file.identity, say=say)
         report = write_report(done, problem_file.title, options.out, source)

@@ -7,7 +7,7 @@ from pathlib import Path
 from ...interface.output import check_destination, replacing, write_text
 from ..input import add_scenario, scenario_document, scenario_of
 from ..jax_setup import set_up_jax
-from ..options import STDOUT, BadInputError, add_quiet, positive, say, written_line
+from ..options import STDOUT, BadInputError, add_quiet, name_files, positive, say
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -57,5 +57,5 @@ def run(options: argparse.Namespace) -> int:
         for note in () if options.quiet else notes:
             print(note, file=sys.stderr)
     else:
-        say(options, *notes, written_line(written))
+        say(options, *notes, name_files(written))
     return 0

@@ -10,7 +10,7 @@ from ...scenario.errors import ScenarioError
 from ...scenario.sources import text_of
 from ..input import STDIN, refuse_document
 from ..jax_setup import set_up_jax
-from ..options import STDOUT, BadInputError, add_quiet, positive, say, written_line
+from ..options import STDOUT, BadInputError, add_quiet, name_files, positive, say
 
 DEFAULT_END, DEFAULT_STEP = 10.0, 0.1
 
@@ -68,7 +68,7 @@ def run(options: argparse.Namespace) -> int:
             print(note, file=sys.stderr)
     else:
         write_text(options.out, written)
-        say(options, *robot.notes, written_line([options.out]))
+        say(options, *robot.notes, name_files([options.out]))
     return 0
 
 

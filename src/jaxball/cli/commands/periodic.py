@@ -8,11 +8,11 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from ...interface.status import Status
-from ...interface.wording import counted
+from ...interface.wording import number_of
 from ...scenario.errors import ScenarioError
 from ...scenario.paths import check_number, entries, value_at
 from ..input import add_scenario, scenario_document, scenario_of
-from ..jax_setup import compiled_for, set_up_jax
+from ..jax_setup import compile_for, set_up_jax
 from ..options import (
     CHART_AXIS,
     FAILED_SOLVE,
@@ -133,7 +133,7 @@ def _motion(options: argparse.Namespace, document: dict[str, Any], period: float
         if options.after <= start:
             raise BadInputError(f"Argument `--after` must be after the start, {start:g}, but it is {options.after:g}.")
         before = dataclasses.replace(scenario, times=np.array([start, options.after]))
-        with working(options, f"simulating to t = {options.after:g}"), compiled_for(before):
+        with working(options, f"simulating to t = {options.after:g}"), compile_for(before):
             before = before.simulate()
         if not before.ok:
             print(f"jaxball: {message_in_keys(before)}", file=sys.stderr)
@@ -201,7 +201,7 @@ def _summary(motion: "PeriodicMotion") -> list[str]:
 
     angles = zip(_angles(motion.state), motion.turns, strict=True)
     turned = ", ".join(f"{name} {turns}" for name, turns in angles if turns)
-    steps = counted(motion.iterations, "step")
+    steps = number_of(motion.iterations, "step")
     lines = [
         state_line(motion),
         f"  {motion.message}",

@@ -6,7 +6,7 @@ from pathlib import Path
 from ...results.files import check_saved
 from ..input import refuse_document
 from ..jax_setup import set_up_jax
-from ..options import add_formats, add_quiet, add_replacing, check_figures_folder, say, working, written_line
+from ..options import add_formats, add_quiet, add_replacing, check_figures_folder, name_files, say, working
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -36,5 +36,5 @@ def run(options: argparse.Namespace) -> int:
     with working(options, "drawing"), compile_quickly():
         run = load_run(options.saved)
         written = draw_figures(options, run, options.out, options.format, saved_scenario(options.saved), options.saved)
-    say(options, run, written_line([written]))
+    say(options, run, name_files([written]))
     return 0

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...interface.output import check_view
-from ...interface.wording import counted
+from ...interface.wording import number_of
 from ...results.files import check_format
 from ...scenario.errors import ScenarioError
 from ...scenario.paths import with_values
 from ...scenario.solvers import SOLVERS
 from ..animation import add_animation, check_animation, check_span, write_animation
 from ..input import add_scenario, scenario_document, scenario_of, source_name
-from ..jax_setup import compiled_for, set_up_jax
+from ..jax_setup import compile_for, set_up_jax
 from ..options import (
     FAILED_SOLVE,
     BadInputError,
@@ -25,11 +25,11 @@ from ..options import (
     add_replacing,
     check_figures_folder,
     check_json,
+    name_files,
     number,
     positive,
     say,
     working,
-    written_line,
 )
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def run(options: argparse.Namespace) -> int:
     check_span(options, scenario)
     check_figures(options, scenario)
     check_memory(options, scenario.times.size)
-    with compiled_for(scenario):
+    with compile_for(scenario):
         return _simulate(options, scenario)
 
 
@@ -142,7 +142,7 @@ def _simulate(options: argparse.Namespace, scenario: "Scenario") -> int:
         content = {} if options.json is None else _content(scenario, trajectory)
         checks = [] if options.quiet else _checks(trajectory)
     write_json(options, content)
-    say(options, scenario.title, trajectory, *checks, written_line(written))
+    say(options, scenario.title, trajectory, *checks, name_files(written))
     return 0
 
 
@@ -288,11 +288,11 @@ def check_memory(options: argparse.Namespace, times: int) -> None:
     needed, free = times * (OF_STATES + OF_OBSERVABLES * observed), free_memory()
     if needed > free:
         raise BadInputError(
-            f"Key `time` asks for {counted(times, 'time')}, which need about {_gigabytes(needed)} of memory, but "
+            f"Key `time` asks for {number_of(times, 'time')}, which need about {_gigabytes(needed)} of memory, but "
             f"{_gigabytes(free)} are free; save fewer times."
         )
     if times > MANY_TIMES and not options.quiet:
-        warning = f"jaxball: {counted(times, 'time')} take minutes and about {_gigabytes(needed)} of memory."
+        warning = f"jaxball: {number_of(times, 'time')} take minutes and about {_gigabytes(needed)} of memory."
         print(warning, file=sys.stderr, flush=True)
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from ...interface.interruption import STOPPED, exit_code, interrupt_message
 from ...interface.output import check_folder
-from ...interface.wording import all_of, counted, pip_install
-from ..input import all_told, text_and_document
+from ...interface.wording import all_of, number_of, pip_install
+from ..input import gather_problems, text_and_document
 from ..jax_setup import set_up_jax
 from ..kinds import STUDY
 from ..options import FAILED_SOLVE, BadInputError, add_formats, add_replacing, count, working
@@ -80,7 +80,7 @@ def _sweep(options: argparse.Namespace, text: str) -> int:
     """Runs the study of a file with this text, or says how much there is to run."""
     from ... import sweep
 
-    with all_told(options.study):
+    with gather_problems(options.study):
         study = sweep.read_study(text, Path(options.study).parent)
     if options.dry_run:
         with working(options, "solving a few rows"):
@@ -88,7 +88,7 @@ def _sweep(options: argparse.Namespace, text: str) -> int:
         print(estimate if options.measure else f"{estimate}; --measure solves a few rows to estimate the time")
         return 0
     try:
-        with interrupt_message(lambda: _stopped(options.out)):
+        with interrupt_message(lambda: _describe_stop(options.out)):
             workers = options.workers or 1
             outcome = sweep.sweep(study, options.out, workers=workers, shard=options.shard, stream=sys.stderr)
     except sweep.WorkerError as error:
@@ -106,7 +106,7 @@ def _sweep(options: argparse.Namespace, text: str) -> int:
     return 0
 
 
-def _stopped(out: Path) -> str:
+def _describe_stop(out: Path) -> str:
     return f'Stopped; the rows in "{out}" are complete; run the same command to resume.' if out.exists() else STOPPED
 
 
@@ -136,7 +136,7 @@ def _plot(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
             )
     except plot.PictureError as error:
         raise BadInputError(str(error)) from None
-    print(f"{counted(len(paths), 'figure')} of {options.store}")
+    print(f"{number_of(len(paths), 'figure')} of {options.store}")
     for path in paths:
         print(f"  written: {path}")
     return 0

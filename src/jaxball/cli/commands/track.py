@@ -12,7 +12,7 @@ from ...interface.output import check_destination
 from ...results.files import READ_BACK
 from ...scenario.errors import ScenarioError
 from ..input import add_scenario, scenario_document, scenario_of
-from ..jax_setup import compiled_for, set_up_jax
+from ..jax_setup import compile_for, set_up_jax
 from ..options import (
     CHART_AXIS,
     FAILED_SOLVE,
@@ -24,10 +24,10 @@ from ..options import (
     chart_axes,
     check_figures_folder,
     check_json,
+    name_files,
     positive,
     say,
     working,
-    written_line,
 )
 
 if TYPE_CHECKING:
@@ -59,11 +59,15 @@ def add(parser: argparse.ArgumentParser) -> None:
         "save times are the samples."
     )
     add_scenario(parser)
-    parser.add_argument("--Q", type=_named, metavar=NAMED, help="weights of deviations, as in z=9,theta=1 (default: 1)")
-    parser.add_argument("--R", type=_named, metavar=NAMED, help="weights of inputs (default: 1)")
+    parser.add_argument(
+        "--Q", type=_parse_start, metavar=NAMED, help="weights of deviations, as in z=9,theta=1 (default: 1)"
+    )
+    parser.add_argument("--R", type=_parse_start, metavar=NAMED, help="weights of inputs (default: 1)")
     parser.add_argument("--sample", type=positive, metavar="T", help="the time between samples, instead of save times")
     parser.add_argument("--delay", type=_not_negative, metavar="N", help="samples before feedback takes effect")
-    parser.add_argument("--limits", type=_named, metavar=NAMED, help="largest magnitudes of inputs, instead of motors'")
+    parser.add_argument(
+        "--limits", type=_parse_start, metavar=NAMED, help="largest magnitudes of inputs, instead of motors'"
+    )
     parser.add_argument(
         "--disturb",
         type=_deviation,
@@ -99,7 +103,7 @@ def run(options: argparse.Namespace) -> int:
     document = _with_feedback(options, scenario_document(options))
     set_up_jax()
     scenario = scenario_of(document, options.scenario)
-    with compiled_for(scenario):
+    with compile_for(scenario):
         return _track(options, scenario, axes)
 
 
@@ -129,7 +133,7 @@ def _track(options: argparse.Namespace, scenario: "Scenario", axes: tuple[ChartA
     from ...scenario.closed_loop import feedback_along, nominal_run
     from ..files import write_json
 
-    disturbed = _disturbed(options, scenario)
+    disturbed = _disturb(options, scenario)
     with working(options, "simulating the motion"):
         motion = nominal_run(scenario)
     if not motion.ok:
@@ -137,12 +141,12 @@ def _track(options: argparse.Namespace, scenario: "Scenario", axes: tuple[ChartA
         return FAILED_SOLVE
     with working(options, "linearising along the motion"):
         feedback = feedback_along(scenario, motion)
-    held = [_simulated(options, one, feedback) for one in disturbed]
+    held = [_simulate_loops(options, one, feedback) for one in disturbed]
     basins = {} if axes is None else _basins(options, scenario, feedback, axes)
     written = []
     if options.out is not None:
         with working(options, "evaluating and saving"):
-            results.save(_last(held[0]).run.made_by(disturbed[0]), options.out, disturbed[0])
+            results.save(_last(held[0]).run.set_scenario(disturbed[0]), options.out, disturbed[0])
         written.append(str(options.out))
     if options.plot is not None:
         with working(options, "drawing"):
@@ -150,12 +154,12 @@ def _track(options: argparse.Namespace, scenario: "Scenario", axes: tuple[ChartA
     deviations = _Deviations.of(scenario, feedback)
     write_json(options, _content(scenario, deviations, held, basins))
     lines = [_track_of(feedback), *_table(deviations, held), *(_basin_line(*one) for one in basins.items())]
-    say(options, scenario.title, *lines, written_line(written))
+    say(options, scenario.title, *lines, name_files(written))
     return 0 if all(loop.ok for one in held for loop in one.loops.values()) else FAILED_SOLVE
 
 
-def _disturbed(options: argparse.Namespace, scenario: "Scenario") -> "list[Scenario]":
-    """The scenario from each disturbed start: those of --disturb, its own, or else another angular velocity."""
+def _disturb(options: argparse.Namespace, scenario: "Scenario") -> "list[Scenario]":
+    """Returns the scenario from each disturbed start: those of --disturb, its own, or else another angular velocity."""
     from ...control import SampledSystem
     from ...control.weights import by_name
     from ...physics.body import Disk
@@ -173,7 +177,7 @@ def _disturbed(options: argparse.Namespace, scenario: "Scenario") -> "list[Scena
     return [dataclasses.replace(scenario, feedback=dataclasses.replace(settings, start=start)) for start in starts]
 
 
-def _simulated(options: argparse.Namespace, scenario: "Scenario", feedback: "AbstractFeedback") -> Held:
+def _simulate_loops(options: argparse.Namespace, scenario: "Scenario", feedback: "AbstractFeedback") -> Held:
     from ...control import Feedforward
     from ...scenario.closed_loop import loop_along, settings_of, with_estimator
 
@@ -320,7 +324,7 @@ def _draw(
 ) -> str:
     """Draws what there is to see, and returns how many figures and where."""
     from ... import plot
-    from ...interface.wording import counted
+    from ...interface.wording import number_of
     from ...plot.files import run_mark, save_figures
     from ...plot.style import caption
     from ..files import figure_name, suffixes
@@ -338,25 +342,25 @@ def _draw(
         drawings["estimate"] = lambda: plot.estimate(estimate, last.states)
     begin = figure_name(options.scenario, scenario)
 
-    def captioned(draw: Callable[[], Any]) -> Any:
+    def draw_with_caption(draw: Callable[[], Any]) -> Any:
         drawn = draw()
         caption(getattr(drawn, "figure", None) or drawn, scenario.system, scenario.title)
         return drawn
 
-    named = [(f"{begin}_{name}", functools.partial(captioned, draw)) for name, draw in drawings.items()]
+    named = [(f"{begin}_{name}", functools.partial(draw_with_caption, draw)) for name, draw in drawings.items()]
     paths = save_figures(
         named,
         options.plot,
-        run_mark(last.run.made_by(scenario)),
+        run_mark(last.run.set_scenario(scenario)),
         suffixes(options.plot_format),
         svg_text=options.svg_text,
         replace=options.force,
     )
-    return f"{counted(len(paths), 'figure')} in {options.plot}"
+    return f"{number_of(len(paths), 'figure')} in {options.plot}"
 
 
-def _named(text: str) -> float | dict[str, float]:
-    """A number, or numbers by name."""
+def _parse_start(text: str) -> float | dict[str, float]:
+    """Parses a number, or numbers by name."""
     try:
         return float(text)
     except ValueError:

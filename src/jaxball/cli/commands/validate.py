@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from ...interface.wording import counted
+from ...interface.wording import number_of
 from ...scenario.errors import ScenarioError, all_problems
 from ...scenario.logs import with_logs
 from ...scenario.sources import builtin_scenarios, builtin_text, document_of, text_of
@@ -32,7 +32,7 @@ def run(options: argparse.Namespace) -> int:
     for source in options.files:
         description = ""
         with all_problems() as problems:
-            description = _described(source, options)
+            description = _describe(source, options)
         name = source_name(source)
         for problem in problems:
             print(f"{name}: {sentence(problem)}", file=sys.stderr)
@@ -42,8 +42,8 @@ def run(options: argparse.Namespace) -> int:
     return 0 if all_valid else BAD_INPUT
 
 
-def _described(source: str, options: argparse.Namespace) -> str:
-    """The contents of a file, in one line.
+def _describe(source: str, options: argparse.Namespace) -> str:
+    """Describes the contents of a file in one line.
 
     **Raises:** :class:`~jaxball.ScenarioError` for a file that is not valid.
     """
@@ -70,9 +70,9 @@ def _scenario(document: dict[str, Any], folder: Path) -> str:
     from ...scenario import read_document
 
     scenario = read_document(with_logs(document, folder))
-    times, what = scenario.times, scenario.system.described()
+    times, what = scenario.times, scenario.system.describe()
     content = f"{what}, {len(times)} times from {times[0]:g} to {times[-1]:g} by {scenario.solver}"
-    return _titled(SCENARIO.words, content, document)
+    return _add_title(SCENARIO.words, content, document)
 
 
 def _study(document: dict[str, Any], folder: Path) -> str:
@@ -82,8 +82,8 @@ def _study(document: dict[str, Any], folder: Path) -> str:
 
     study = read_study(tomli_w.dumps(document), folder)
     shape = " × ".join(f"{size:,}" for size in study.shape)
-    rows = counted(study.rows, "row")
-    return _titled(
+    rows = number_of(study.rows, "row")
+    return _add_title(
         STUDY.words, f"{rows}{f' ({shape})' if len(study.shape) > 1 else ''} of {', '.join(study.paths)}", document
     )
 
@@ -93,22 +93,22 @@ def _problem(document: dict[str, Any], folder: Path) -> str:
 
     problem = problem_of(document, folder).problem
     size = problem.space.size
-    variables = counted(size, "variable")
+    variables = number_of(size, "variable")
     content = (variables, _names("objectives", problem.objectives), _names("constraints", problem.constraints))
-    return _titled(PROBLEM.words, "; ".join(content), document)
+    return _add_title(PROBLEM.words, "; ".join(content), document)
 
 
 def _control(document: dict[str, Any], folder: Path) -> str:
     from ...design.files import read_control
 
     problem = read_control(document, folder)
-    return _titled(CONTROL.words, f"{problem.intervals} intervals to start with", document)
+    return _add_title(CONTROL.words, f"{problem.intervals} intervals to start with", document)
 
 
 def _names(what: str, items: Mapping[str, Any]) -> str:
     return f"{what} {', '.join(items)}" if items else f"no {what}"
 
 
-def _titled(kind: str, content: str, document: dict[str, Any]) -> str:
+def _add_title(kind: str, content: str, document: dict[str, Any]) -> str:
     title = document.get("title", "")
     return f'{kind}, "{title}": {content}.' if title else f"{kind}: {content}."

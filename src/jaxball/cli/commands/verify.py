@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from ...interface.output import check_destination
 from ...scenario.sources import builtin_scenarios
 from ...verify.laws import LAWS
-from ..input import add_changes, changed_document, is_run, scenario_of
-from ..jax_setup import compiled_for, set_up_jax
+from ..input import add_changes, change_document, is_run, scenario_of
+from ..jax_setup import compile_for, set_up_jax
 from ..options import (
     FAILED_SOLVE,
     FIGURE_SUFFIXES,
@@ -17,9 +17,9 @@ from ..options import (
     BadInputError,
     add_json,
     check_json,
+    name_files,
     say,
     working,
-    written_line,
 )
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
         )
     # All are read before the first run, so that a misspelt name is not discovered after minutes.
     names = options.scenarios or builtin_scenarios()
-    documents = {name: changed_document(name, options.set) for name in names}
+    documents = {name: change_document(name, options.set) for name in names}
     set_up_jax()
     return _verify(options, documents)
 
@@ -81,13 +81,13 @@ def _verify(options: argparse.Namespace, documents: Mapping[str, dict[str, Any]]
     reports = {}
     for name, scenario in scenarios.items():
         try:
-            with working(options, f"checking {name}"), compiled_for(scenario):
+            with working(options, f"checking {name}"), compile_for(scenario):
                 run = load_run(name) if is_run(name) else None
                 known = scenario if run is None or run.scenario is None else run
                 reports[name] = verify(known, laws=options.laws, quick=options.quick)
         except ValueError as error:
             raise BadInputError(str(error)) from None
-        say(options, f"{name}: {reports[name]}", _drawn(options, scenario, reports[name]))
+        say(options, f"{name}: {reports[name]}", _draw(options, scenario, reports[name]))
         if options.json != STDOUT:
             write_json(options, _content(reports))
     if options.json == STDOUT:
@@ -97,7 +97,7 @@ def _verify(options: argparse.Namespace, documents: Mapping[str, dict[str, Any]]
     return 0 if all(report.ok for report in reports.values()) else LAW_BROKEN
 
 
-def _drawn(options: argparse.Namespace, scenario: "Scenario", report: "Report") -> str:
+def _draw(options: argparse.Namespace, scenario: "Scenario", report: "Report") -> str:
     """Draws the residuals where --plot asks for them, and returns the line that names the file."""
     if options.plot is None or report.failure:
         return ""
@@ -109,7 +109,7 @@ def _drawn(options: argparse.Namespace, scenario: "Scenario", report: "Report") 
     with working(options, "drawing"):
         drawn = law_residuals(report.times, report.residuals)
         write_figure(drawn, options.plot, scenario.system, scenario.title)
-    return written_line([options.plot])
+    return name_files([options.plot])
 
 
 def _content(reports: Mapping[str, "Report"]) -> dict[str, Any]:

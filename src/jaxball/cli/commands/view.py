@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...interface.output import MOST_BODIES, check_view
-from ...interface.wording import counted
+from ...interface.wording import number_of
 from ...results.files import READ_BACK, RunError, check_saved
 from ..input import refuse_document
-from ..jax_setup import compiled_for, set_up_jax
-from ..options import BadInputError, add_quiet, positive, say, working, written_line
+from ..jax_setup import compile_for, set_up_jax
+from ..options import BadInputError, add_quiet, name_files, positive, say, working
 from .sweep import require_packages
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def _rows(text: str) -> tuple[int, ...]:
         raise argparse.ArgumentTypeError(f"it must be row numbers separated by commas, but it is {text}")
     rows = tuple(int(part) for part in parts)
     if len(set(rows)) < len(rows) or len(rows) > MOST_BODIES:
-        number = counted(len(rows), "row") + " with one twice" * (len(set(rows)) < len(rows))
+        number = number_of(len(rows), "row") + " with one twice" * (len(set(rows)) < len(rows))
         raise argparse.ArgumentTypeError(f"it must be up to {MOST_BODIES} different rows, but it is {number}")
     return rows
 
@@ -93,7 +93,7 @@ def _of_run(options: argparse.Namespace) -> int:
         _check(options, run, f'The run "{options.saved}"')
         title = saved_scenario(options.saved).title
         plot.write_view(run, options.out, title, friction=options.friction, all_times=options.all_times)
-    return _finished(options, run)
+    return _finish(options, run)
 
 
 def _of_design(options: argparse.Namespace) -> int:
@@ -101,10 +101,10 @@ def _of_design(options: argparse.Namespace) -> int:
     from ...design import load_result
 
     result = load_result(options.saved)
-    runs = _simulated(options, {"before": result.before, "after": result.after})
+    runs = _simulate(options, {"before": result.before, "after": result.after})
     with working(options, "writing the view"):
         _write(options, runs, result.title, wanted=result.wanted, discs=result.discs)
-    return _finished(options, *(f"{name}: {run}" for name, run in runs.items()))
+    return _finish(options, *(f"{name}: {run}" for name, run in runs.items()))
 
 
 def _of_sweep(options: argparse.Namespace) -> int:
@@ -119,11 +119,11 @@ def _of_sweep(options: argparse.Namespace) -> int:
     except plot.PictureError as error:
         raise BadInputError(f"Argument `--colour`: {error}") from None
     named = {f"row {row}": scenario for row, scenario in zip(options.rows, scenarios, strict=True)}
-    runs = _simulated(options, named, sweep.row_events(options.saved))
+    runs = _simulate(options, named, sweep.row_events(options.saved))
     title = ", ".join([title_of(data), *(named if len(named) == 1 else ())])
     with working(options, "writing the view"):
         _write(options, runs, title, scale=scale)
-    return _finished(options, title, *(f"  {name}: {run.message}" for name, run in runs.items()))
+    return _finish(options, title, *(f"  {name}: {run.message}" for name, run in runs.items()))
 
 
 def _check(options: argparse.Namespace, trajectory: "Trajectory[Any, Any]", what: str) -> None:
@@ -139,15 +139,15 @@ def _check(options: argparse.Namespace, trajectory: "Trajectory[Any, Any]", what
         )
 
 
-def _simulated(
+def _simulate(
     options: argparse.Namespace,
     scenarios: Mapping[str, "Scenario"],
     events: "Mapping[str, AbstractEvent] | None" = None,
 ) -> "dict[str, Trajectory[Any, Any]]":
-    """The runs of scenarios by their names."""
+    """Simulates scenarios, and returns their runs by name."""
     runs = {}
     for name, scenario in scenarios.items():
-        with working(options, f"simulating {name}"), compiled_for(scenario):
+        with working(options, f"simulating {name}"), compile_for(scenario):
             runs[name] = scenario.simulate(events=events)
         _check(options, runs[name], f'The run "{name}"')
     return runs
@@ -170,6 +170,6 @@ def _write(options: argparse.Namespace, runs: "Mapping[str, Trajectory[Any, Any]
     plot.write_view(runs, options.out, title, friction=options.friction, all_times=options.all_times, **more)
 
 
-def _finished(options: argparse.Namespace, *lines: object) -> int:
-    say(options, *lines, written_line([options.out]))
+def _finish(options: argparse.Namespace, *lines: object) -> int:
+    say(options, *lines, name_files([options.out]))
     return 0

@@ -14,7 +14,7 @@ from .schedules import (
     Resimulated as Resimulated,
     holding as holding,
     places as places,
-    resimulated as resimulated,
+    resimulate as resimulate,
     scenario_of as scenario_of,
     schedules_of as schedules_of,
     signals_of as signals_of,
@@ -26,9 +26,14 @@ from .solution import (
     least_curvature as least_curvature,
     means as means,
     mesh_errors as mesh_errors,
-    solved as solved,
+    solve_near as solve_near,
     violations as violations,
 )
-from .solve import at_rest as at_rest, continued as continued, sharpened as sharpened, started as started
+from .solve import (
+    at_rest as at_rest,
+    continue_to as continue_to,
+    sharpen as sharpen,
+    solve_from_guess as solve_from_guess,
+)
 
 __all__, __dir__ = _interface(globals())

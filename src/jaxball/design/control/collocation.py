@@ -215,7 +215,7 @@ class Collocation(AbstractEquations):
         self.problem, self.mesh, self.stages, self.vary, self.barrier = problem, mesh, stages, vary, barrier
         self.tableau: Tableau = gauss(stages)
         self._last: tuple[np.ndarray, float, Term, Term] | None = None
-        self._sizes = Sizes(*map(int, _compiled(sizes, vary)(problem)))
+        self._sizes = Sizes(*map(int, _compile_partial(sizes, vary)(problem)))
         n, m, c, i = self._sizes
         N, s = len(mesh) - 1, stages
         shapes: list[Any] = [(N + 1, n), (N, s, n), (N, s, m), (n,), (N, s, n), (N, n), (c,), (N, s, i)]
@@ -223,10 +223,10 @@ class Collocation(AbstractEquations):
         places = np.split(np.arange(self.size), np.cumsum([np.prod(shape) for shape in self.shapes])[:-1])
         self.places = Unknowns(*(at.reshape(shape) for at, shape in zip(places, self.shapes, strict=True)))
 
-    def changed(
+    def with_changes(
         self, mesh: Float[np.ndarray, " N_plus_one"] | None = None, barrier: float | None = None
     ) -> "Collocation":
-        """The equations on another mesh, or with another barrier."""
+        """Returns the equations on another mesh, or with another barrier."""
         return Collocation(
             self.problem,
             self.mesh if mesh is None else mesh,
@@ -259,8 +259,8 @@ class Collocation(AbstractEquations):
         """The parts of y."""
         return Unknowns(*(y[at] for at in self.places))
 
-    def joined(self, parts: Unknowns) -> Float[np.ndarray, " size"]:
-        """The inverse of :meth:`parts`."""
+    def join(self, parts: Unknowns) -> Float[np.ndarray, " size"]:
+        """Inverts :meth:`parts`."""
         return np.concatenate([np.ravel(part) for part in parts])
 
     @property
@@ -304,19 +304,21 @@ class Collocation(AbstractEquations):
     def residual(self, y, parameter):
         node, end = self._terms(y, parameter)
         first = self.linear @ y
-        first[self.places.at_start] -= _compiled(initial, self.vary)(self.problem, jnp.asarray(parameter))[0]
+        first[self.places.at_start] -= _compile_partial(initial, self.vary)(self.problem, jnp.asarray(parameter))[0]
         np.add.at(first, self._node_places, node.value)
         np.add.at(first, self._end_places, end.value)
         return first
 
     def jacobian(self, y, parameter):
         node, end = self._terms(y, parameter)
-        at_nodes = _scattered(self._node_places, node.jacobian, self.size)
-        at_end = _scattered(self._end_places[None], end.jacobian[None], self.size)
+        at_nodes = _sum_blocks(self._node_places, node.jacobian, self.size)
+        at_end = _sum_blocks(self._end_places[None], end.jacobian[None], self.size)
         by_parameter = np.zeros(self.size)
         np.add.at(by_parameter, self._node_places, node.by_parameter)
         np.add.at(by_parameter, self._end_places, end.by_parameter)
-        by_parameter[self.places.at_start] -= _compiled(initial, self.vary)(self.problem, jnp.asarray(parameter))[1]
+        by_parameter[self.places.at_start] -= _compile_partial(initial, self.vary)(
+            self.problem, jnp.asarray(parameter)
+        )[1]
         return self.linear + at_nodes + at_end, by_parameter
 
     def cost(self, y: Float[np.ndarray, " size"], parameter: float) -> float:
@@ -325,12 +327,12 @@ class Collocation(AbstractEquations):
 
     def along(self, path: Path, name: str, times: Float[np.ndarray, " k"], parameter: float) -> Any:
         """A function of (t, x, u) that the problem has under this name, such as ``rate``, at times along a path."""
-        function = functools.partial(_compiled(_along, name, self.vary), self.problem, jnp.asarray(parameter))
+        function = functools.partial(_compile_partial(_along, name, self.vary), self.problem, jnp.asarray(parameter))
         return _over_nodes(function, times, path.states(times), path.inputs(times))
 
     def problem_at(self, parameter: float) -> Any:
         """The problem at a λ."""
-        return _compiled(_varied, self.vary)(self.problem, jnp.asarray(parameter))
+        return _compile_partial(_vary, self.vary)(self.problem, jnp.asarray(parameter))
 
     @functools.cached_property
     def _soft(self) -> bool:
@@ -376,18 +378,18 @@ class Collocation(AbstractEquations):
         h = np.broadcast_to(self.steps[:, None], self.times.shape)
         given = (self.problem, jnp.asarray(parameter), jnp.asarray(self.barrier))
         rows = [np.ravel(self.times), np.ravel(self.weights), np.ravel(h), _local(parts)]
-        function = functools.partial(_compiled(at_nodes, self.vary, self._sizes), *given)
+        function = functools.partial(_compile_partial(at_nodes, self.vary, self._sizes), *given)
         return _over_nodes(function, *rows).whole(self._sizes)
 
     def _end(self, parts: Unknowns, parameter: float) -> Term:
         local = jnp.asarray(np.concatenate([parts.knots[-1], parts.at_end]))
-        found = _compiled(at_end, self.vary, self._sizes)(self.problem, jnp.asarray(parameter), local)
+        found = _compile_partial(at_end, self.vary, self._sizes)(self.problem, jnp.asarray(parameter), local)
         return jax.tree.map(np.asarray, found)
 
 
 @functools.lru_cache(maxsize=64)
-def _compiled(function: Callable[..., Any], *given: Any) -> programs.Program:
-    """A function whose first arguments are given."""
+def _compile_partial(function: Callable[..., Any], *given: Any) -> programs.Program:
+    """Compiles a function whose first arguments are given."""
     return programs.jit(functools.partial(function, *given))
 
 
@@ -395,7 +397,7 @@ def _over_nodes(function: Callable[..., Any], *rows: np.ndarray) -> Any:
     return in_batches(lambda batch: function(*batch), rows, NODES_OF_CALL)
 
 
-def _varied(vary: Vary, problem: Any, parameter) -> AbstractControlProblem:
+def _vary(vary: Vary, problem: Any, parameter) -> AbstractControlProblem:
     return vary(problem, parameter)
 
 
@@ -415,8 +417,8 @@ def in_time(*places: Int[np.ndarray, "N _ _"], first: Int[np.ndarray, " n"]) -> 
     return np.concatenate([first, np.ravel(np.concatenate([at.reshape(count, -1) for at in places], axis=1))])
 
 
-def _scattered(places: np.ndarray, blocks: np.ndarray, size: int) -> scipy.sparse.csr_array:
-    """The sum of blocks, each at its own rows and columns."""
+def _sum_blocks(places: np.ndarray, blocks: np.ndarray, size: int) -> scipy.sparse.csr_array:
+    """Sums blocks, each at its own rows and columns."""
     rows = np.broadcast_to(places[:, :, None], blocks.shape)
     columns = np.broadcast_to(places[:, None, :], blocks.shape)
     return scipy.sparse.csr_array((np.ravel(blocks), (np.ravel(rows), np.ravel(columns))), shape=(size, size))

@@ -57,7 +57,7 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
     # The excess of d(ΛΠ)/dt over the effect of the forces and of the contact point's motion.
     p = _moment_with_torque(problem, hanging, CubicSpline(times, Pi)(times, 1) - np.asarray(rate))
     state = _with_masses_for(problem, times, state, p)
-    x = CubicSpline(times, _packed(problem, times, state))
+    x = CubicSpline(times, _pack_states(problem, times, state))
     nodes = mesh[:-1, None] + np.diff(mesh)[:, None] * gauss(stages).c
     size = x(mesh).shape[1]
     u = driving(problem, np.ravel(nodes), x(nodes).reshape(-1, size), x(nodes, 1).reshape(-1, size))
@@ -203,5 +203,5 @@ def _momenta(problem: Rolling, times, state) -> tuple[Float[Array, "t 3"], Float
 
 
 @programs.jit
-def _packed(problem: Rolling, times, state) -> Float[Array, "t n"]:
+def _pack_states(problem: Rolling, times, state) -> Float[Array, "t n"]:
     return jax.vmap(problem.packing.pack)(times, state)

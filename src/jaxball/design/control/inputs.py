@@ -39,8 +39,8 @@ class MotorIndex(NamedTuple):
         assert isinstance(force, Motor)
         return force
 
-    def replaced(self, drive: Drive, motor: Motor) -> AbstractJointForce:
-        """The drive of its joint, with another motor."""
+    def replace_motor(self, drive: Drive, motor: Motor) -> AbstractJointForce:
+        """Returns the drive of its joint, with another motor."""
         if self.term is None:
             return motor
         assert isinstance(drive, JointForces)
@@ -148,7 +148,7 @@ def with_schedules(
         for item in system.point_masses
     ]
     mechanisms = [
-        mechanism.driven_by(
+        mechanism.with_drives(
             [next(following) if isinstance(drive, AbstractSchedule) else drive for drive in mechanism.drives]
         )
         for mechanism in system.mechanisms
@@ -189,6 +189,6 @@ def _with_motors(system: System, places: Sequence[MotorIndex], motors: Sequence[
     mechanisms = list(system.mechanisms)
     for place, motor in zip(places, motors, strict=True):
         drives = list(mechanisms[place.mechanism].drives)
-        drives[place.joint] = place.replaced(drives[place.joint], motor)
-        mechanisms[place.mechanism] = mechanisms[place.mechanism].driven_by(drives)
+        drives[place.joint] = place.replace_motor(drives[place.joint], motor)
+        mechanisms[place.mechanism] = mechanisms[place.mechanism].with_drives(drives)
     return type(system)(**{**system.arguments, "mechanisms": mechanisms})

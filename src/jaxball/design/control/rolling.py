@@ -154,7 +154,7 @@ class Rolling(AbstractControlProblem):
 
     def conditions(self, x):
         packing, r = self.packing, self.system.radius
-        state, left = packing.unpack(self.end, x), self.left_at_end(x)
+        state, left = packing.unpack(self.end, x), self.imbalance_at_end(x)
         flat = isinstance(state, DiskState)
         beside = left.beside[:1] if flat else left.beside
         parts = [state.thetadot, state.phidot[None] if flat else state.Omega, beside / r]
@@ -168,8 +168,8 @@ class Rolling(AbstractControlProblem):
             parts.append((jnp.atleast_1d(state.z) - self.place) / r)
         return jnp.concatenate(parts)
 
-    def left_at_end(self, x: Float[Array, " n"]) -> Imbalance:
-        """What the motors must hold, and what else keeps the body from resting, in its final configuration."""
+    def imbalance_at_end(self, x: Float[Array, " n"]) -> Imbalance:
+        """Computes what the motors must hold, and what else keeps the body from resting, in its final configuration."""
         packing = self.packing
         off = with_inputs(packing.system, self.motors, jnp.zeros(self.controls, x.dtype))
         return imbalance(off, self.end, packing.unpack(self.end, x))

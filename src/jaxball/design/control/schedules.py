@@ -60,7 +60,7 @@ def holding(solution: Solution) -> Float[np.ndarray, " motors"]:
 
 @programs.jit
 def _holding(problem: Rolling, x: Float[Array, " n"]) -> Float[Array, " motors"]:
-    return -problem.left_at_end(x).efforts[problem.motor_slots]
+    return -problem.imbalance_at_end(x).efforts[problem.motor_slots]
 
 
 def _polynomials(solution: Solution) -> Float[np.ndarray, "m N s"]:
@@ -114,8 +114,8 @@ class Resimulated(NamedTuple):
 
 
 @programs.compile_quickly()
-def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 1e-11) -> Resimulated:
-    """The solution's schedules simulated by a solver of another kind.
+def resimulate(solution: Solution, solver: str = "gauss16", tolerance: float = 1e-11) -> Resimulated:
+    """Simulates the solution's schedules by a solver of another kind.
 
     Constraints are evaluated ten times per interval of the mesh.
 

@@ -109,14 +109,14 @@ def least_curvature(solution: Solution) -> float:
     basis = scipy.linalg.null_space(matrix[places.at_end][:, states] @ change)
     along = np.zeros((count, basis.shape[1]))
     along[states], along[controls] = change @ basis, basis
-    hessian = along.T @ (_condensed(matrix, np.ravel(places.excess), count) @ along)
+    hessian = along.T @ (_condense(matrix, np.ravel(places.excess), count) @ along)
     weights = np.repeat(np.ravel(collocation.weights), places.controls.shape[2])
     metric = basis.T @ (weights[:, None] * basis)
     return float(scipy.linalg.eigh(hessian, metric, eigvals_only=True, subset_by_index=(0, 0))[0])
 
 
-def _condensed(matrix: scipy.sparse.csr_array, excess: Int[np.ndarray, " i"], count: int) -> scipy.sparse.csr_array:
-    """The second derivatives by states and controls, those by the inequalities' unknowns eliminated."""
+def _condense(matrix: scipy.sparse.csr_array, excess: Int[np.ndarray, " i"], count: int) -> scipy.sparse.csr_array:
+    """Reduces second derivatives to states and controls: those by the inequalities' unknowns are eliminated."""
     inverse = scipy.sparse.diags_array(1 / matrix[excess][:, excess].diagonal())
     return matrix[:count, :count] - matrix[:count][:, excess] @ inverse @ matrix[excess][:, :count]
 
@@ -130,7 +130,7 @@ def unknowns_on(collocation: Collocation, path: Path, parameter: float) -> Float
     times = np.ravel(collocation.times)
     shapes = collocation.shapes
     empty = Unknowns(*map(np.zeros, shapes))
-    y = collocation.joined(
+    y = collocation.join(
         empty._replace(
             knots=path.states(collocation.mesh),
             nodes=path.states(times).reshape(shapes.nodes),
@@ -149,8 +149,8 @@ def unknowns_on(collocation: Collocation, path: Path, parameter: float) -> Float
     return y
 
 
-def solved(collocation: Collocation, path: Path, parameter: float = 0.0, tolerance: float = 1e-6) -> Solution:
-    """The solution near a path, on meshes refined until no interval's error exceeds ``tolerance``.
+def solve_near(collocation: Collocation, path: Path, parameter: float = 0.0, tolerance: float = 1e-6) -> Solution:
+    """Solves near a path, on meshes refined until no interval's error exceeds ``tolerance``.
 
     **Arguments:**
 
@@ -168,7 +168,7 @@ def solved(collocation: Collocation, path: Path, parameter: float = 0.0, toleran
             return Solution(collocation, y, parameter, errors)
         path, rounds = path_of(collocation, y), rounds + 1
         finer = finer_mesh(collocation.mesh, errors, tolerance, collocation.stages + 1)
-        collocation = collocation.changed(mesh=finer)
+        collocation = collocation.with_changes(mesh=finer)
 
 
 def newton_from(
@@ -187,7 +187,7 @@ def newton_from(
         except DesignError:
             if not collocation.inequalities or collocation.barrier <= SHARP:
                 raise
-        collocation = collocation.changed(barrier=max(SHARP, collocation.barrier / 10))
+        collocation = collocation.with_changes(barrier=max(SHARP, collocation.barrier / 10))
 
 
 def mesh_errors(collocation: Collocation, y: Float[np.ndarray, " size"], parameter: float) -> Float[np.ndarray, " N"]:

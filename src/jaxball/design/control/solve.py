@@ -15,8 +15,8 @@ from .collocation import BARRIER, SHARP, Collocation
 from .guess import driving
 from .problem import VIOLATION, Path
 from .rolling import Rolling, between, rolling
-from .schedules import Resimulated, resimulated
-from .solution import Solution, finer_mesh, least_curvature, means, mesh_errors, newton_from, solved, violations
+from .schedules import Resimulated, resimulate
+from .solution import Solution, finer_mesh, least_curvature, means, mesh_errors, newton_from, solve_near, violations
 
 # Steps in the homotopy parameter, from 0 to 1.
 FIRST_HOMOTOPY_STEP, LONGEST_HOMOTOPY_STEP = 0.05, 0.2
@@ -51,7 +51,7 @@ def at_rest(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stages: in
     )
 
 
-def started(
+def solve_from_guess(
     problem: Rolling,
     mesh: Float[np.ndarray, " N_plus_one"],
     stages: int = 3,
@@ -59,10 +59,10 @@ def started(
     guess: Guess = at_rest,
     barrier: float = BARRIER,
 ) -> Solution:
-    """The solution to which Newton's method converges from a ``guess``.
+    """Solves by Newton's method from a ``guess``.
 
     From rest it converges to small motions; for others, start from :func:`rolling_along` the desired path. The
-    ``barrier`` keeps the solution away from constraints, until :func:`sharpened` lets it approach them.
+    ``barrier`` keeps the solution away from constraints, until :func:`sharpen` lets it approach them.
 
     **Arguments:**
 
@@ -74,18 +74,18 @@ def started(
     **Raises:** :class:`~jaxball.design.DesignError` where it does not converge.
     """
     collocation = Collocation((problem, problem), mesh, stages, between, barrier)
-    return solved(collocation, guess(problem, mesh, stages), 0.0, tolerance)
+    return solve_near(collocation, guess(problem, mesh, stages), 0.0, tolerance)
 
 
-def continued(
+def continue_to(
     solution: Solution,
     problem: Rolling,
     tolerance: float = 1e-6,
     visit: Callable[[Solution], None] = lambda solution: None,
 ) -> tuple[Branch, Solution]:
-    """The solution of ``problem`` at the end of the branch that begins with ``solution``, on a fine enough mesh.
+    """Follows the branch from ``solution`` to ``problem``, and solves at its end on a fine enough mesh.
 
-    With constraints, :func:`sharpened` refines the mesh, after the barrier has fallen.
+    With constraints, :func:`sharpen` refines the mesh, after the barrier has fallen.
 
     The parameter of the branch goes from 0 at one problem to 1 at the other, as in :func:`between`.
 
@@ -122,17 +122,17 @@ def continued(
     errors = mesh_errors(collocation, last.y, 1.0)
     if np.max(errors) <= tolerance or collocation.inequalities:
         return branch, last._replace(errors=errors)
-    return branch, solved(collocation, last.path, 1.0, tolerance)
+    return branch, solve_near(collocation, last.path, 1.0, tolerance)
 
 
-def sharpened(
+def sharpen(
     solution: Solution,
     barrier: float = SHARP,
     tolerance: float = 1e-6,
     violation: float = VIOLATION,
     visit: Callable[[Solution], None] = lambda solution: None,
 ) -> Solution:
-    """The solution with a small barrier, on meshes refined until its inequalities hold between the nodes as well.
+    """Solves with a small barrier, on meshes refined until the inequalities hold between the nodes as well.
 
     Where Newton's method finds none on a finer mesh, it is the last one found, as its errors and violations show.
 
@@ -167,7 +167,7 @@ def sharpened(
             break
         finer = finer_mesh(collocation.mesh, excess, 1.0, collocation.stages + 1)
         try:
-            collocation, y = newton_from(collocation.changed(finer, max(barrier, AGAIN)), sharp.path, parameter)
+            collocation, y = newton_from(collocation.with_changes(finer, max(barrier, AGAIN)), sharp.path, parameter)
         except DesignError:
             break
     return sharp
@@ -181,7 +181,7 @@ def _lower_barrier(
     while collocation.barrier > barrier:
         following = step * collocation.barrier
         last = following < NEARLY_LAST * barrier
-        lower = collocation.changed(barrier=barrier if last else following)
+        lower = collocation.with_changes(barrier=barrier if last else following)
         try:
             y = newton(lower, y, parameter, CORRECTION_TOLERANCE if last else ROUGH)
         except DesignError:
@@ -262,12 +262,12 @@ class Controlled(NamedTuple):
         return {name: by for name, by in self.seen.violations.items() if not by <= self.violation}
 
 
-def controlled(
+def solve_control(
     file: ControlFile,
     say: Callable[[str], None] = lambda line: None,
     keep: Callable[[Solution], None] = lambda solution: None,
 ) -> Controlled:
-    """The solution of a problem: from its guess by Newton's method, and by continuation if it has an easier problem.
+    """Solves a problem: from its guess by Newton's method, and by continuation if it has an easier problem.
 
     Finally, the barrier of constraints is brought close to zero.
 
@@ -297,10 +297,10 @@ def controlled(
     if file.easy is None:
         visit(solution)
     else:
-        solution = continued(first, problem, file.tolerance, visit)[1]
+        solution = continue_to(first, problem, file.tolerance, visit)[1]
     if problem.constraints:
-        solution = sharpened(solution, tolerance=file.tolerance, violation=file.violation, visit=sharper)
-    seen, curvature = resimulated(solution), least_curvature(solution)
+        solution = sharpen(solution, tolerance=file.tolerance, violation=file.violation, visit=sharper)
+    seen, curvature = resimulate(solution), least_curvature(solution)
     elapsed = time.perf_counter() - began
     return Controlled(
         first=first,
@@ -318,7 +318,7 @@ def _first_solution(file: ControlFile, problem: Rolling, mesh: np.ndarray) -> So
     """The solution by Newton's method from the guess, or otherwise from the motion without constraints."""
 
     def start(problem: Rolling, guess: Guess) -> Solution:
-        return started(problem, mesh, tolerance=file.tolerance, guess=guess, barrier=file.barrier)
+        return solve_from_guess(problem, mesh, tolerance=file.tolerance, guess=guess, barrier=file.barrier)
 
     try:
         return start(problem, file.guess)

@@ -69,8 +69,8 @@ class AbstractCurve(eqx.Module):
         """Points at equal steps of s, including both ends."""
         return along(self, jnp.asarray(np.linspace(0.0, 1.0, count), dtype=to_array(0.0).dtype))
 
-    def spanned_by(self) -> Float[Array, "k 2"]:
-        """Vectors of which each of its points is a linear combination; by default points of it."""
+    def spanning_vectors(self) -> Float[Array, "k 2"]:
+        """Returns vectors of which each of its points is a linear combination; by default points of it."""
         return self.points(SAMPLES_OF_OUTLINE)
 
 
@@ -110,7 +110,7 @@ class Sigmoid(AbstractCurve):
         rise = (jax.nn.sigmoid(self.steepness * (s - 0.5)) - (1 - half)) / (2 * half - 1)
         return self.origin + jnp.stack([self.length * s, self.height * rise])
 
-    def spanned_by(self):
+    def spanning_vectors(self):
         return jnp.stack([self.origin, jnp.stack([self.length, self.height])])
 
 
@@ -140,7 +140,7 @@ class FigureEight(AbstractCurve):
         turn = 2 * math.pi * s
         return self.origin + jnp.stack([self.length * jnp.sin(turn), self.height * jnp.sin(2 * turn)]) / 2
 
-    def spanned_by(self):
+    def spanning_vectors(self):
         return jnp.stack([self.origin, jnp.stack([self.length, self.height])])
 
 
@@ -171,7 +171,7 @@ class Through(AbstractCurve):
                 f"{self.through.shape}."
             )
 
-    def spanned_by(self):
+    def spanning_vectors(self):
         return self.through
 
     def __call__(self, s):

@@ -70,8 +70,8 @@ class Perturbations:
         )
 
 
-def perturbed_system(system: System, errors: Errors) -> System:
-    """One system with its errors; traceable."""
+def perturb_system(system: System, errors: Errors) -> System:
+    """Perturbs one system by its errors; traceable."""
     shell = (system.mass * (1 + errors.shell), system.offset + system.radius * errors.offset)
     masses = [group.mass * (1 + error) for group, error in zip(system.groups, errors.masses, strict=True)]
     system = eqx.tree_at(lambda s: (s.mass, s.offset), system, shell)
@@ -208,7 +208,7 @@ class Problem:
         system = candidate.system
 
         def one(errors: Errors, *others: Float[Array, "..."]) -> Any:
-            return function(candidate._replace(system=perturbed_system(system, errors)), *others)
+            return function(candidate._replace(system=perturb_system(system, errors)), *others)
 
         return of_rows(one, self.errors, *others)
 
@@ -240,8 +240,8 @@ def _sizes(
     return {name: shape.size for name, shape in shapes.items()}
 
 
-def merged(each: Evaluation) -> Evaluation:
-    """The evaluations of balls, on their leading axis, as one: means of the objectives, and all violations."""
+def merge(each: Evaluation) -> Evaluation:
+    """Merges the evaluations of balls, on their leading axis: means of the objectives, and all violations."""
     return Evaluation(jnp.mean(each.terms, axis=0), jnp.ravel(each.violations), jnp.max(each.status))
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ...physics.body import System
-from ...physics.coupling import joined, joint_forces
-from ...physics.dynamics import accelerations, given_angles
+from ...physics.coupling import join_coordinates, joint_forces
+from ...physics.dynamics import accelerations, angles_in_state
 from ...physics.energy import accelerations_of_masses
 from ...physics.linkage import linkages
 from ...physics.load import load
@@ -152,7 +152,7 @@ class Run(eqx.Module):
 
         def one(system, t, x):
             links = linkages(system, t, (x.theta, x.thetadot, x.thetadot))
-            return joined(x.theta, links, joint_forces(t, x, links))[len(system.driven) :]
+            return join_coordinates(x.theta, links, joint_forces(t, x, links))[len(system.driven) :]
 
         return self._each(one)
 
@@ -189,7 +189,7 @@ def run_of(candidate: Candidate, solve: Solve, rail_samples: int = RAIL_SAMPLES)
 
 
 def _on_rails(system: System, t: Float[Array, ""], state: BallState | DiskState) -> OnRails:
-    angles = given_angles(system, t, state)
+    angles = angles_in_state(system, t, state)
     slots = {index: slot for slot, index in enumerate(system.driven)}
     parts = []
 

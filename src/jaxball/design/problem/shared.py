@@ -80,8 +80,8 @@ class Alone(NamedTuple):
         return self.whole
 
 
-def parted(problem: Problem) -> tuple[Callable[[Any], Problem], Any]:
-    """The form and the numbers of a problem.
+def split_problem(problem: Problem) -> tuple[Callable[[Any], Problem], Any]:
+    """Splits a problem into its form and its numbers.
 
     A problem with objectives or constraints that are not jaxball's own is its own form: such classes may need to know
     their numbers.

@@ -84,8 +84,8 @@ class Variable:
         return self.paths[0] if self.paths else "?"
 
 
-def expanded(variable: Variable, document: Mapping[str, Any], key: str = "") -> list[Variable]:
-    """The variables that one with ``[*]`` in its path stands for: one for each number whose path matches.
+def expand_variable(variable: Variable, document: Mapping[str, Any], key: str = "") -> list[Variable]:
+    """Expands a variable with ``[*]`` in its path into one for each number whose path matches.
 
     ``key`` is that of its path, which sentences name.
 
@@ -207,7 +207,7 @@ class DesignSpace:
                 f"Key `kind` must be ball or disk to be designed, but it is {self.scenario.system.title.lower()}."
             )
         rolling_state(self.scenario, "a design is", DesignError)
-        expand = functools.partial(expanded, document=self.document)
+        expand = functools.partial(expand_variable, document=self.document)
         places = enumerate(variables)
         expansions = each_of(*(functools.partial(expand, one, key=f"variables[{k}].path") for k, one in places))
         self.variables = tuple(itertools.chain.from_iterable(expansions))

@@ -99,10 +99,10 @@ def design(
     """
     settings = Settings() if settings is None else settings
     with compile_quickly(settings.evaluations_at_most <= FEW_EVALUATIONS):
-        return _designed(problem, settings, folder, identity, say)
+        return _run_search(problem, settings, folder, identity, say)
 
 
-def _designed(
+def _run_search(
     problem: Problem, settings: Settings, folder: Path | None, identity: str, say: Callable[[str], None]
 ) -> Design:
     began = time.perf_counter()
@@ -113,7 +113,7 @@ def _designed(
         progress = load_progress(folder / PROGRESS, identity)
         say(f"resumed from {progress.phase} {progress.step}, objective {progress.merit.objective:.6g}")
     else:
-        check = check_gradient(optimiser, program.joined(problem.space.start[None])[0])
+        check = check_gradient(optimiser, program.append_joints(problem.space.start[None])[0])
         say(f"gradient check\n{check}")
         require_good(check)
         progress = optimiser.begin()

@@ -97,7 +97,7 @@ def bfgs(function: Function, y: Float[np.ndarray, "starts n"], evaluations: int,
         # Where bisection has reached rounding, any step that decreases the function is taken.
         stuck = (high - low < 1e-10 * np.maximum(high, 1e-10)) | (length > 1e6)
         taken = ~converged & (flat | (enough & stuck))
-        inverse, fresh = _updated(inverse, fresh, at, there, taken)
+        inverse, fresh = _update_inverses(inverse, fresh, at, there, taken)
         high = np.where(enough, high, length)
         low = np.where(enough & ~flat, length, low)
         length = np.where(np.isfinite(high), (low + high) / 2, 2 * length)
@@ -121,10 +121,10 @@ def _first(at: Point, direction: np.ndarray) -> np.ndarray:
     return np.minimum(LONGEST_NEWTON_STEP, 0.1 / np.maximum(np.linalg.norm(direction, axis=1), 1e-300))
 
 
-def _updated(
+def _update_inverses(
     inverse: np.ndarray, fresh: np.ndarray, at: Point, there: Point, taken: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The inverse Hessians after the steps ``taken`` (Nocedal & Wright, eq. 6.17), the first scaled by eq. 6.20."""
+    """Updates inverse Hessians after the steps ``taken`` (Nocedal & Wright, eq. 6.17), the first scaled by eq. 6.20."""
     s, y = there.y - at.y, there.gradient - at.gradient
     product = np.sum(s * y, axis=1)
     sizes = np.linalg.norm(s, axis=1) * np.linalg.norm(y, axis=1)
@@ -152,7 +152,7 @@ def newton(function: Function, y: Float[np.ndarray, "starts n"], evaluations: in
     eigenvalues are used, so that every step is a descent (Nocedal & Wright, Numerical Optimization, section 3.4).
     ``function`` returns values, gradients, and Hessians or approximations; otherwise as for :func:`bfgs`.
     """
-    at, H = _evaluated(function, y)
+    at, H = _evaluate(function, y)
     damping, done = np.full(len(y), FIRST_DAMPING), np.zeros(len(y), dtype=bool)
     for _ in range(evaluations):
         done |= (np.max(np.abs(at.gradient), axis=1) <= stationary) | ~np.isfinite(at.value)
@@ -160,7 +160,7 @@ def newton(function: Function, y: Float[np.ndarray, "starts n"], evaluations: in
             break
         step, promised = _step(at, H, damping)
         last = promised <= LAST * np.abs(at.value)
-        there, H_there = _evaluated(function, at.y + np.where(done[:, None], 0.0, step))
+        there, H_there = _evaluate(function, at.y + np.where(done[:, None], 0.0, step))
         gain = (at.value - there.value) / np.where(promised > 0, promised, 1.0)
         taken = ~done & (gain >= ENOUGH) & np.all(np.isfinite(there.gradient), axis=1)
         damping = np.where(taken, np.where(gain >= GOOD, LESS_DAMPING, 1.0), MORE_DAMPING) * damping
@@ -169,7 +169,7 @@ def newton(function: Function, y: Float[np.ndarray, "starts n"], evaluations: in
     return at
 
 
-def _evaluated(function: Function, y: np.ndarray) -> tuple[Point, np.ndarray]:
+def _evaluate(function: Function, y: np.ndarray) -> tuple[Point, np.ndarray]:
     value, gradient, H = function(y)
     return Point(y, value, gradient), H
 
@@ -301,7 +301,7 @@ class Optimiser:
         """
         y = self.program.starts(self.settings)
         progress = Progress("adam", 0, y, list(Adam.none(y.shape)), y[0])
-        leader = self._offer(progress, y, self.evaluate(y, self.penalised(len(y))))
+        leader = self._offer(progress, y, self.evaluate(y, self.first_multipliers(len(y))))
         if not np.isfinite(leader.objective):
             raise DesignError(
                 f"None of the {len(y)} starts can be simulated to its end; start from a design that can be, or use a "
@@ -339,14 +339,14 @@ class Optimiser:
         """The number of designs computed side by side."""
         return min(self.settings.starts, self.settings.polished)
 
-    def penalised(self, count: int) -> Multipliers:
-        """No multipliers, and the first penalty, for each of ``count`` designs."""
+    def first_multipliers(self, count: int) -> Multipliers:
+        """Returns no multipliers, and the first penalty, for each of ``count`` designs."""
         nothing = np.zeros((count, self.program.layout.size))
         return Multipliers(nothing, np.full(count, self.settings.penalty), nothing)
 
     def _descend(self, progress: Progress) -> Progress:
         y, before = progress.y, progress.y
-        moments, multipliers, leader = Adam(*progress.arrays), self.penalised(len(y)), Merit()
+        moments, multipliers, leader = Adam(*progress.arrays), self.first_multipliers(len(y)), Merit()
         count = min(REPORT_EVERY, self.settings.steps - progress.step)
         for _ in range(count):
             at = self.evaluate(y, multipliers)
@@ -367,15 +367,15 @@ class Optimiser:
     def _choose(self, progress: Progress) -> None:
         """The most promising are polished: among the starts' current points and the best, which one may have passed."""
         y = np.unique([*progress.y, progress.best], axis=0)
-        promising = np.argsort(self.evaluate(y, self.penalised(len(y))).value, kind="stable")[: self.lanes]
+        promising = np.argsort(self.evaluate(y, self.first_multipliers(len(y))).value, kind="stable")[: self.lanes]
         progress.y, progress.phase, progress.step = y[promising], "polish", 0
-        multipliers = map(np.asarray, self.penalised(len(promising)))
+        multipliers = map(np.asarray, self.first_multipliers(len(promising)))
         progress.arrays = [*multipliers, np.full(len(promising), np.inf)]
 
     def _polish(self, progress: Progress) -> Progress:
         settings = self.settings
         multipliers, before = Multipliers(*progress.arrays[:3]), progress.arrays[3]
-        y = self._minimised(progress.y, multipliers).y
+        y = self._minimise(progress.y, multipliers).y
         at = self.evaluate(y, multipliers)
         leader = self._offer(progress, y, at)
         slow = np.isfinite(before) & ~(at.violation <= np.maximum(REDUCED * before, settings.tolerance))
@@ -384,12 +384,12 @@ class Optimiser:
         progress.y, progress.step = y, progress.step + 1
         progress.arrays = [value, penalty, np.asarray(multipliers.margin), at.violation]
         progress.history.append((1.0, float(progress.step), *leader))
-        if progress.step >= settings.rounds or self._solved(at, progress):
+        if progress.step >= settings.rounds or self._is_solved(at, progress):
             progress.phase = "done"
         return progress
 
-    def _minimised(self, y: Float[np.ndarray, "starts n"], multipliers: Multipliers) -> Point:
-        """Where the augmented Lagrangian is least."""
+    def _minimise(self, y: Float[np.ndarray, "starts n"], multipliers: Multipliers) -> Point:
+        """Finds where the augmented Lagrangian is least."""
         settings = self.settings
 
         def function(y: Float[np.ndarray, "starts n"]):
@@ -400,7 +400,7 @@ class Optimiser:
             return newton(function, y, settings.evaluations, CLOSER * settings.stationary)
         return bfgs(function, y, settings.evaluations, settings.stationary)
 
-    def _solved(self, at: Lagrangians, progress: Progress) -> bool:
+    def _is_solved(self, at: Lagrangians, progress: Progress) -> bool:
         """Whether the best design is stationary, and no other start may lead to a better one."""
         merits, settings = self._merits(at), self.settings
         done = [m.violation <= settings.tolerance and m.gradient <= 10 * settings.stationary for m in merits]

@@ -27,7 +27,7 @@ from ...physics.state import BallState, DiskState
 from ...programs.batches import of_rows
 from ...scenario.initial import INITIAL
 from ..problem import shared
-from ..problem.problem import ConstraintLayout, Evaluation, Problem, merged
+from ..problem.problem import ConstraintLayout, Evaluation, Problem, merge
 from ..problem.run import Run, Solve, run_of
 from ..problem.space import Candidate, DesignError, DesignSpace, default_scale
 
@@ -225,11 +225,11 @@ def _by_reverse_mode(program: AbstractProgram, y: Float[Array, " n"], multiplier
 def _by_gauss_newton(program: AbstractProgram, y: Float[Array, " n"], multipliers: Multipliers) -> Lagrangians:
     x = program.numbers(y)
 
-    def simulated(x: Float[Array, " numbers"]) -> tuple[Any, Any]:
+    def simulate_arrays(x: Float[Array, " numbers"]) -> tuple[Any, Any]:
         return eqx.partition(program.simulate(x, diffrax.ForwardMode()), eqx.is_inexact_array)
 
     def along(direction: Float[Array, " numbers"]) -> tuple[Any, Any, Any]:
-        return jax.jvp(simulated, (x,), (direction,), has_aux=True)
+        return jax.jvp(simulate_arrays, (x,), (direction,), has_aux=True)
 
     runs, slopes, rest = of_rows(along, jnp.eye(x.size, dtype=x.dtype))
     runs, rest = jax.tree.map(lambda leaf: leaf[0], (runs, rest))
@@ -338,7 +338,7 @@ class Shooting(AbstractProgram):
 
     @functools.cached_property
     def parted(self):
-        form, content = shared.parted(self.problem)
+        form, content = shared.split_problem(self.problem)
         return _FormOfShooting(form, self.intervals), (content, jnp.asarray(self.components.scale))
 
     @property
@@ -373,10 +373,10 @@ class Shooting(AbstractProgram):
         return Components(system, state)
 
     def starts(self, settings):
-        return self.joined(starting_points(self.problem.space, settings))
+        return self.append_joints(starting_points(self.problem.space, settings))
 
-    def joined(self, y: Float[np.ndarray, "starts n"]) -> Float[np.ndarray, "starts unknowns"]:
-        """The unknowns at which the pieces of designs join: those of the designs, and the states of their runs.
+    def append_joints(self, y: Float[np.ndarray, "starts n"]) -> Float[np.ndarray, "starts unknowns"]:
+        """Appends to the unknowns of designs the states of their runs where the pieces join.
 
         Where a run failed before a joint, it is the last state that it reached.
         """
@@ -408,7 +408,7 @@ class Shooting(AbstractProgram):
             at = self.problem.evaluate_run(run)
             return at._replace(violations=jnp.concatenate([at.violations, jnp.ravel(defects)]))
 
-        return merged(jax.vmap(of_ball)(*runs))
+        return merge(jax.vmap(of_ball)(*runs))
 
     def in_pieces(
         self, candidate: Candidate, states: Float[Array, "joints components"], solve: Solve

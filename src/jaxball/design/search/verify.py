@@ -14,7 +14,7 @@ from ...scenario.solvers import SOLVERS
 from ..constraints import NormalForce
 from ..objectives import FollowCurve, FollowTrajectory, ReachPlace
 from ..problem import shared
-from ..problem.problem import Evaluation, Perturbations, Problem, merged, worst
+from ..problem.problem import Evaluation, Perturbations, Problem, merge, worst
 from ..problem.run import RAIL_SAMPLES, Solve, run_of
 from ..problem.space import Candidate, DesignError
 from .optimise import Optimiser
@@ -62,8 +62,8 @@ def verify(problem: Problem, y: Float[np.ndarray, " n"]) -> Verified:
     They are a solver of another family and samples ten times as fine.
     """
     other, solver = _other_solve(problem)
-    form, content = shared.parted(problem)
-    designed, finer, most = jax.tree.map(np.asarray, shared.program(_compared, form)(content, jnp.asarray(y)))
+    form, content = shared.split_problem(problem)
+    designed, finer, most = jax.tree.map(np.asarray, shared.program(_compare, form)(content, jnp.asarray(y)))
     return Verified(
         designed=designed,
         finer=finer,
@@ -84,23 +84,27 @@ def _other_solve(problem: Problem) -> tuple[Solve, str]:
     return Solve(SOLVERS[solver](), rtol, atol, 16 * scenario.max_steps), solver
 
 
-def _compared(problem: Problem, y: Float[Array, " n"]) -> tuple[Evaluation, Evaluation, dict[str, Any]]:
-    """What :func:`verify` finds."""
+def _compare(problem: Problem, y: Float[Array, " n"]) -> tuple[Evaluation, Evaluation, dict[str, Any]]:
+    """Computes what :func:`verify` finds."""
     other, _ = _other_solve(problem)
 
     def of_ball(candidate: Candidate):
         run = run_of(candidate, problem.solve())
         fine = run_of(candidate._replace(times=_finer(candidate.times)), other, FINER * RAIL_SAMPLES)
         apart = jnp.max(jnp.sqrt(jnp.sum((run.z - fine.z[::FINER]) ** 2, axis=-1))) / run.length
-        missed = {name: one.farthest(fine) for name, one in problem.objectives.items() if isinstance(one, TARGETS)}
+        missed = {
+            name: objective.farthest(fine)
+            for name, objective in problem.objectives.items()
+            if isinstance(objective, TARGETS)
+        }
         lift = jnp.max(NormalForce(0.0)(fine))
-        (first, coarse), (second, finer) = (problem.evaluate_each(one) for one in (run, fine))
+        (first, coarse), (second, finer) = (problem.evaluate_each(solved) for solved in (run, fine))
         violations = {name: (_worst(coarse[name]), _worst(finer[name])) for name in problem.constraints}
         most = {"apart": apart, "violations": violations, "lift": lift, "missed": missed}
         return first, second, most
 
     first, second, most = problem.of_each(problem.space.candidate(y), of_ball)
-    return merged(first), merged(second), jax.tree.map(lambda x: jnp.max(x, axis=0), most)
+    return merge(first), merge(second), jax.tree.map(lambda x: jnp.max(x, axis=0), most)
 
 
 def _worst(violations: Float[Array, " places"]) -> Float[Array, ""]:
@@ -124,7 +128,7 @@ def perturbed(problem: Problem, y: Float[np.ndarray, " n"], perturbations: Pertu
     - ``y``: the unknowns of the design, shape (n,).
     - ``perturbations``: how the balls differ.
     """
-    form, content = shared.parted(dataclasses.replace(problem, perturbations=perturbations))
+    form, content = shared.split_problem(dataclasses.replace(problem, perturbations=perturbations))
     return jax.tree.map(np.asarray, shared.program(_each, form)(content, jnp.asarray(y)))
 
 
@@ -136,8 +140,8 @@ def _each(problem: Problem, y: Float[Array, " n"]) -> Evaluation:
 
 def as_built(problem: Problem) -> Perturbations:
     """The balls on which a finished design is evaluated: for a robust problem, new random ones."""
-    given = problem.perturbations
-    return AS_BUILT if given is None else dataclasses.replace(given, count=FRESH, seed=given.seed + 1)
+    usual = problem.perturbations
+    return AS_BUILT if usual is None else dataclasses.replace(usual, count=FRESH, seed=usual.seed + 1)
 
 
 STEPS = tuple(10.0 ** -np.arange(1.0, 6.5, 0.5))
@@ -198,7 +202,7 @@ def check_gradient(optimiser: Optimiser, y: Float[np.ndarray, " n"], seed: int =
     """
     direction = np.random.default_rng(seed).normal(size=y.shape)
     direction /= np.linalg.norm(direction)
-    first = optimiser.evaluate(y[None], optimiser.penalised(1)).at
+    first = optimiser.evaluate(y[None], optimiser.first_multipliers(1)).at
     violations = first.violations[0]
     if not (np.all(np.isfinite(violations)) and np.all(np.isfinite(first.terms[0]))):
         raise DesignError("The design at which the gradient is checked must be simulated to its end, but it is not.")

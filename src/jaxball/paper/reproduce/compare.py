@@ -9,7 +9,7 @@ from typing import NamedTuple
 import diffrax
 
 from ... import paper, solvers
-from ...interface.wording import all_of, counted
+from ...interface.wording import all_of, number_of
 from .experiments import (
     EXPERIMENTS,
     STEPS,
@@ -91,7 +91,7 @@ class Comparison:
         return self.measurement.solver
 
 
-def _measured(comparison: Comparison) -> Measurement:
+def _measurement_of(comparison: Comparison) -> Measurement:
     return comparison.measurement
 
 
@@ -102,7 +102,7 @@ TABLE: Table[Comparison] = Table(
         Column("Paper's solver", lambda c: c.paper_solver, 14, left=True),
         Column("Counterpart", lambda c: c.counterpart, 13, left=True),
         Column("Form", lambda c: c.form, 4, left=True),
-        *(column.of(_measured) for column in STEPS),
+        *(column.of(_measurement_of) for column in STEPS),
         Column("Time", lambda c: f"{1e3 * c.measurement.run_time:.2f} ms", 9),
         Column("Compile", lambda c: f"{c.measurement.compile_time:.1f} s", 7),
         Column("Authors' time", lambda c: UNKNOWN if c.authors_time is None else f"{c.authors_time:.2f} s", 13),
@@ -139,8 +139,8 @@ def compare_solvers(
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
 
-    echo(f"Measuring {counted(len(cases), 'row')}, ten to twenty seconds each, mostly compiling.\n")
-    comparisons = TABLE.printed((_compared(*case) for case in cases), echo)
+    echo(f"Measuring {number_of(len(cases), 'row')}, ten to twenty seconds each, mostly compiling.\n")
+    comparisons = TABLE.print_rows((_compare(*case) for case in cases), echo)
     conclusion = _conclusion(comparisons)
     TABLE.write(out, comparisons, conclusion, source_of_authors_time=SOURCE_OF_TIMES)
 
@@ -157,7 +157,7 @@ def _forms(system: str) -> Iterator[tuple[Experiment, Mapping[str, Counterpart]]
         yield ball_experiment(dae=True), DAE
 
 
-def _compared(experiment: Experiment, name: str, counterpart: Counterpart) -> Comparison:
+def _compare(experiment: Experiment, name: str, counterpart: Counterpart) -> Comparison:
     form, time = ("DAE", None) if experiment.dae else ("ODE", TIMES[experiment.name][name])
     return Comparison(name, form, time, measure(experiment, counterpart.name, counterpart.solver))
 

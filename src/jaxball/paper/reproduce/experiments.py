@@ -24,7 +24,7 @@ from ...programs.program import compile_quickly
 from ...simulation.simulate import simulate
 from ...simulation.trajectory import Trajectory
 from ...solvers import AbstractMassTerm, AbstractWrappingSolver
-from ...solvers.mass import mass_term, unwrapped
+from ...solvers.mass import mass_term, unwrap
 from .. import reference
 from ..reference import Reference
 
@@ -64,11 +64,11 @@ def counting(field: Field, tick: Callable[[], None]) -> Field:
     is one evaluation: one pass through the field with all its tangents.
     """
 
-    def counted(t, x, args):
+    def count_call(t, x, args):
         jax.debug.callback(lambda t, x: tick(), t, x)
         return field(t, x, args)
 
-    return counted
+    return count_call
 
 
 class CountingTerm(diffrax.AbstractTerm):
@@ -110,20 +110,20 @@ class CountingSolver(AbstractWrappingSolver):
     tick: Callable[[], None] = eqx.field(static=True)
 
     def init(self, terms, t0, t1, y0, args):
-        return self.solver.init(self._counted(terms), t0, t1, y0, args)
+        return self.solver.init(self._count(terms), t0, t1, y0, args)
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
-        return self.solver.step(self._counted(terms), t0, t1, y0, args, solver_state, made_jump)
+        return self.solver.step(self._count(terms), t0, t1, y0, args, solver_state, made_jump)
 
     def func(self, terms, t0, y0, args):
-        return self.solver.func(self._counted(terms), t0, y0, args)
+        return self.solver.func(self._count(terms), t0, y0, args)
 
-    def _counted(self, term: diffrax.AbstractTerm) -> diffrax.AbstractTerm:
+    def _count(self, term: diffrax.AbstractTerm) -> diffrax.AbstractTerm:
         with_mass = mass_term(term)
         if with_mass is None:
             return CountingTerm(term, self.tick)
         # In its place, because solvers get g from it, and the direction of time from its wrappers.
-        return eqx.tree_at(unwrapped, term, CountingMassTerm(with_mass, self.tick))
+        return eqx.tree_at(unwrap, term, CountingMassTerm(with_mass, self.tick))
 
 
 @dataclass(frozen=True)
@@ -216,8 +216,8 @@ def measure(experiment: Experiment, name: str, solver: diffrax.AbstractAdaptiveS
 
     **Raises:** :class:`~jaxball.SolveError` when the solve fails.
     """
-    first, trajectory = _timed(experiment, solver)
-    warm = statistics.median(_timed(experiment, solver)[0] for _ in range(WARM_CALLS))
+    first, trajectory = _time_solve(experiment, solver)
+    warm = statistics.median(_time_solve(experiment, solver)[0] for _ in range(WARM_CALLS))
     counter = Counter()
     with compile_quickly():
         counted = experiment.solve(CountingSolver(solver, counter))
@@ -236,7 +236,7 @@ def measure(experiment: Experiment, name: str, solver: diffrax.AbstractAdaptiveS
     )
 
 
-def _timed(experiment: Experiment, solver: diffrax.AbstractAdaptiveSolver) -> tuple[float, Trajectory]:
+def _time_solve(experiment: Experiment, solver: diffrax.AbstractAdaptiveSolver) -> tuple[float, Trajectory]:
     start = time.perf_counter()
     trajectory = experiment.solve(solver)
     jax.block_until_ready(trajectory.state)
@@ -261,8 +261,8 @@ class Column(Generic[Row]):
     width: int
     left: bool = False
 
-    def aligned(self, text: str) -> str:
-        """``text`` padded with blanks to the column's width."""
+    def align(self, text: str) -> str:
+        """Pads ``text`` with blanks to the column's width."""
         return text.ljust(self.width) if self.left else text.rjust(self.width)
 
     def of(self, part: Callable[[Whole], Row]) -> "Column[Whole]":
@@ -287,14 +287,14 @@ class Table(Generic[Row]):
         """The names of its files."""
         return f"{self.name}.md", f"{self.name}.json"
 
-    def printed(self, rows: Iterable[Row], echo: Callable[[str], None]) -> list[Row]:
-        """All ``rows``, each printed as soon as it is available."""
-        titles = "  ".join(column.aligned(column.heading) for column in self.columns)
+    def print_rows(self, rows: Iterable[Row], echo: Callable[[str], None]) -> list[Row]:
+        """Prints all ``rows``, each as soon as it is available, and returns them."""
+        titles = "  ".join(column.align(column.heading) for column in self.columns)
         echo(titles + "\n" + "  ".join("-" * column.width for column in self.columns))
         taken = []
         for row in rows:
             taken.append(row)
-            echo("  ".join(column.aligned(column.cell(row)) for column in self.columns))
+            echo("  ".join(column.align(column.cell(row)) for column in self.columns))
         return taken
 
     def write(self, folder: Path, rows: Sequence[Row], conclusion: str, **about: Any) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ... import paper
-from ...interface.wording import counted
+from ...interface.wording import number_of
 from ...programs.program import compile_quickly
 from ...simulation.simulate import simulate
 from .experiments import (
@@ -95,7 +95,7 @@ def reproduce(
     out.mkdir(parents=True, exist_ok=True)
 
     rows = (measure(experiment, name, SOLVERS[name]) for experiment in experiments for name in solvers)
-    measurements = TABLE.printed(rows, echo)
+    measurements = TABLE.print_rows(rows, echo)
     conclusion = agreement(measurements)
     TABLE.write(out, measurements, conclusion)
     drawn = []
@@ -105,7 +105,7 @@ def reproduce(
                 drawn += draw(experiment, out)
 
     echo("\n" + "\n".join(TABLE.legend))
-    echo(f"\nWrote table.md, table.json and {counted(len(drawn), 'figure')} into {out}.")
+    echo(f"\nWrote table.md, table.json and {number_of(len(drawn), 'figure')} into {out}.")
     echo("\n" + conclusion)
     return measurements
 

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ...interface.printing import is_single, shown
+from ...interface.printing import format_value, is_single
 from ...numerics.arrays import AnyArray
 from ...numerics.vectors import root
 from ..body import AbstractBody
@@ -349,7 +349,7 @@ class ContactHistory(AbstractHistory):
 
     def __repr__(self) -> str:
         single = is_single(self.switches.count)
-        return "\n".join(["ContactHistory", *(f"  {line}" for line in self.lines)]) if single else shown(self)
+        return "\n".join(["ContactHistory", *(f"  {line}" for line in self.lines)]) if single else format_value(self)
 
     @property
     def lines(self) -> list[str]:

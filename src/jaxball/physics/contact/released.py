@@ -28,7 +28,7 @@ from ...interface.printing import Printed
 from ...numerics.arrays import numbers
 from ...numerics.vectors import apply, cross, dot, inverse
 from ..body import AbstractBody
-from ..coupling import Joints, joined
+from ..coupling import Joints, join_coordinates
 from ..dynamics import equations
 from ..energy import kinetic_energy, potential_energy
 from ..load import in_three, load, place, table_under
@@ -168,14 +168,14 @@ def response(
         Omegadot, thetaddot = found.matrix.solve(torque, efforts)
         for weights, rate in zip(p, thetaddot, strict=True):
             force = force + jnp.sum(rate[..., None] * weights, axis=(0, 1))
-        return motion(Omegadot, joined(still, found.links, thetaddot), force + cross(Omegadot, lever))
+        return motion(Omegadot, join_coordinates(still, found.links, thetaddot), force + cross(Omegadot, lever))
 
     def yielding(axis: Float[Array, "3"]) -> Motion:
         efforts = [-jnp.sum(weights * axis[None, None], axis=-1) for weights in p]
         return change(cross(axis, lever), efforts, found.at.M * axis)
 
-    Omegadot, thetaddot = found.solved(r, t, body, acting)
-    R = reaction_in_body(found.completed(thetaddot), r, acting, found.Omega, Omegadot)
+    Omegadot, thetaddot = found.solve(r, t, body, acting)
+    R = reaction_in_body(found.complete(thetaddot), r, acting, found.Omega, Omegadot)
     dry = None if system.resistance is None else system.resistance.dry_torque(r, found.Omega, found.Gamma)
     idle = [jnp.zeros(link.slots.shape, dtype=Lambda.dtype) for link in found.free]
     of_slip = jax.vmap(yielding)(Lambda)
@@ -183,7 +183,7 @@ def response(
         of_slip = of_slip._replace(reaction=of_slip.reaction.at[1, 1].set(found.at.M))
     table = table_under(system, t, body, slip)
     return Response(
-        rolling=motion(Omegadot, joined(found.angles[2], found.links, thetaddot), R),
+        rolling=motion(Omegadot, join_coordinates(found.angles[2], found.links, thetaddot), R),
         yielding=of_slip,
         delassus=inverse(of_slip.reaction),
         rubbing=None if dry is None else change(dry, idle, jnp.zeros_like(dry)),

@@ -233,7 +233,7 @@ class Motor(AbstractJointForce):
         self.limit = number_or_none("limit")(limit)
 
     def __call__(self, t, theta, thetadot, state):
-        return _limited(self.signal(t), self.limit)
+        return _limit(self.signal(t), self.limit)
 
     def conditions(self, name: str) -> Iterator[Condition]:
         if self.limit is not None:
@@ -261,7 +261,7 @@ class Motor(AbstractJointForce):
         """The same without a limit, where the signal can be limited itself."""
         if self.limit is None or not isinstance(self.signal, AbstractIntegrableSignal):
             return self
-        signal = self.signal.limited(self.limit)
+        signal = self.signal.limit(self.limit)
         return self if signal is None else Motor(signal)
 
     @property
@@ -358,7 +358,7 @@ class PDServo(AbstractJointForce):
 
     def __call__(self, t, theta, thetadot, state):
         target, rate, _ = self.target.derivatives(t)
-        return _limited(-self.stiffness * (theta - target) - self.damping * (thetadot - rate), self.limit)
+        return _limit(-self.stiffness * (theta - target) - self.damping * (thetadot - rate), self.limit)
 
     def conditions(self, name: str) -> Iterator[Condition]:
         if self.limit is not None:
@@ -452,7 +452,7 @@ def _joint_at_rest() -> tuple[Float[Array, ""], Float[Array, ""]]:
     return jnp.zeros((), default_dtype()), jnp.zeros((), default_dtype())
 
 
-def _limited(force: Float[Array, ""], limit: Float[Array, ""] | None) -> Float[Array, ""]:
+def _limit(force: Float[Array, ""], limit: Float[Array, ""] | None) -> Float[Array, ""]:
     return force if limit is None else jnp.clip(force, -limit, limit)
 
 

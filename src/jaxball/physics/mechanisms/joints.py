@@ -88,8 +88,8 @@ class AbstractJoint(Printed):
         require("on", self.on, (int, type(None)), "the index of a joint before it, -1 for the body, or None")
 
     @abc.abstractmethod
-    def moved(self, carrier: Placement, theta: Float[Array, ""]) -> Moved:
-        """What the joint does at ``theta``, on a link that is placed at ``carrier``."""
+    def move(self, carrier: Placement, theta: Float[Array, ""]) -> Moved:
+        """Moves the joint to ``theta``, on a link that is placed at ``carrier``."""
 
     def conditions(self, name: str) -> Iterator[Condition]:
         """Every condition that its numbers must meet; ``name`` is what sentences call the joint."""
@@ -123,7 +123,7 @@ class Hinge(AbstractJoint):
     drive: Drive = None
     on: int | None = eqx.field(static=True, default=None)
 
-    def moved(self, carrier: Placement, theta: Float[Array, ""]) -> Moved:
+    def move(self, carrier: Placement, theta: Float[Array, ""]) -> Moved:
         n = unit_vector(self.axis)
         turn = turn_about(n, theta)
         w, c = apply(carrier.turn, n), carrier.of_point(self.point)
@@ -156,7 +156,7 @@ class Slider(AbstractJoint):
     drive: Drive = None
     on: int | None = eqx.field(static=True, default=None)
 
-    def moved(self, carrier: Placement, theta: Float[Array, ""]) -> Moved:
+    def move(self, carrier: Placement, theta: Float[Array, ""]) -> Moved:
         v = apply(carrier.turn, unit_vector(self.axis))
         zero = jnp.zeros_like(v)
         return Moved(Placement(carrier.turn, carrier.shift + theta * v), zero, zero, v, zero)
@@ -191,7 +191,7 @@ class Carriage(AbstractJoint):
     def __check_init__(self):
         require("rail", self.rail, AbstractRail, "a rail, such as Circle(...)")
 
-    def moved(self, carrier: Placement, theta: Float[Array, ""]) -> Moved:
+    def move(self, carrier: Placement, theta: Float[Array, ""]) -> Moved:
         zeta, slope, curvature = self.rail.derivatives(theta)
         placement, zero = Placement(carrier.turn, carrier.of_point(zeta)), jnp.zeros_like(zeta)
         return Moved(placement, zero, zero, apply(carrier.turn, slope), apply(carrier.turn, curvature))

@@ -154,7 +154,7 @@ class AbstractMechanism(Printed):
             drive = drives[self.free[place]]
             assert isinstance(drive, AbstractJointForce)
             drives[self.free[place]] = drive.slipping(directions[which])
-        return self.driven_by(drives)
+        return self.with_drives(drives)
 
     def conditions(self, name: str) -> Iterator[Condition]:
         """Every condition that its numbers must meet, with the name that sentences use; traceable."""
@@ -174,15 +174,15 @@ class AbstractMechanism(Printed):
         return join_arrays([drive.kinks_with(state) for drive in self.drives if isinstance(drive, AbstractJointForce)])
 
     @abc.abstractmethod
-    def driven_by(self: AnyMechanism, drives: Sequence[Drive]) -> AnyMechanism:
-        """The same mechanism with other drives, one for each joint."""
+    def with_drives(self: AnyMechanism, drives: Sequence[Drive]) -> AnyMechanism:
+        """Returns the same mechanism with other drives, one for each joint."""
 
     def prepare(self: AnyMechanism) -> AnyMechanism:
         """The same mechanism, ready to be evaluated many times."""
-        return self.driven_by([_prepared(drive) for drive in self.drives])
+        return self.with_drives([_prepare(drive) for drive in self.drives])
 
 
-def _prepared(drive: Drive) -> Drive:
+def _prepare(drive: Drive) -> Drive:
     return drive.prepare() if isinstance(drive, AbstractSchedule | AbstractJointForce) else drive
 
 
@@ -265,7 +265,7 @@ class Mechanism(AbstractMechanism):
         links: list[Moved] = []
         for a, joint in enumerate(self.joints):
             on = self._on(a)
-            links.append(joint.moved(links[on].placement if on >= 0 else in_place(theta), theta[a]))
+            links.append(joint.move(links[on].placement if on >= 0 else in_place(theta), theta[a]))
         return links
 
     def places(self, theta: Float[Array, " k"]) -> Places:
@@ -311,7 +311,7 @@ class Mechanism(AbstractMechanism):
         for a, joint in enumerate(self.joints):
             yield from joint.conditions(f"{name}.joints[{a}]")
 
-    def driven_by(self, drives: Sequence[Drive]) -> "Mechanism":
+    def with_drives(self, drives: Sequence[Drive]) -> "Mechanism":
         joints = [
             eqx.tree_at(lambda j: j.drive, joint, drive, is_leaf=lambda x: x is None)
             for joint, drive in zip(self.joints, drives, strict=True)
@@ -321,7 +321,7 @@ class Mechanism(AbstractMechanism):
     def prepare(self) -> "Mechanism":
         joints = tuple(joint.prepare() for joint in self.joints)
         placed: Mechanism = eqx.tree_at(lambda m: m.joints, self, joints)
-        return placed.driven_by([_prepared(drive) for drive in placed.drives])
+        return placed.with_drives([_prepare(drive) for drive in placed.drives])
 
 
 class FunctionMechanism(AbstractMechanism):
@@ -383,7 +383,7 @@ class FunctionMechanism(AbstractMechanism):
     def slopes(self, at: Places, thetadot: Float[Array, " k"]) -> Float[Array, "k n 3"]:
         return jax.jvp(lambda theta: self.places(theta).partial, (at.details,), (thetadot,))[1]
 
-    def driven_by(self, drives: Sequence[Drive]) -> "FunctionMechanism":
+    def with_drives(self, drives: Sequence[Drive]) -> "FunctionMechanism":
         return eqx.tree_at(lambda m: m.given, self, tuple(drives), is_leaf=lambda x: x is None)
 
 

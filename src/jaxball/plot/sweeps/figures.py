@@ -34,7 +34,7 @@ from .rows import (
     Labels,
     PictureError,
     Rows,
-    at_fixed,
+    fix_axes,
     histories_of,
     label_of,
     number_label,
@@ -83,15 +83,15 @@ def sweep_slice(
     ones; ``ValueError`` when ``ax`` is three-dimensional.
     """
     rows = rows_of(data)
-    rows, notes = at_fixed(rows, _free(rows, against, by), at, labels)
+    rows, notes = fix_axes(rows, _free(rows, against, by), at, labels)
     if by is not None:  # a few points of its axis, equally spaced
         along = rows.indices[:, rows.axis_of(by)]
         points = np.unique(along)
         places = np.linspace(0, len(points) - 1, min(len(points), MOST_CURVES)).round().astype(int)
-        rows = rows.chosen(np.isin(along, points[places]))
+        rows = rows.choose(np.isin(along, points[places]))
     outcome = outcomes(rows.status, values_of(rows, result))
     names, (drawn, left_out) = names_of(outcome), sample(rows, MOST_DRAWN)
-    rows, outcome = rows.chosen(drawn), outcome[drawn]
+    rows, outcome = rows.choose(drawn), outcome[drawn]
     numbers, values = rows.number(against), np.where(outcome == Status.SUCCESS, values_of(rows, result), np.nan)
     ax, keys = study_axes(rows.data, ax, SLICE_SIZE), []
     # Dots if a curve has few points, or if no line joins them.
@@ -158,7 +158,7 @@ def sweep_map(
     if right == up:
         raise PictureError(f"Argument `up` must be a number other than `right`, but both are `{up}`.")
     rows = rows_of(data)
-    rows, notes = at_fixed(rows, {rows.axis_of(right), rows.axis_of(up)}, at, labels)
+    rows, notes = fix_axes(rows, {rows.axis_of(right), rows.axis_of(up)}, at, labels)
     crossed = rows.axis_of(right) != rows.axis_of(up) and not (rows.is_scattered(right) or rows.is_scattered(up))
     ax = study_axes(rows.data, ax, MAP)
     shown, keys, more = (_cells if crossed else _dots)(ax, rows, result, right, up)
@@ -174,9 +174,9 @@ def _cells(ax: Axes, rows: Rows, result: str, right: str, up: str) -> tuple[Any,
     names, size = names_of(outcomes(rows.status, values_of(rows, result))), len(rows)
     for path in (right, up):  # every k-th point, so that there are at most MOST_CELLS
         along = rows.indices[:, rows.axis_of(path)]
-        rows = rows.chosen(along % -(-(np.max(along) + 1) // MOST_CELLS) == 0)
+        rows = rows.choose(along % -(-(np.max(along) + 1) // MOST_CELLS) == 0)
     notes = [] if len(rows) == size else [f"{len(rows):,} of {size:,} rows drawn"]
-    (columns, x), (lines, y) = _ordered(rows, right), _ordered(rows, up)
+    (columns, x), (lines, y) = _order_rows(rows, right), _order_rows(rows, up)
     values = values_of(rows, result)
     outcome = outcomes(rows.status, values)
     good = outcome == Status.SUCCESS
@@ -186,12 +186,12 @@ def _cells(ax: Axes, rows: Rows, result: str, right: str, up: str) -> tuple[Any,
     shown = ax.pcolormesh(*edges, grid, cmap=COLOURS, norm=norm_of(values[good]), rasterized=True)
     for code in names:
         # Not add_patch, which would visit all corners to find limits that the mesh has already set.
-        ax.add_artist(_hatched(code, columns[outcome == code], lines[outcome == code], *edges))
+        ax.add_artist(_hatch_cells(code, columns[outcome == code], lines[outcome == code], *edges))
     return shown, [Patch(**hatching(code), label=name) for code, name in names.items()], notes
 
 
-def _ordered(rows: Rows, path: str) -> tuple[np.ndarray, Float[np.ndarray, " points"]]:
-    """The index of each row among the sorted values at ``path``, and these values.
+def _order_rows(rows: Rows, path: str) -> tuple[np.ndarray, Float[np.ndarray, " points"]]:
+    """Returns the index of each row among the sorted values at ``path``, and these values.
 
     Points without a computed row have values between those of their neighbours, so that their cells stay empty.
     """
@@ -210,8 +210,8 @@ def _ordered(rows: Rows, path: str) -> tuple[np.ndarray, Float[np.ndarray, " poi
     return (along - known[0]) // step, values
 
 
-def _hatched(code: int, columns: np.ndarray, lines: np.ndarray, x: np.ndarray, y: np.ndarray) -> PathPatch:
-    """All cells with one status, as one patch."""
+def _hatch_cells(code: int, columns: np.ndarray, lines: np.ndarray, x: np.ndarray, y: np.ndarray) -> PathPatch:
+    """Hatches all cells with one status, as one patch."""
     corners = [(columns, lines), (columns + 1, lines), (columns + 1, lines + 1), (columns, lines + 1), (columns, lines)]
     points = np.stack([np.stack([x[column], y[line]], axis=-1) for column, line in corners], axis=1)
     codes = np.tile([Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY], len(points))
@@ -220,7 +220,7 @@ def _hatched(code: int, columns: np.ndarray, lines: np.ndarray, x: np.ndarray, y
 
 def _dots(ax: Axes, rows: Rows, result: str, right: str, up: str) -> tuple[Any, list[Any], list[str]]:
     names, (drawn, notes) = names_of(outcomes(rows.status, values_of(rows, result))), sample(rows, MOST_DOTS)
-    rows = rows.chosen(drawn)
+    rows = rows.choose(drawn)
     x, y, values = rows.number(right), rows.number(up), values_of(rows, result)
     outcome = outcomes(rows.status, values)
     good = outcome == Status.SUCCESS
@@ -253,9 +253,9 @@ def sweep_fan(
     **Raises:** as :func:`sweep_slice`, and :class:`PictureError` where states were saved only at the end.
     """
     rows = rows_of(data)
-    rows, notes = at_fixed(rows, {rows.axis_of(by)}, at, labels)
+    rows, notes = fix_axes(rows, {rows.axis_of(by)}, at, labels)
     names, (drawn, left_out) = names_of(rows.status), sample(rows, MOST_PATHS)
-    rows, ax = rows.chosen(drawn), study_axes(rows.data, ax, FAN)
+    rows, ax = rows.choose(drawn), study_axes(rows.data, ax, FAN)
     in_plane = result is None and {"z[0]", "z[1]"} <= set(result_names(data))
     at_all_times = (name for name in result_names(data) if "save" in data[parse_result(data, name)[0]].dims)
     results = ["z[0]", "z[1]"] if in_plane else [result or next(at_all_times, result_names(data)[0])]

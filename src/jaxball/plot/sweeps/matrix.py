@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ...interface.status import Status
-from ...interface.wording import counted
+from ...interface.wording import number_of
 from ..palette import COMPONENTS
 from ..style import SMALL_FONT, caption, label_axes, plane_axes
 from .axes import (
@@ -79,7 +79,7 @@ def sweep_matrix(
     variables = []
     for path in numbers:
         logarithmic, crossed = rows.is_logarithmic(path), not rows.is_scattered(path)
-        label = _wrapped(number_label(path, labels))
+        label = _wrap_path(number_label(path, labels))
         variables.append(_Variable(label, rows.number(path), True, logarithmic, crossed))
     for name in results:
         variables.append(_Variable(label_of(data, name, labels), values_of(rows, name)))
@@ -102,7 +102,7 @@ def sweep_matrix(
             ax.tick_params(labelbottom=i == n - 1, labelleft=j == 0 and i > 0)
     figure.legend(
         handles=list(keys.values()),
-        title=left_out[0] if left_out else counted(len(rows), "row"),
+        title=left_out[0] if left_out else number_of(len(rows), "row"),
         loc="upper right",
         frameon=False,
         prop=SMALL_FONT,
@@ -167,8 +167,8 @@ def _edges(different: Float[np.ndarray, " values"], variable: _Variable) -> Floa
     return np.exp(edges) if logarithmic else edges
 
 
-def _wrapped(path: str) -> str:
-    """A long path on two lines."""
+def _wrap_path(path: str) -> str:
+    """Writes a long path on two lines."""
     if "$" in path:
         return path
     head, _, tail = path.rpartition(".")

@@ -86,11 +86,11 @@ def in_plain_text(label: str) -> str:
     text = re.sub(r"\\ddot\{(\\?\w+)\}", "\\1\N{COMBINING DIAERESIS}", label.replace("$", ""))
     text = re.sub(r"\\dot\{(\\?\w+)\}", "\\1\N{COMBINING DOT ABOVE}", text)
     text = re.sub(r"\\([A-Za-z]+)", lambda found: GREEK.get(found[1], found[1]), text)
-    return re.sub(r"_\{([^}]*)\}|_(\w)", lambda found: _lowered(found[1] or found[2]), text)
+    return re.sub(r"_\{([^}]*)\}|_(\w)", lambda found: _lower(found[1] or found[2]), text)
 
 
-def _lowered(subscript: str) -> str:
-    """As a subscript, if there is a sign for each of its characters."""
+def _lower(subscript: str) -> str:
+    """Lowers a subscript, if there is a sign for each of its characters."""
     lowered = subscript.translate(SUBSCRIPTS)
     return f"_{subscript}" if re.search("[A-Za-z]", lowered) else lowered
 
@@ -154,8 +154,8 @@ class Rows:
         """The paths whose numbers are not the same in all rows."""
         return [path for path in self.paths if np.ptp(self.number(path)) > 0]
 
-    def chosen(self, which: Bool[np.ndarray, " rows"] | Int[np.ndarray, " some"]) -> "Rows":
-        """The rows that a mask or indices choose."""
+    def choose(self, which: Bool[np.ndarray, " rows"] | Int[np.ndarray, " some"]) -> "Rows":
+        """Returns the rows that a mask or indices choose."""
         return dataclasses.replace(
             self, places=self.places[which], indices=self.indices[which], status=self.status[which]
         )
@@ -190,10 +190,10 @@ def rows_of(data: "xarray.Dataset") -> Rows:
     return Rows(data, computed, indices, status)
 
 
-def at_fixed(
+def fix_axes(
     rows: Rows, free: set[int], at: Mapping[str, float] | None, labels: Labels = None
 ) -> tuple[Rows, list[str]]:
-    """The rows at one point of each axis that is not in ``free``, and sentences that say at which.
+    """Fixes each axis that is not in ``free``; returns the rows left, and sentences that say at which point.
 
     The point is the one whose number is nearest to that in ``at``; by default it is, among the points at which a row
     succeeded, the middle one of an axis, or the first of a scattered axis.
@@ -218,7 +218,7 @@ def at_fixed(
             succeeded = np.unique(rows.indices[~rows.failed, axis])
             candidates = succeeded if succeeded.size else present
             point = candidates[0 if rows.is_scattered(paths[0]) else len(candidates) // 2]
-        rows = rows.chosen(rows.indices[:, axis] == point)
+        rows = rows.choose(rows.indices[:, axis] == point)
         if given or len(paths) <= FEW_PATHS:
             named = {path: number_label(path, labels, with_unit=False) for path in given or paths}
             sentences += [f"{name} = {rows.number(path)[0]:.4g}" for path, name in named.items()]

@@ -64,10 +64,10 @@ from ...interface.output import MOST_BODIES
 from ...physics.body import AbstractBody
 from ...simulation.trajectory import Trajectory
 from ..palette import ARROWS, COMPONENTS, MODES, TRAIL, mass_colour
-from ..style import COLOURS, ColourScale, described, dimensionless, norm_of, stated_units
+from ..style import COLOURS, ColourScale, describe, describe_units, dimensionless, norm_of
 from .free import particle_scene, rigid_scene
 from .rolling import rolling_scene
-from .scene import PAIR, Discs, Pool, Scene, chosen_rows
+from .scene import PAIR, Discs, Pool, Scene, choose_rows
 
 FORMAT, VERSION = "jaxball view", 5
 BEFORE, UNKNOWN = "#8a8a8a", "#8a8a8a"
@@ -109,11 +109,11 @@ def view_document(
         )
     scene = _scene(named, friction, wanted, discs)
     looks, same_units = _looks(count, scale), all(dimensionless(one.system) for one in runs)
-    stated = stated_units(runs[0]) if len({stated_units(run) for run in runs}) == 1 else ""
+    stated = describe_units(runs[0]) if len({describe_units(run) for run in runs}) == 1 else ""
     document = {
         "format": FORMAT,
         "version": VERSION,
-        "title": title or (described(runs[0].system) if count == 1 else f"{count} runs"),
+        "title": title or (describe(runs[0].system) if count == 1 else f"{count} runs"),
         "units": stated or ("dimensionless, m₀ = r = g = 1" if same_units else "in the units of its parameters"),
         "friction": friction,
         "palette": {"components": list(COMPONENTS)} | PALETTE,
@@ -125,7 +125,7 @@ def view_document(
     extra = {} if scene.wanted is None else {"wanted": scene.wanted}
     lengths = [body["saved"] for body in document["bodies"]]
     left = room - len(in_element(document).encode()) - len(_note(0, 0))
-    rows = chosen_rows([*scene.numbers, extra], [*lengths, 2], left)
+    rows = choose_rows([*scene.numbers, extra], [*lengths, 2], left)
     pool = Pool()
     for body, found, kept in zip(document["bodies"], scene.numbers, rows, strict=False):
         body["arrays"] = {name: pool.add(array, kept) for name, array in found.items()}

@@ -13,7 +13,7 @@ from ...classical import HeavyTop, RollingEllipsoid, SuslovProblem, VakonomicSta
 from ...numerics.arrays import to_array
 from ...simulation.trajectory import Trajectory
 from ..palette import COMPONENTS
-from ..record import known_rows
+from ..record import require_finite_rows
 from .scene import (
     BLUE,
     PAIR,
@@ -28,7 +28,7 @@ from .scene import (
     graph,
     law_changes,
     laws,
-    made,
+    make_body,
     series,
 )
 
@@ -64,7 +64,7 @@ class Turning(NamedTuple):
 
     @classmethod
     def of(cls, trajectory: Trajectory[Any, Any]) -> "Turning":
-        rows = known_rows(trajectory)
+        rows = require_finite_rows(trajectory)
         rolls = isinstance(trajectory.system, RollingEllipsoid)  # which has a principal axis of its own
         stated: Any = () if rolls else getattr(trajectory.system, "inertia", ())
         inertia = np.asarray(stated, dtype=float) if np.shape(stated) == (3,) else None
@@ -133,7 +133,7 @@ def _rigid_parts(one: Turning) -> dict[str, Any]:
     length = np.linalg.norm(arm)
     k = axis_of_revolution(one.trajectory.system)
     tip = (arm / length if length > 0 else np.eye(3)[k]) * REACH * shape.radius
-    return made("rigid", one.trajectory, shape.radius, len(one.rows)) | {
+    return make_body("rigid", one.trajectory, shape.radius, len(one.rows)) | {
         "ellipsoid": {
             "semi_axes": shape.semi_axes.tolist(),
             "centre": shape.centre.tolist(),
@@ -211,14 +211,14 @@ def particle_scene(trajectories: Sequence[Trajectory[Any, Any]]) -> Scene:
 
     **Raises:** ``ValueError`` for a batch, and where no state is known.
     """
-    pairs = [(trajectory, known_rows(trajectory)) for trajectory in trajectories]
+    pairs = [(trajectory, require_finite_rows(trajectory)) for trajectory in trajectories]
     places = np.concatenate([_columns(trajectory, rows, "x", "y", "z") for trajectory, rows in pairs])
     radius = ARROW_RADIUS * (float(np.max(np.ptp(places, axis=0))) or 1.0)
     names, changes = zip(*(law_changes(*pair) for pair in pairs), strict=True)
     alike = all(isinstance(one.state, type(trajectories[0].state)) for one in trajectories)
     return Scene(
         free_stand(-60.0),
-        [made("particle", trajectory, radius, len(rows)) for trajectory, rows in pairs],
+        [make_body("particle", trajectory, radius, len(rows)) for trajectory, rows in pairs],
         [_particle_numbers(*pair, radius, change) for pair, change in zip(pairs, changes, strict=True)],
         _particle_graphs(trajectories, names[0] if alike else []),
     )

@@ -17,10 +17,10 @@ from ..floor import Placed, Setting, floor_under, place
 from ..modes import modes_of
 from ..over_time import Sizes, sizes_of, without_rounding
 from ..palette import TAKEN, mass_colour
-from ..record import Record, drawn_run, finite_rows, known_rows, record, require_one
+from ..record import Record, finite_rows, record, require_finite_rows, require_one, with_jumps
 from ..shapes import rails_of
 from ..surface import Contacts, Mesh, contacts_of, mesh_grid, mesh_points, nodes
-from ..time_series import dissipated, height, of_contact, slip_speed
+from ..time_series import energy_losses, height, of_contact, slip_speed
 from .feedback import feedback_graphs, feedback_numbers
 from .scene import (
     BLUE,
@@ -35,10 +35,10 @@ from .scene import (
     each,
     energies,
     graph,
-    made,
+    make_body,
     of_masses,
-    sampled,
     series,
+    thin_curve,
 )
 
 ON_RAILS = 1e-3  # radii, the allowed error of a rail between its points
@@ -64,8 +64,8 @@ class Shown(NamedTuple):
         return float(self.system.radius)
 
 
-def shown(trajectory: Trajectory[Any, Any]) -> Shown:
-    """A run to be shown.
+def prepare_view(trajectory: Trajectory[Any, Any]) -> Shown:
+    """Prepares a run to be shown.
 
     **Raises:** ``ValueError`` if it cannot be shown.
     """
@@ -75,8 +75,8 @@ def shown(trajectory: Trajectory[Any, Any]) -> Shown:
             "Argument `trajectory` must contain the position of the ball, but it is of a ReducedState; simulate with a "
             "BallState."
         )
-    known_rows(trajectory)
-    trajectory = drawn_run(trajectory)
+    require_finite_rows(trajectory)
+    trajectory = with_jumps(trajectory)
     run = record(trajectory)
     return Shown(trajectory, run, place(trajectory, run), angles_of(trajectory))
 
@@ -85,7 +85,7 @@ def body_document(one: Shown) -> dict[str, Any]:
     """The parts of the body."""
     system = one.system
     kind = "disk" if isinstance(system, Disk) else "ball"
-    parts = made(kind, one.trajectory, one.radius, len(one.run.times)) | {
+    parts = make_body(kind, one.trajectory, one.radius, len(one.run.times)) | {
         "shell": {"mass": float(system.mass), "centre_of_mass": np.asarray(system.offset).tolist()},
         "masses": _masses(system),
         "rails": [{"colour": mass_colour(members[0])} for members, _ in rails_of(system)],
@@ -119,7 +119,7 @@ def body_numbers(one: Shown, plane: float, grid: Float[np.ndarray, "rows columns
     if setting.turned is not None:
         numbers["turned"] = Numbers(setting.turned, 1.0)
     numbers |= {
-        f"rail_{j}": Numbers(sampled(points, ON_RAILS * r), r, over_time=False)
+        f"rail_{j}": Numbers(thin_curve(points, ON_RAILS * r), r, over_time=False)
         for j, (_, points) in enumerate(rails_of(system))
     }
     numbers |= {
@@ -136,7 +136,7 @@ def body_numbers(one: Shown, plane: float, grid: Float[np.ndarray, "rows columns
         numbers |= {
             "height": Numbers(np.asarray(known["height"])[rows], r),
             "slip": Numbers(np.asarray(known["slip"])[rows, :2]),
-            "taken": Numbers(np.stack(dissipated(one.trajectory), axis=1)[rows]),
+            "taken": Numbers(np.stack(energy_losses(one.trajectory), axis=1)[rows]),
         }
     numbers |= feedback_numbers(one.trajectory, setting, r, r - plane)
     if one.angles:
@@ -183,9 +183,9 @@ def rolling_scene(
 ) -> Scene:
     """The scene of balls or disks, with a desired path and discs to avoid.
 
-    **Raises:** ``ValueError`` for bodies that do not roll on the same ground, and as :func:`shown`.
+    **Raises:** ``ValueError`` for bodies that do not roll on the same ground, and as :func:`prepare_view`.
     """
-    bodies, names = [shown(trajectory) for trajectory in named.values()], list(named)
+    bodies, names = [prepare_view(trajectory) for trajectory in named.values()], list(named)
     other = other_ground([one.system for one in bodies])
     if other is not None:
         raise ValueError(
@@ -293,7 +293,7 @@ def _graphs(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
     if several:
         return graphs
     # The energy dissipated by sliding friction and by impacts, if any is, beside the energies.
-    taken = zip(*(dissipated(one.trajectory) for one in bodies), strict=True)
+    taken = zip(*(energy_losses(one.trajectory) for one in bodies), strict=True)
     for one, amounts in zip(each(TAKEN, TAKEN.values(), "taken"), taken, strict=True):
         if any(np.any(without_rounding(np.nan_to_num(np.asarray(leaf)), sizes.energy)) for leaf in amounts):
             graphs[0]["series"].append(one)

@@ -38,7 +38,7 @@ class Pool:
     def add(self, numbers: Numbers, rows: Int[np.ndarray, " rows"] | None = None) -> int:
         """The place of an array, of which ``rows`` are kept if it is over time and they are given."""
         kept = rows is not None and numbers.over_time
-        array = packed(numbers.values[rows] if kept else numbers.values, numbers.scale)
+        array = pack(numbers.values[rows] if kept else numbers.values, numbers.scale)
         key = (array["type"], array["data"], tuple(array["shape"]))
         if key not in self._places:
             self._places[key] = len(self.arrays)
@@ -46,8 +46,8 @@ class Pool:
         return self._places[key]
 
 
-def packed(values: Any, scale: float | None = None) -> dict[str, Any]:
-    """An array as the page reads it, in float32.
+def pack(values: Any, scale: float | None = None) -> dict[str, Any]:
+    """Packs an array as the page reads it, in float32.
 
     With a ``scale``, in float64 where float32 would be off by more than a millionth of that.
     """
@@ -60,10 +60,10 @@ def packed(values: Any, scale: float | None = None) -> dict[str, Any]:
     return {"type": kept.dtype.name, "shape": list(kept.shape), "data": data}
 
 
-def chosen_rows(
+def choose_rows(
     bodies: Sequence[Mapping[str, Numbers]], lengths: Sequence[int], room: float
 ) -> list[Int[np.ndarray, " rows"]]:
-    """The saved times of each body that fit into ``room`` characters of JSON: all, or evenly spaced ones.
+    """Chooses saved times of each body that fit into ``room`` characters of JSON: all, or evenly spaced ones.
 
     Both ends are included, and the same fraction is kept for all bodies.
     """
@@ -85,8 +85,8 @@ def evenly(length: int, count: int) -> Int[np.ndarray, " rows"]:
     return np.unique(np.round(np.linspace(0, length - 1, max(2, min(count, length)))).astype(int))
 
 
-def sampled(points: Float[np.ndarray, "points 3"], close: float) -> Float[np.ndarray, "some 3"]:
-    """Every k-th of the points of a curve, k as large as leaves the others within ``close`` of the chords."""
+def thin_curve(points: Float[np.ndarray, "points 3"], close: float) -> Float[np.ndarray, "some 3"]:
+    """Keeps every k-th of the points of a curve, k as large as leaves the others within ``close`` of the chords."""
     for k in range(len(points) // 3, 1, -1):
         if (len(points) - 1) % k == 0 and _farthest(points, k) <= close:
             return points[::k]
@@ -123,8 +123,8 @@ def free_stand(azimuth: float) -> dict[str, Any]:
     }
 
 
-def made(kind: str, trajectory: Trajectory[Any, Any], radius: float, saved: int) -> dict[str, Any]:
-    """The entries that every body has, empty; a rolling body has more."""
+def make_body(kind: str, trajectory: Trajectory[Any, Any], radius: float, saved: int) -> dict[str, Any]:
+    """Makes the entries that every body has, empty; a rolling body has more."""
     parts: dict[str, Any] = {"body": kind, "radius": radius, "ok": trajectory.ok, "message": trajectory.message}
     return parts | {"saved": saved, "masses": [], "rails": [], "arms": []}
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from ...compat import Literal, Program, argument, branches, called, function_of, loop
+from ...compat import Literal, Program, argument, branches, function_of, inner_program, loop
 
 
 def varying(program: Program, constants: Sequence[bool], operands: Sequence[bool]) -> list[bool]:
@@ -73,7 +73,7 @@ def evaluate_chosen(
 
 
 def _of_equation(equation: Any, given: list[bool]) -> list[bool]:
-    name, inner = equation.primitive.name, called(equation)
+    name, inner = equation.primitive.name, inner_program(equation)
     if name == "stop_gradient":
         return [False]
     if inner is not None:

@@ -14,7 +14,7 @@ import types
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from ...compat import jitted, node_functions
+from ...compat import node_functions, unwrap_jit
 from .names import OWN, NoNameError, home_of, is_known
 
 _GLOBAL = ("LOAD_GLOBAL", "LOAD_NAME", "LOAD_FROM_DICT_OR_GLOBALS")
@@ -153,7 +153,7 @@ def of_other(value: Any) -> tuple[Any, ...] | None:
         if isinstance(value, kinds):
             return parts(value)
     try:
-        return jitted(value)
+        return unwrap_jit(value)
     except RuntimeError as error:
         raise NoNameError(str(error)) from None
 

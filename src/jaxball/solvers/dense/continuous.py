@@ -157,15 +157,15 @@ def continuous(solver: Any) -> ContinuousMethod | None:
     own = ORDERS.get(solver.interpolation_cls, CUBIC)
     if order <= own:
         return None
-    method = _made(solver.tableau, own, order)
+    method = _make_extension(solver.tableau, own, order)
     if own == CUBIC:
         return method
     weights = _weights(solver, method.nodes[: _count(own)])
     return method._replace(rows=jnp.asarray(method.rows).at[: _count(own), : solver.tableau.num_stages].set(weights))
 
 
-def _made(tableau: diffrax.ButcherTableau, own: int, order: int) -> ContinuousMethod:
-    """The extension, in rounds that each gain an order, starting from the cubic."""
+def _make_extension(tableau: diffrax.ButcherTableau, own: int, order: int) -> ContinuousMethod:
+    """Makes the extension, in rounds that each gain an order, starting from the cubic."""
     stages, counts = tableau.num_stages, [_count(q) for q in range(own, order)]
     slopes = np.eye(stages + sum(counts))
     step = tableau.b_sol @ slopes[:stages]

@@ -289,7 +289,7 @@ class _Search(NamedTuple):
         """Begins the search for a zero of each function that ``crosses`` it."""
         bracket = jnp.zeros(2, low.dtype)
         search = cls(crosses, jnp.full_like(low, jnp.inf), sign, low, high, bracket, bracket, jnp.asarray(0))
-        return search._begun()
+        return search._begin()
 
     @property
     def goes_on(self) -> Bool[Array, ""]:
@@ -306,7 +306,7 @@ class _Search(NamedTuple):
         place = jnp.arange(self.pending.size)
         return place == jnp.min(jnp.where(self.pending, place, self.pending.size))
 
-    def _begun(self) -> "_Search":
+    def _begin(self) -> "_Search":
         bracket = jnp.stack([self.of_first(self.low), self.high])
         return self._replace(bracket=bracket, window=bracket, tries=jnp.asarray(0))
 
@@ -338,7 +338,7 @@ class _Search(NamedTuple):
         """Enters the zero of the first pending function, and begins the search for the next one."""
         is_first = self._is_first
         search = self._replace(pending=self.pending & ~is_first, roots=jnp.where(is_first, root, self.roots))
-        return search._begun()
+        return search._begin()
 
 
 class _Scan(NamedTuple):

@@ -53,7 +53,7 @@ class _Windows(NamedTuple):
 
 
 def maxima(steps: Steps, values: Values, k: int) -> Largest:
-    """When each of k functions is largest, as constants; :func:`moved` has the derivatives of times.
+    """When each of k functions is largest, as constants; :func:`move` has the derivatives of times.
 
     ``values(t, x)`` are these functions and then ẋ, because shared parts are computed once.
 
@@ -73,17 +73,17 @@ def maxima(steps: Steps, values: Values, k: int) -> Largest:
         whole, around = _whole(steps, r, width), _around(steps, best, shares[jnp.maximum(r - rounds, 0)], width)
         here = select_tree(looking, whole, around)
 
-        def evaluated(window: Int[Array, ""], t: Float[Array, ""]) -> tuple[Array, ...]:
+        def evaluate(window: Int[Array, ""], t: Float[Array, ""]) -> tuple[Array, ...]:
             own = jnp.minimum(window, k - 1)
             tangent = best.vectors[own] + (t - best.time[own]) * best.rates[own]
             x = jnp.where(lines & (window < k), tangent, steps.state(here.step[window], t))
             return x, *jnp.split(values(t, x), [k])
 
-        def sampled(window: Int[Array, ""], times: Float[Array, " nodes"]) -> tuple[Array, ...]:
-            vectors, samples, rates = map_rows(evaluated, jnp.broadcast_to(window, times.shape), times)
+        def sample(window: Int[Array, ""], times: Float[Array, " nodes"]) -> tuple[Array, ...]:
+            vectors, samples, rates = map_rows(evaluate, jnp.broadcast_to(window, times.shape), times)
             return samples, vectors[0], rates[0]
 
-        samples, vectors, rates = map_rows(sampled, jnp.arange(width), here.times(nodes))
+        samples, vectors, rates = map_rows(sample, jnp.arange(width), here.times(nodes))
         found = _largest(steps, here, samples, vectors, rates)
         least = jnp.where(looking, jnp.minimum(best.least, found.least), best.least)
         better = ~looking | ~(found.size <= best.size)
@@ -180,10 +180,10 @@ def _stationary(steps: Steps, best: Largest, here: _Windows, samples: Float[Arra
     return jnp.where(smooth & jnp.isfinite(time), time, best.time)
 
 
-def moved(
+def move(
     steps: Steps, kinks: Float[Array, " kinks"], i: Int[Array, ""], t: Float[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, " size"]]:
-    """A time in a step and the vector then, with the derivatives of the kink or the end of the step that it is at.
+    """Gives a time in a step, and the vector then, the derivatives of the kink or the end of the step that it is at.
 
     Within a step times have none: there the maximum does not change to first order with its location. At the end of a
     step, where a function may be largest because it jumps at one of ``kinks`` or because the run ends, times move with

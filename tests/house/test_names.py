@@ -1,0 +1,96 @@
+"""Functions are named by what they do: by a verb, or by the noun for their value, and not by a participle."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+SOURCE = Path(__file__).parents[2] / "src/jaxball"
+# The packages and modules in which no name of a function begins with a participle.
+CLEAN = (
+    *("cache.py", "chaos", "classical", "cli", "control", "design", "ensemble", "environments", "estimation", "interface"),
+    *("mjcf", "paper", "plot", "results", "scenario", "sensors", "simulation", "solvers", "stability", "sweep", "urdf"),
+    *("verify", "__init__.py", "__main__.py", "compat.py", "cpu.py", "grid.py"),
+)
+# How many such names the others have at most. One that has none left moves up.
+REMAINING = {"numerics": 1, "physics": 61, "programs": 1}
+IRREGULAR = (
+    "begun|bent|bought|broken|brought|built|caught|chosen|done|drawn|driven|fallen|fed|felt|flown|forgotten|found|"
+    "frozen|given|gone|grown|held|hidden|hung|kept|known|laid|led|left|lent|lost|made|meant|met|outgrown|overdrawn|"
+    "paid|proven|rewritten|risen|said|seen|sent|shaken|shown|slid|sold|sought|spoken|spent|spun|stood|struck|stuck|"
+    "sunk|swept|taken|taught|thought|thrown|told|torn|undone|understood|unknown|withdrawn|worn|wound|woven|written"
+)
+PARTICIPLE = re.compile(rf"_*([a-z]{{2,}}ed|{IRREGULAR})(_|$)")
+# Verbs and nouns that look like participles.
+VERBS = re.compile(r"_*(bed|embed|exceed|feed|need|proceed|seed|shed|speed|succeed)(_|$)")
+TERMS = {
+    "augmented_lagrangian": "the term of the field",
+    "bordered_solver": "a bordered system is the term of the field",
+    "closed_form": "the term of the field",
+    "closed_loop": "the term of the field",
+    "scaled_rates": "rates of scaled variables, as the problem states them",
+    "squared_distances": "the term of the field",
+}
+# Users call these by their names, or implement them.
+PUBLIC = {
+    "designed_path": "a figure",
+    "exceeded": "of a PredictiveControl",
+    "held_inputs": "a figure",
+    "held_paths": "a figure",
+    "measured": "of a Trajectory",
+    "perturbed": "of the designs",
+    "projected": "of every system",
+    "saved_scenario": "of the results",
+    "smoothed": "of an Estimate",
+}
+
+
+def is_property(function: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
+    """Whether a function is read as an attribute, whose name may be an adjective."""
+    return any("property" in ast.unparse(decorator) for decorator in function.decorator_list)
+
+
+def participles(room: str) -> list[str]:
+    """The functions and methods of a room that are named by a participle, with their places."""
+    place = SOURCE / room
+    return [
+        f"{file.relative_to(SOURCE)}:{node.lineno}: {node.name}"
+        for file in (sorted(place.rglob("*.py")) if place.is_dir() else [place])
+        for node in ast.walk(ast.parse(file.read_text()))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        and PARTICIPLE.match(node.name)
+        and not (VERBS.match(node.name) or node.name in TERMS or node.name in PUBLIC or is_property(node))
+    ]
+
+
+@pytest.mark.parametrize("room", CLEAN)
+def test_functions_are_verbs(room):
+    """Write ``check_times`` for ``checked_times``, and ``sample_path`` for ``sampled_path``."""
+    found = participles(room)
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize("room", REMAINING)
+def test_elsewhere_they_become_fewer(room):
+    found = participles(room)
+    assert len(found) <= REMAINING[room], "\n".join(found)
+    assert found, f"move {room!r} from REMAINING to CLEAN"
+
+
+def test_every_room_is_listed():
+    rooms = {path.name for path in SOURCE.iterdir() if path.suffix in ("", ".py") and path.name != "__pycache__"}
+    assert rooms == {*CLEAN, *REMAINING}
+    assert not {*CLEAN} & {*REMAINING}
+
+
+def test_exceptions_are_in_use():
+    """So that the lists above have nothing that is no longer there."""
+    names = {
+        node.name
+        for file in SOURCE.rglob("*.py")
+        for node in ast.walk(ast.parse(file.read_text()))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+    }
+    assert {*TERMS, *PUBLIC} <= names
+    assert all(PARTICIPLE.match(name) for name in (*TERMS, *PUBLIC))
