@@ -29,7 +29,7 @@ from jaxball import (
 )
 from jaxball.design.problem.run import Run
 from jaxball.ensemble import simulate_ensemble
-from jaxball.numerics.kinks import seen_from_before
+from jaxball.numerics.kinks import just_before
 from jaxball.plot.coordinates import accelerations
 
 END, LITTLE = 1.0, 1e-9
@@ -122,8 +122,8 @@ def test_the_end_of_a_figure_of_accelerations():
 )
 def test_where_the_end_is_looked_at(kinks, end, expected):
     kinks, end = jnp.asarray(kinks, float), jnp.asarray(end)
-    assert float(seen_from_before(kinks, end)) == expected
-    assert float(jax.grad(lambda end: seen_from_before(kinks, end))(end)) == 1.0
+    assert float(just_before(kinks, end)) == expected
+    assert float(jax.grad(lambda end: just_before(kinks, end))(end)) == 1.0
 
 
 @pytest.mark.slow

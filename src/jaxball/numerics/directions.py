@@ -55,12 +55,12 @@ def diverging(
     best = jnp.argmax(jnp.where((found > 0) != (ends > 0), along, -jnp.inf))
     old, new = Sample(angles[best], found[best]), Sample(angles[best] + width, ends[best])
 
-    def narrowed(_, bracket: tuple[Sample, Sample]) -> tuple[Sample, Sample]:
+    def narrow(_, bracket: tuple[Sample, Sample]) -> tuple[Sample, Sample]:
         newest = between(*bracket)
         sample = Sample(newest, turning(newest))
         return other_end(*bracket, sample), sample
 
-    angle = jax.lax.fori_loop(0, ILLINOIS_STEPS, narrowed, (old, new))[1].x
+    angle = jax.lax.fori_loop(0, ILLINOIS_STEPS, narrow, (old, new))[1].x
     # Newton's method moves it only by rounding, but provides its derivatives.
     value, slope = jax.jvp(turning, (angle,), (jnp.ones_like(angle),))
     slope = jnp.where(slope == 0, jnp.inf, slope)

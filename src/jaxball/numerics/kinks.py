@@ -90,7 +90,7 @@ def before_kink(kinks: Float[Array, " kinks"], t0: Float[Array, ""], t1: Float[A
     return jnp.minimum(jnp.min(jnp.where(ends > t0, ends, jnp.inf), initial=jnp.inf), t1)
 
 
-def seen_from_before(kinks: Float[Array, " kinks"], end: Float[Array, ""]) -> Float[Array, ""]:
+def just_before(kinks: Float[Array, " kinks"], end: Float[Array, ""]) -> Float[Array, ""]:
     """The time at which to evaluate the end of a run: just before a kink there, otherwise ``end`` itself.
 
     A quantity that jumps there has, at the kink, the value of the later side, which is not part of the run.

@@ -101,11 +101,11 @@ def _exchange(carry: tuple[_Parts, Int[Array, "k n"]], pivot: Int[Array, " k"]) 
     """The matrices and the numbers of their rows, with the row ``pivot`` as the first, and that one in its place."""
     here = pivot[:, None] == jnp.arange(carry[1].shape[1])[None]
 
-    def exchanged(B: Array) -> Array:
+    def exchange(B: Array) -> Array:
         chosen = jnp.sum(jnp.where(here[:, :, None], B, 0), axis=1, keepdims=True)
         return jnp.concatenate([chosen, jnp.where(here[:, 1:, None], B[:, :1], B[:, 1:])], axis=1)
 
-    return tuple(map(exchanged, carry[0])), exchanged(carry[1][:, :, None])[:, :, 0]
+    return tuple(map(exchange, carry[0])), exchange(carry[1][:, :, None])[:, :, 0]
 
 
 def _with_columns(B: _Parts, places: Int[Array, "k n"]) -> _Parts:
@@ -165,18 +165,18 @@ class Factors(NamedTuple):
     lower: Float[Array, "k k"]  # L; what is above its diagonal is 0
     pivots: Float[Array, " k"]  # the diagonal of D, all positive where A is positive definite
 
-    def reduced(self, b: Float[Array, "k *columns"]) -> Float[Array, "k *columns"]:
+    def solve_lower(self, b: Float[Array, "k *columns"]) -> Float[Array, "k *columns"]:
         """L⁻¹ b."""
         rows: list[Array] = []
         for i in range(len(self.pivots)):
             rows.append(b[i] - sum((self.lower[i, j] * row for j, row in enumerate(rows)), jnp.zeros_like(b[i])))
         return jnp.stack(rows)
 
-    def divided(self, y: Float[Array, "k *columns"]) -> Float[Array, "k *columns"]:
+    def divide_by_pivots(self, y: Float[Array, "k *columns"]) -> Float[Array, "k *columns"]:
         """D⁻¹ y."""
         return jnp.stack([row / pivot for row, pivot in zip(y, self.pivots, strict=True)])
 
-    def completed(self, y: Float[Array, "k *columns"]) -> Float[Array, "k *columns"]:
+    def solve_upper(self, y: Float[Array, "k *columns"]) -> Float[Array, "k *columns"]:
         """L⁻ᵀ y."""
         rows: list[Array] = []
         for i in reversed(range(len(self.pivots))):

@@ -105,7 +105,7 @@ class _Trace:
         if name == "cond":
             which, *operands = given
             each = [self.follow(branch, list(map(fix_value, branch.consts)), operands) for branch in branches(equation)]
-            return [_chosen(which, cases) for cases in zip(*each, strict=True)]
+            return [_choose(which, cases) for cases in zip(*each, strict=True)]
         if name == "scan":
             return self._of_scan(equation, given)
         if name == "while":
@@ -222,19 +222,19 @@ def _as_rounded(times: Array, one: Piece, other: Piece, comparison: Comparison) 
     width = ROUNDINGS_OF_CHANGE * jnp.finfo(times.dtype).eps * jnp.where(moves, near, 0.0)
     centre = jnp.where(moves, times, 0.0)
 
-    def compared(t: Array, place: Array) -> Array:
+    def holds_at(t: Array, place: Array) -> Array:
         results = jnp.ravel(jnp.broadcast_to(comparison(one.evaluate(t), other.evaluate(t)), times.shape))
         return results[0] if times.size == 1 else jnp.any(results & (jnp.arange(times.size) == place))
 
     def change(near: tuple[Array, Array, Array]) -> Array:
         """The first time between two at which the comparison is not what it is at the first of them."""
         first, last, place = near
-        before = compared(first, place)
+        before = holds_at(first, place)
 
         def halve(bounds: tuple[Array, Array]) -> tuple[Array, Array]:
             lower, upper = bounds
             middle = lower + 0.5 * (upper - lower)
-            same = compared(middle, place) == before
+            same = holds_at(middle, place) == before
             return jnp.where(same, middle, lower), jnp.where(same, upper, middle)
 
         def wide(bounds: tuple[Array, Array]) -> Array:
@@ -292,7 +292,7 @@ def _is_linear_in_time(*values: Value) -> bool:
     return any(isinstance(value, Piecewise) and join_dependences([value]).time for value in values)
 
 
-def _chosen(which: Value, cases: Sequence[Value]) -> Value:
+def _choose(which: Value, cases: Sequence[Value]) -> Value:
     """One of several values, by an index."""
     by = join_dependences([which])
     if not by.time and not by.state and all(isinstance(case, Fixed | Piecewise) for case in cases):
@@ -381,7 +381,7 @@ def _equal(trace: _Trace, equation: Any, given: list[Value]) -> Value:
 
 
 def _select(trace: _Trace, equation: Any, given: list[Value]) -> Value:
-    return _chosen(given[0], given[1:])
+    return _choose(given[0], given[1:])
 
 
 _RULES: dict[str, Callable[[_Trace, Any, list[Value]], Value]] = {

@@ -65,8 +65,8 @@ class Inertia(NamedTuple):
         rest, eliminated = self.B, []
         for c, H in zip(self.c, self.H, strict=True):
             factors = jax.vmap(factor_symmetric)(H)
-            reduced = jax.vmap(Factors.reduced)(factors, c)
-            divided = jax.vmap(Factors.divided)(factors, reduced)
+            reduced = jax.vmap(Factors.solve_lower)(factors, c)
+            divided = jax.vmap(Factors.divide_by_pivots)(factors, reduced)
             rest = rest - jnp.sum(reduced[..., :, None] * divided[..., None, :], axis=(0, 1))
             eliminated.append((factors, reduced, divided))
         return FactoredInertia(inverse(rest), eliminated)
@@ -82,13 +82,13 @@ class FactoredInertia(NamedTuple):
         """Ω̇ and θ̈, or other rates, whose product with the inertia is ``torque`` and ``efforts``."""
         reduced = []
         for (factors, _, divided), effort in zip(self.eliminated, efforts, strict=True):
-            y = jax.vmap(Factors.reduced)(factors, effort)
+            y = jax.vmap(Factors.solve_lower)(factors, effort)
             torque = torque - jnp.sum(divided * y[..., None], axis=(0, 1))
             reduced.append(y)
         Omega, rates = apply(self.inverse, torque), []
         for (factors, coupled, _), y in zip(self.eliminated, reduced, strict=True):
             rest = y - jnp.sum(coupled * Omega[None, None], axis=-1)
-            rates.append(jax.vmap(lambda f, x: f.completed(f.divided(x)))(factors, rest))
+            rates.append(jax.vmap(lambda f, x: f.solve_upper(f.divide_by_pivots(x)))(factors, rest))
         return Omega, rates
 
 

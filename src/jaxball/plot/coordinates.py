@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from .. import programs
 from ..numerics.arrays import Numbers, to_array
-from ..numerics.kinks import seen_from_before
+from ..numerics.kinks import just_before
 from ..physics.body import System
 from ..physics.dynamics import angles_in_state
 from ..physics.mechanisms import Carriage, Hinge, Slider
@@ -222,7 +222,7 @@ def _schedule_curve(motion: OnRail, times: Float[jax.Array, " T"]) -> Curve:
 def _kinks_and_end(schedule, end):
     """The kinks, and the time at which to evaluate the end of the run."""
     kinks = schedule.kinks().astype(end.dtype)
-    return kinks, seen_from_before(kinks, end)
+    return kinks, just_before(kinks, end)
 
 
 def _feedback_curves(trajectory: Trajectory) -> dict[int, Curve]:

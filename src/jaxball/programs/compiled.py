@@ -74,13 +74,13 @@ class Compiled(NamedTuple):
 class Place(NamedTuple):
     """The place of a program in a store.
 
-    - ``fingerprint``: of everything that determines the program; ``identified`` finds it again.
+    - ``fingerprint``: of everything that determines the program; ``identify`` finds it again.
     - ``key``: its name there.
     """
 
     store: Store
     fingerprint: Fingerprint
-    identified: Callable[[], Fingerprint | None]
+    identify: Callable[[], Fingerprint | None]
     key: str
 
     def of_quick_code(self) -> "Place":
@@ -122,7 +122,7 @@ class Place(NamedTuple):
 
     def _write(self, content: bytes) -> None:
         """Keeps the content, unless tracing has changed something that the function uses, such as a counter."""
-        again = self.identified()
+        again = self.identify()
         if again is not None and again.digest == self.fingerprint.digest:
             self.store.write(self.key, content)
 
@@ -149,13 +149,13 @@ def place_in(store: Store | None, *described: Any) -> Place | None:
         return None
     chosen = {name: value for name, value in settings().items() if name not in ("jax_default_device", QUICKLY)}
 
-    def identified() -> Fingerprint | None:
+    def identify() -> Fingerprint | None:
         with contextlib.suppress(NoNameError):
             return fingerprint(store.identity(), *described, chosen)
         return None
 
-    name = identified()
-    return name and Place(store, name, identified, key=name.digest)
+    name = identify()
+    return name and Place(store, name, identify, key=name.digest)
 
 
 def is_kept_by_jax() -> bool:

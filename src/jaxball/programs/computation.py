@@ -18,7 +18,7 @@ from ..interface.compilation import compiling
 from . import native
 from .compiled import QUICKLY, Compiled, Place, Rest, is_kept_by_jax, place_in
 from .derivatives.differentiation import differentiate_forward, without_captured_derivatives
-from .derivatives.reverse_rules import chosen, pull_by_forward_mode, replace_chosen
+from .derivatives.reverse_rules import choose, pull_by_forward_mode, replace_chosen
 from .store import current
 from .store.current import Store
 
@@ -55,7 +55,7 @@ def take_arrays(leaves: list[Any], structure: Any, is_dynamic: Callable[[Any], b
         return Rest(structure, keys=_keys(leaves)), leaves
     dynamic = tuple(map(is_dynamic, leaves))
     static = tuple(None if new else leaf for leaf, new in zip(leaves, dynamic, strict=True))
-    arrays = chosen(leaves, dynamic)
+    arrays = choose(leaves, dynamic)
     return Rest(structure, static, dynamic, _keys(arrays)), arrays
 
 
@@ -248,12 +248,12 @@ class Computation:
     def _obtain(self, place: Place | None, make: Callable[[], Any]) -> Compiled | native.Refusal:
         """The program: loaded from the store, or compiled and written there."""
 
-        def compiled() -> Compiled | native.Refusal:
+        def compile_now() -> Compiled | native.Refusal:
             with compiling():
                 made = make()
             return made if isinstance(made, native.Refusal) else Compiled(made, self.result)
 
-        return compiled() if place is None else place.obtain(compiled, len(self.takes))
+        return compile_now() if place is None else place.obtain(compile_now, len(self.takes))
 
     def program_of_rows(self, rows: tuple[bool, ...], count: int) -> native.Program | None:
         """The natively compiled program of this many rows, which XLA may call too, if there is one.
@@ -318,7 +318,7 @@ class Computation:
 
         def make() -> Computation:
             function = functools.partial(_tangents, self.smooth, which)
-            moving = chosen(self.takes, which)
+            moving = choose(self.takes, which)
             made = self._from_callable(function, [*self.takes, *moving], list(filter(_has_tangents, self.gives)))
             made.linear, made.is_derivative = (False,) * len(which) + (True,) * len(moving), True
             return made
@@ -334,9 +334,9 @@ class Computation:
         def make() -> Computation:
             by_tangents = functools.partial(_cotangents_by_tangents, self.smooth, which, of)
             going_back = functools.partial(_cotangents, _Traced(self), which, of)
-            given = chosen(list(filter(_has_tangents, self.gives)), of)
+            given = choose(list(filter(_has_tangents, self.gives)), of)
             function = by_tangents if self.is_derivative else going_back
-            made = self._from_callable(function, [*self.takes, *given], chosen(self.takes, which))
+            made = self._from_callable(function, [*self.takes, *given], choose(self.takes, which))
             made.smooth = by_tangents
             made.linear, made.is_derivative = (False,) * len(which) + (True,) * len(given), True
             return made
@@ -414,7 +414,7 @@ def _tangents(function: Callable, which: tuple[bool, ...], arrays: list[Any]) ->
         return list(filter(_has_tangents, _arrays(function(replace_chosen(primals, which, moving)))))
 
     with differentiate_forward():
-        return jax.jvp(of_moving, chosen(primals, which), tangents)[1]
+        return jax.jvp(of_moving, choose(primals, which), tangents)[1]
 
 
 def _cotangents(function: Callable, which: tuple[bool, ...], of: tuple[bool, ...], arrays: list[Any]) -> list[Any]:
@@ -422,9 +422,9 @@ def _cotangents(function: Callable, which: tuple[bool, ...], of: tuple[bool, ...
 
     def of_moving(*moving: Any) -> list[Any]:
         results = _arrays(function(replace_chosen(primals, which, moving)))
-        return chosen(list(filter(_has_tangents, results)), of)
+        return choose(list(filter(_has_tangents, results)), of)
 
-    return list(jax.vjp(of_moving, *chosen(primals, which))[1](cotangents))
+    return list(jax.vjp(of_moving, *choose(primals, which))[1](cotangents))
 
 
 def _cotangents_by_tangents(
@@ -433,11 +433,11 @@ def _cotangents_by_tangents(
     primals, cotangents = arrays[: len(which)], arrays[len(which) :]
 
     def results(primals: list[Any]) -> list[Any]:
-        return chosen(list(filter(_has_tangents, _arrays(function(primals)))), of)
+        return choose(list(filter(_has_tangents, _arrays(function(primals)))), of)
 
     with differentiate_forward():
         pull = pull_by_forward_mode(results)
-        return chosen(pull((primals, None), cotangents, list(which)), which)
+        return choose(pull((primals, None), cotangents, list(which)), which)
 
 
 def _in_directions(function: Callable, mapped: tuple[bool, ...], arrays: list[Any]) -> list[Any]:
@@ -450,7 +450,7 @@ def _of_each_row(function: Callable, taken: tuple[bool, ...], arrays: list[Any])
     def of_row(row: list[Any]) -> list[Any]:
         return _arrays(function(replace_chosen(arrays, taken, row)))
 
-    return jax.lax.map(of_row, chosen(arrays, taken))
+    return jax.lax.map(of_row, choose(arrays, taken))
 
 
 def _has_tangents(array: Any) -> bool:

@@ -28,7 +28,7 @@ from . import native
 from .batches import map_batches
 from .compiled import Compiled
 from .computation import Computation, in_rows
-from .derivatives.reverse_rules import chosen
+from .derivatives.reverse_rules import choose
 from .store import current
 
 MOST_DIRECTIONS = 32  # that are one program; more are rows
@@ -112,7 +112,7 @@ def _write_here(*arrays: Any, computation: Computation, rows: Which) -> list[Any
         following = iter(row)
         return computation.here([next(following) if many else one for one, many in zip(whole, rows, strict=True)])
 
-    leading = chosen(whole, rows)
+    leading = choose(whole, rows)
     if native.is_traced_natively():
         return jax.lax.map(of_row, leading)
     if jax.default_backend() != "cpu":
@@ -142,7 +142,7 @@ def _differentiate(primals: Sequence[Any], tangents: Sequence[Any], *, computati
     results = run.bind(*primals, computation=computation, rows=rows)
     if not any(which):
         return results, list(map(zero_tangent, results))
-    moving = chosen(tangents, which)
+    moving = choose(tangents, which)
     varied = iter(tangents_of_run.bind(*primals, *moving, computation=computation, which=which, rows=rows))
     have_tangents = [jnp.issubdtype(one.dtype, jnp.inexact) for one in computation.gives]
     return results, [
@@ -154,7 +154,7 @@ def _batch(arrays: Sequence[Any], axes: Sequence[Any], *, computation: Computati
     mapped = tuple(axis is not None for axis in axes)
     count = next(array.shape[axis] for array, axis in zip(arrays, axes, strict=True) if axis is not None)
     first = [array if axis is None else jnp.moveaxis(array, axis, 0) for array, axis in zip(arrays, axes, strict=True)]
-    if count <= MOST_DIRECTIONS and not any(chosen(mapped, [not linear for linear in computation.linear])):
+    if count <= MOST_DIRECTIONS and not any(choose(mapped, [not linear for linear in computation.linear])):
         # In each row, directions come second.
         inner = rows or (False,) * len(mapped)
         arrays = [
@@ -189,7 +189,7 @@ def _merge_rows(array: Any, outer: bool, inner: bool, count: int, of_each: int) 
 
 def _as_run(computation: Computation, which: Which, rows: Which) -> dict[str, Any]:
     """What ``tangents`` is as a ``run``."""
-    return {"computation": computation.tangents(which), "rows": rows and (*rows, *chosen(rows, which))}
+    return {"computation": computation.tangents(which), "rows": rows and (*rows, *choose(rows, which))}
 
 
 def _differentiate_tangents(
@@ -208,7 +208,7 @@ def _differentiate_tangents(
     of_primals = tuple(not no_tangent(tangent) for tangent in tangents[:count])
     if any(of_primals):
         second = _as_run(**how)
-        moving = chosen(tangents[:count], of_primals)
+        moving = choose(tangents[:count], of_primals)
         others = (False,) * (len(primals) - count)
         varied.append(tangents_of_run.bind(*primals, *moving, which=(*of_primals, *others), **second))
     if not varied:
@@ -223,11 +223,11 @@ def _transpose_tangents(
     of = tuple(not no_tangent(cotangent) for cotangent in cotangents)
     if not any(of):
         return [None] * len(arrays)
-    given = chosen(cotangents, of)
+    given = choose(cotangents, of)
     back = computation.cotangents(which, of)
     results = run.bind(*arrays[:count], *given, computation=back, rows=rows and (*rows, *(True,) * len(given)))
     if rows:  # What all rows share has the cotangents of all.
-        own = chosen(rows, which)
+        own = choose(rows, which)
         results = [one if many else jnp.sum(one, axis=0) for one, many in zip(results, own, strict=True)]
     return [None] * count + list(results)
 

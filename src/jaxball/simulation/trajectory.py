@@ -19,7 +19,7 @@ from ..interface.printing import Printed
 from ..interface.status import SUCCESSES, SolveError, Status
 from ..interface.wording import number_of
 from ..numerics.arrays import Numbers, is_traced, to_array
-from ..numerics.kinks import seen_from_before
+from ..numerics.kinks import just_before
 from ..physics.body import AbstractBody, System
 from ..physics.conditions import Problem
 from ..physics.contact.body_on_plane import ContactHistory
@@ -483,7 +483,7 @@ def times_looked_at(system: AbstractSystem, times: Float[Array, " T"], reached: 
 
     Jumps there are evaluated just before, because what comes after is not part of the run.
     """
-    return jnp.where(times == reached, seen_from_before(system.kinks(), reached), times)
+    return jnp.where(times == reached, just_before(system.kinks(), reached), times)
 
 
 @programs.filter_jit

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..compat import is_traced
-from ..programs.derivatives.reverse_rules import CarryOut, add_arrays, chosen, or_zeros, replace_chosen
+from ..programs.derivatives.reverse_rules import CarryOut, add_arrays, choose, or_zeros, replace_chosen
 from .wrapping import AbstractWrappingSolver
 
 
@@ -113,7 +113,7 @@ class _Stages(NamedTuple):
             of_stage, new = self.pull_back_stage(matrix[i], nodes[i], control, cotangents)
             return of_k + matrix[i][:, None] * of_stage[None], of_y + of_stage, add_arrays(summed, new)
 
-        start = of_k, of_y, [jnp.zeros_like(x) for x in [*times, *chosen(jax.tree.leaves(self.args), self.which)]]
+        start = of_k, of_y, [jnp.zeros_like(x) for x in [*times, *choose(jax.tree.leaves(self.args), self.which)]]
         given = jnp.asarray(0) if self.fresh is None else jnp.where(self.fresh, 0, 1)  # stages that are not evaluated
         of_k, of_y, summed = jax.lax.fori_loop(0, count - given, back, start)
         times, own = summed[: len(times)], summed[len(times) :]
@@ -148,7 +148,7 @@ class _Stages(NamedTuple):
             slope = self.terms.vf(t, y, structure.unflatten(replace_chosen(leaves, self.which, own)))
             return slope, self.terms.prod(slope, control)
 
-        given = (y, chosen(leaves, self.which), *((t, control) if self.timed else ()))
+        given = (y, choose(leaves, self.which), *((t, control) if self.timed else ()))
         of_y, own, *times = jax.vjp(slope_and_increment, *given)[1](cotangents)
         return of_y, [*((node * times[0], *times) if times else ()), *own]
 

@@ -34,7 +34,7 @@ def with_rule(function: Callable[[Any], Any], forward: Forward, pull: Pull) -> C
       cotangents of the results, in which None is zero, and a PyTree that says of each array whether it varies.
     """
 
-    def kept(operands: Any) -> tuple[Any, Any]:
+    def record(operands: Any) -> tuple[Any, Any]:
         varies = jax.tree.map(_varies, operands)
         results, residuals = forward(jax.tree.map(lambda x: x.value, operands))
         # Only arrays can be kept, but in structures that may differ.
@@ -46,7 +46,7 @@ def with_rule(function: Callable[[Any], Any], forward: Forward, pull: Pull) -> C
         return (pull(residuals, jax.tree.map(_unless_zero, cotangents), varies),)
 
     ruled = jax.custom_vjp(function)
-    ruled.defvjp(kept, backward, symbolic_zeros=True)
+    ruled.defvjp(record, backward, symbolic_zeros=True)
     return ruled
 
 
@@ -60,7 +60,7 @@ def pull_by_forward_mode(function: Callable[[Any], Any]) -> Pull:
     @functools.partial(jax.jit, static_argnums=0)
     def products(which: tuple[bool, ...], operands: Any, cotangents: list[Array | None]) -> list[Array]:
         leaves, structure = jax.tree.flatten(operands)
-        x, unravel = ravel_pytree(chosen(leaves, which))
+        x, unravel = ravel_pytree(choose(leaves, which))
 
         def results(x: Array) -> list[Array]:
             return jax.tree.leaves(function(structure.unflatten(replace_chosen(leaves, which, unravel(x)))))
@@ -89,7 +89,7 @@ def _unless_zero(cotangent: Any) -> Array | None:
     return None if isinstance(cotangent, jax.custom_derivatives.SymbolicZero) else cotangent
 
 
-def chosen(arrays: Sequence[Any], which: Sequence[bool]) -> list[Any]:
+def choose(arrays: Sequence[Any], which: Sequence[bool]) -> list[Any]:
     """Those of the arrays that are chosen."""
     return [array for array, is_chosen in zip(arrays, which, strict=True) if is_chosen]
 
@@ -144,14 +144,14 @@ def put_while(
 
         return _write_rows(due, lambda k: evaluate(row, constants, [k])[0], place_of, buffer, first)
 
-    def kept(operands: tuple[list[Any], list[Any], list[Any], Array, Index]) -> tuple[Any, Any]:
+    def record(operands: tuple[list[Any], list[Any], list[Any], Array, Index]) -> tuple[Any, Any]:
         _, constants, places, _, first = operands
         written, stop = forward(operands)
         return (written, stop), (constants, places, first, stop)
 
     def pull(kept: Any, cotangents: Any, varies: Any) -> Any:
         (constants, places, first, stop), (cotangent, _), (_, which, *_) = kept, cotangents, varies
-        moving = chosen(constants, which)
+        moving = choose(constants, which)
 
         def back(at: tuple[Index, list[Array]]) -> tuple[Index, list[Array]]:
             k, summed = at
@@ -166,7 +166,7 @@ def put_while(
         return nothing, replace_chosen([None] * len(constants), which, summed), nowhere, cotangent, None
 
     operands = list(condition.consts), list(row.consts), list(place.consts), buffer, first
-    return with_rule(forward, kept, pull)(operands)
+    return with_rule(forward, record, pull)(operands)
 
 
 def _write_rows(

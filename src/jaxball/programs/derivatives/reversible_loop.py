@@ -16,9 +16,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from ...compat import Program, argument, evaluate, unvmap_any
-from ..native.emit.uninitialised import uninitialised
+from ..native.emit.uninitialised import empty_array
 from .dependence import evaluate_chosen, varying_in_loop
-from .reverse_rules import add_arrays, chosen, or_zeros, replace_chosen, with_rule
+from .reverse_rules import add_arrays, choose, or_zeros, replace_chosen, with_rule
 
 Carry = TypeVar("Carry")
 BYTES_FOR_ALL = 2**18  # bytes in which all steps are recorded, if they fit
@@ -44,11 +44,11 @@ class Recorded:
             results = function(operands)
             return results, (operands, results)
 
-        def recorded(*leaves: Array) -> list[Array]:
+        def compute(*leaves: Array) -> list[Array]:
             return with_rule(function, forward, pull)(structure.unflatten(leaves))
 
-        recorded.__name__ = self.name
-        return jax.jit(recorded)(*leaves)
+        compute.__name__ = self.name
+        return jax.jit(compute)(*leaves)
 
     def recall(self, operands: Sequence[Any], results: Sequence[Array]) -> list[Array]:
         """Returns results that were recorded, with their derivatives with respect to the operands."""
@@ -163,7 +163,7 @@ class _Loop:
         named = {part.name: part for part in recorded}
         self.recorded = [(e, named[e.params["name"]]) for e in step.jaxpr.eqns if e.params.get("name") in named]
         results = [variable.aval for equation, _ in self.recorded for variable in equation.outvars]
-        self.packing = _Packing([*chosen(step.in_avals, self.is_carried), *results])
+        self.packing = _Packing([*choose(step.in_avals, self.is_carried), *results])
         least = math.isqrt(max(max_steps - 1, 0)) + 1
         self.rows = min(max(BYTES_FOR_ALL // max(self.packing.size, 1), least) if rows is None else rows, max_steps)
         # Steps that are taken twice are taken by the same program, so that they are the same to the last bit.
@@ -226,7 +226,7 @@ class _Loop:
             return results
 
         new = evaluate_chosen(self.step, constants, leaves, [True] * len(leaves), note)
-        return new, self.packing.pack([*chosen(leaves, self.is_carried), *seen])
+        return new, self.packing.pack([*choose(leaves, self.is_carried), *seen])
 
     def recall(self, equation: Any, known: list[Array]) -> tuple[Recorded | None, list[Array]]:
         """Looks up an equation among the recorded parts of a step; returns the part, if it is one, and its results."""
@@ -241,7 +241,7 @@ class _Loop:
         """Pulls cotangents back over all steps, to the constants, the arrays of parts, conditions, and the start."""
         back = _WayBack(self, recording, varies)
         start = [or_zeros(cotangent, aval) for cotangent, aval in zip(cotangents, self.step.in_avals, strict=True)]
-        at, all_have_rows = (chosen(start, back.which), back.nothing()), self.rows == self.max_steps
+        at, all_have_rows = (choose(start, back.which), back.nothing()), self.rows == self.max_steps
         return back.results(
             *(back.through(recording.rows, recording.steps, at) if all_have_rows else back.by_segments(at))
         )
@@ -260,7 +260,7 @@ class _WayBack:
 
     def nothing(self) -> list[list[Array]]:
         """Returns zeros, to which the cotangents of the values that all steps read are added."""
-        constants, arrays = chosen(self.constants, self.of_constants), chosen(self.recording.arrays, self.of_arrays)
+        constants, arrays = choose(self.constants, self.of_constants), choose(self.recording.arrays, self.of_arrays)
         return [[jnp.zeros_like(x) for x in group] for group in (constants, arrays)]
 
     def by_segments(self, at: Any) -> Any:
@@ -276,7 +276,7 @@ class _WayBack:
             def again(k: Array, at: Any) -> Any:
                 leaves, rows = at
                 new, row = loop.take_step(self.constants, self.with_buffers(leaves))
-                return chosen(new, loop.is_carried), _write_row(rows, k, row)
+                return choose(new, loop.is_carried), _write_row(rows, k, row)
 
             kept = [row[first // every] for row in self.recording.rows]
             begun, count = loop.packing.unpack(kept)[: sum(loop.is_carried)], end - first
@@ -329,9 +329,9 @@ class _WayBack:
             )
 
         given = (
-            chosen(leaves, self.which),
-            chosen(self.constants, self.of_constants),
-            chosen(self.recording.arrays, self.of_arrays),
+            choose(leaves, self.which),
+            choose(self.constants, self.of_constants),
+            choose(self.recording.arrays, self.of_arrays),
         )
         _, pull = jax.vjp(following, *given)
         cotangents, *summed = pull(cotangents)
@@ -345,7 +345,7 @@ class _WayBack:
             whole, all_constants[loop.place] = all_constants[loop.place], ()
             if whole is not None:
                 _, pull = jax.vjp(loop.parts.join, self.recording.arrays)
-                arrays = add_arrays(arrays, chosen(pull(whole)[0], self.of_arrays))
+                arrays = add_arrays(arrays, choose(pull(whole)[0], self.of_arrays))
         of_arrays = replace_chosen([None] * len(self.of_arrays), self.of_arrays, arrays)
         of_leaves = replace_chosen([None] * len(self.which), self.which, cotangents)
         return all_constants, of_arrays, [None] * len(self.of_conditions), of_leaves
@@ -362,7 +362,7 @@ class _Packing:
 
     def room(self, rows: int) -> list[Array]:
         """Makes room for ``rows`` rows."""
-        return [uninitialised((rows, count), dtype) for count, dtype in zip(self.counts, self.dtypes, strict=True)]
+        return [empty_array((rows, count), dtype) for count, dtype in zip(self.counts, self.dtypes, strict=True)]
 
     def pack(self, arrays: Sequence[Array]) -> list[Array]:
         """Packs arrays into a row."""

@@ -52,11 +52,11 @@ class Lowered:
         natively: bool = True,
         context: Callable[[], contextlib.AbstractContextManager[Any]] = contextlib.nullcontext,
     ):
-        def traced(arrays: list[Any]) -> list[Any]:
+        def call(arrays: list[Any]) -> list[Any]:
             return function(arrays)
 
-        self.name = traced.__name__ = traced.__qualname__ = name
-        self.function = jax.jit(traced, keep_unused=True)
+        self.name = call.__name__ = call.__qualname__ = name
+        self.function = jax.jit(call, keep_unused=True)
         self.takes, self._natively = list(map(type_of, arrays)), natively
         self._depends, self._context = False, context
 

@@ -70,10 +70,10 @@ class Signature:
         self.results = list(map(form, block.results, results))
         pattern = "".join("v" if own else "s" for own in varying) + ("m" if self.mask_writes else "")
         self.name = f"{name}.{pattern}" if function.in_lanes else name
-        kinds = [vector_type(dtype, LANES * wide) for dtype, wide in self.returned(block)]
+        kinds = [vector_type(dtype, LANES * wide) for dtype, wide in self.types_of_results(block)]
         self.type = f"{{ {', '.join(kinds)} }}" if kinds else "void"
 
-    def returned(self, block: Block) -> list[tuple[np.dtype, bool]]:
+    def types_of_results(self, block: Block) -> list[tuple[np.dtype, bool]]:
         """The types of the numbers that are returned, and whether they are vectors."""
         return [kind for value, form in zip(block.results, self.results, strict=True) for kind in form.kinds(value)]
 
@@ -107,16 +107,16 @@ def compile_function(caller: Function, name: str, varying: Sequence[bool]) -> Si
         given.append(f"{vector_type(BOOL)} %mask")
         b.mask, b.level = Lanes("%mask"), 1
     with function.write_block(block, arguments) as results:
-        returned = []
+        types_of_results = []
         for position, (array, form) in enumerate(zip(results, signature.results, strict=True)):
             if form.small:
-                returned += form.apart(b, storage.to_registers(array))
+                types_of_results += form.apart(b, storage.to_registers(array))
             else:
                 given.append(f"ptr noalias %r{position}")
                 target = Buffer(f"%r{position}", 0, lanes=form.own, level=b.level)
                 storage.fill(Memory(array.shape, array.dtype, target), array)
     result = "undef"
-    for position, (kind, number) in enumerate(zip(signature.returned(block), returned, strict=True)):
+    for position, (kind, number) in enumerate(zip(signature.types_of_results(block), types_of_results, strict=True)):
         result = b.effect(f"insertvalue {signature.type} {result}, {_with_type(b, kind, number)}, {position}")
     b.write("ret void" if signature.type == "void" else f"ret {signature.type} {result}")
     compiler.module.functions.append(b.function(f"internal {signature.type} @{signature.name}({', '.join(given)})"))
@@ -152,7 +152,7 @@ def call_function(function: Function, name: str, block: Block, operands: Sequenc
     numbers = iter(
         [
             b.effect(f"extractvalue {signature.type} {returned}, {k}", LANES * wide)
-            for k, (_, wide) in enumerate(signature.returned(block))
+            for k, (_, wide) in enumerate(signature.types_of_results(block))
         ]
     )
     in_memory, results = iter(memory), []

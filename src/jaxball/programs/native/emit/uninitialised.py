@@ -8,7 +8,7 @@ from jaxtyping import Array
 NAME = "jaxball_uninitialised"  # of a function of StableHLO whose results are not computed
 
 
-def uninitialised(shape: tuple[int, ...], dtype: np.dtype) -> Array:
+def empty_array(shape: tuple[int, ...], dtype: np.dtype) -> Array:
     """An array of any numbers; zeros where XLA compiles the program. Natively it costs no time, however large it is."""
 
     def zeros() -> Array:

@@ -44,7 +44,7 @@ class _Numbers:
     def size(self, x: Element) -> Element:
         return self.builder.call("llvm.fabs", DOUBLE, x)
 
-    def signed(self, x: Element, like: Element) -> Element:
+    def with_sign(self, x: Element, like: Element) -> Element:
         return self.builder.call("llvm.copysign", DOUBLE, x, like)
 
     def root(self, x: Element) -> Element:
@@ -131,7 +131,7 @@ def sqrt(c: _Numbers, z: Pair) -> Pair:
     real, imag = (c.mul(c.select(left, *numbers), back) for numbers in ((other, t), (t, other)))
     endless = c.compare("oeq", height, math.inf)
     real, imag = (c.select(endless, _number(math.inf), number) for number in (real, imag))
-    return Pair(real, c.signed(imag, z.imag))
+    return Pair(real, c.with_sign(imag, z.imag))
 
 
 def _hyperbolic(c: _Numbers, x: Element) -> tuple[Element, Element, Element]:
@@ -140,7 +140,7 @@ def _hyperbolic(c: _Numbers, x: Element) -> tuple[Element, Element, Element]:
     large = c.compare("ogt", size, _FACTOR)
     grown = c.mul(c.function("exp", c.sub(size, _number(_FACTOR))), _HALF)
     near = c.select(large, _0, x)
-    sine = c.select(large, c.signed(grown, x), c.function("sinh", near))
+    sine = c.select(large, c.with_sign(grown, x), c.function("sinh", near))
     cosine = c.select(large, grown, c.function("cosh", near))
     return sine, cosine, c.select(large, _EXP_FACTOR, _1)
 
@@ -160,7 +160,7 @@ def cosh(c: _Numbers, z: Pair) -> Pair:
     above, beside, factor = _hyperbolic(c, z.real)
     real, imag = c.mul(c.mul(beside, cosine), factor), c.mul(c.mul(above, sine), factor)
     real = _or_undirected(c, z.real, sine, beside, real)
-    nothing = c.mul(c.signed(_1, z.real), z.imag)
+    nothing = c.mul(c.with_sign(_1, z.real), z.imag)
     return Pair(real, c.select(c.compare("oeq", z.imag, 0.0), nothing, imag))
 
 
@@ -175,7 +175,7 @@ def tanh(c: _Numbers, z: Pair) -> Pair:
     sine, cosine = c.sin_and_cos(y)
     shrunk = c.function("exp", c.mul(c.size(x), _number(-2.0)))
     little = c.mul(c.mul(c.mul(sine, cosine), _number(4.0)), shrunk)
-    return Pair(c.select(large, c.signed(_1, x), real), c.select(large, little, c.div(t, below)))
+    return Pair(c.select(large, c.with_sign(_1, x), real), c.select(large, little, c.div(t, below)))
 
 
 def _roots(c: _Numbers, first: Pair, second: Pair) -> tuple[Pair, Pair, Pair]:
@@ -201,7 +201,7 @@ def acos(c: _Numbers, z: Pair) -> Pair:
     endless = _is_endless(c, z)
     angle = c.mul(c.function("atan2", v.real, u.real), _2)
     angle = c.select(endless, c.function("atan2", c.size(z.imag), z.real), angle)
-    sine = c.select(endless, c.signed(_number(math.inf), c.neg(z.imag)), turned.imag)
+    sine = c.select(endless, c.with_sign(_number(math.inf), c.neg(z.imag)), turned.imag)
     return Pair(angle, c.function("asinh", sine))
 
 
@@ -211,7 +211,7 @@ def asin(c: _Numbers, z: Pair) -> Pair:
     across = c.sub(c.mul(u.real, v.real), c.mul(u.imag, v.imag))
     endless = _is_endless(c, z)
     across = c.select(endless, c.size(z.imag), across)
-    sine = c.select(endless, c.signed(_number(math.inf), z.imag), turned.imag)
+    sine = c.select(endless, c.with_sign(_number(math.inf), z.imag), turned.imag)
     return Pair(c.function("atan2", z.real, across), c.function("asinh", sine))
 
 
@@ -242,8 +242,8 @@ def atanh(c: _Numbers, z: Pair) -> Pair:
     real = c.select(far, shrunk, real)
     across = c.sub(c.mul(left, c.add(u, _1)), c.mul(v, v))
     imag = c.mul(c.function("atan2", c.mul(v, _2), across), _HALF)
-    imag = c.select(far, c.signed(_number(math.pi / 2), y), imag)
-    return Pair(c.signed(real, z.real), c.select(c.compare("uno", y, 0.0), y, imag))
+    imag = c.select(far, c.with_sign(_number(math.pi / 2), y), imag)
+    return Pair(c.with_sign(real, z.real), c.select(c.compare("uno", y, 0.0), y, imag))
 
 
 Function = Callable[..., Pair]

@@ -63,12 +63,12 @@ def _sort(function: Function, operation: Operation, length: int, rows: list[Memo
                 takes_second = b.binary("and", BOOL, later, has_second)
                 takes_second = b.binary("or", BOOL, takes_second, b.binary("xor", BOOL, has_first, np.bool_(True)))
                 for row, x, y in zip(spare, second, first, strict=True):
-                    storage.put(row, (one.index,), _chosen(function, row.dtype, takes_second, x, y))
+                    storage.put(row, (one.index,), _choose(function, row.dtype, takes_second, x, y))
                 step = b.convert("zext", BOOL, INDEX, takes_second)
                 one.following = [b.plus(i, b.apply("sub", INDEX, 1, step)), b.plus(j, step)]
         for row, other in zip(rows, spare, strict=True):
             b.copy(row.buffer.name, other.buffer.name, length * row.dtype.itemsize * (LANES if row.varying else 1))
 
 
-def _chosen(function: Function, dtype: np.dtype, condition: Element, x: Element, y: Element) -> Element:
+def _choose(function: Function, dtype: np.dtype, condition: Element, x: Element, y: Element) -> Element:
     return (complex if dtype.kind == "c" else real).select(function.builder, dtype, condition, x, y)
