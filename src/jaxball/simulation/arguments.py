@@ -16,6 +16,7 @@ from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.law import COEFFICIENTS, Contact
 from ..physics.contact.released import ReleasedState
+from ..physics.contact.resting import RestingOnPlane
 from ..physics.dae import WITH_UNIT
 from ..physics.dry_rolling import DryRolling
 from ..physics.ground import require_plane
@@ -257,12 +258,7 @@ def system_to_solve(system: AbstractSystem, contact: Contact | None) -> Abstract
             "Argument `contact` must be None for a body with joints that stick, because both have modes, which are not "
             f"combined, but {all_of(system.sticking)} {have} a JointFriction; give that `smoothing`."
         )
-    if system.is_held:
-        raise TypeError(
-            "Argument `contact` must be None for a body with exact dry resistance, because both have modes, which are "
-            "not combined; leave `exact` of its `resistance` out."
-        )
-    return BodyOnPlane(system, contact)
+    return RestingOnPlane(system, contact) if system.is_held else BodyOnPlane(system, contact)
 
 
 def _require_nothing_else_sticks(system: AbstractBody) -> None:
