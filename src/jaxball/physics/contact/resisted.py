@@ -58,9 +58,9 @@ class Resisting(NamedTuple):
         axle = jnp.zeros_like(axes[0]).at[1].set(1.0) if body.planar else None
         return cls(body.resistance, response, axes, body.radius, axle)
 
-    def turned(self, Omegadot: Float[Array, "*rows 3"]) -> Float[Array, "*rows 3"]:
+    def turned(self, Omegadot: Float[Array, "rows 3"]) -> Float[Array, "rows 3"]:
         """Λ times rows of Ω̇."""
-        return jnp.sum(Omegadot[..., None, :] * self.axes, axis=-1)
+        return jnp.sum(Omegadot[:, None, :] * self.axes[None], axis=-1)
 
     @property
     def bare(self) -> Turning:
@@ -69,7 +69,7 @@ class Resisting(NamedTuple):
         assert twisting is not None
         up = jnp.zeros_like(self.axes[0]).at[2].set(1.0)
         G, lift = self.turned(twisting.Omegadot).T, twisting.reaction[:, 2]
-        return Turning(up, self.axle, self.turned(rolling.Omegadot), G, rolling.reaction[2], lift, self.radius)
+        return Turning(up, self.axle, apply(self.axes, rolling.Omegadot), G, rolling.reaction[2], lift, self.radius)
 
     def turning(self, slides: Bool[Array, ""], mu: Float[Array, ""], sigma: Float[Array, "2"]) -> Turning:
         """How the body turns while the contact slides in a direction σ, or does not slip."""
