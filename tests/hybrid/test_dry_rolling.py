@@ -327,8 +327,6 @@ def test_a_run_with_rest_obeys_the_laws_of_mechanics():
 
 
 def test_what_exact_resistance_is_not_combined_with(no_type_checks):
-    with pytest.raises(TypeError, match="`contact` must be None for a body with exact dry resistance"):
-        jaxball.simulate(disk(), TIMES, DiskState(), contact=jaxball.Contact(0.3))
     with pytest.raises(TypeError, match="must be smooth"):
         lyapunov_spectrum(disk(), (0.0, 1.0), DiskState())
     with pytest.raises(TypeError, match="`dae` must be False"):

@@ -24,6 +24,7 @@ PATHS: dict[Mode, dict[str, Any]] = {
     Mode.ROLLING: {"linestyle": "-"},
     Mode.SLIDING: {"linestyle": linestyle(DASHED)},
     Mode.FLIGHT: {"linestyle": linestyle(DOTTED)},
+    Mode.REST: {"linestyle": "-"},
 }
 NAMES = [mode.name.lower() for mode in BANDS]
 SWITCH: dict[str, Any] = {"color": "0.6", "linewidth": 0.5}

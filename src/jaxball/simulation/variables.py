@@ -150,7 +150,7 @@ RUN_SWITCHES = {
     "switches": Variable((), "", "how often the mode of contact switched", dtype="i4"),
     "first_switch": Variable((), "time", "time of the first switch; NaN if there is none"),
     "modes": Variable(
-        (), "", "the modes of the run: the sum of 1 for rolling, 2 for sliding and 4 for flight", dtype="i1"
+        (), "", "the modes of the run: the sum of 1 for rolling, 2 for sliding, 4 for flight and 8 for rest", dtype="i1"
     ),
 }
 EXTREMES = {
