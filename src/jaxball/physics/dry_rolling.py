@@ -188,10 +188,10 @@ class DryRolling(AbstractSystem[DryRollingState]):
     def _unless_held(self, state: DryRollingState, omega: Float[Array, "3"]) -> Float[Array, "3"]:
         """ω, or its rate, in space axes, with 0 for what friction holds."""
         rests = state.rolls == 0
-        held = jnp.stack([rests, rests, self._is_still(state)])
+        held = jnp.stack([rests, rests, self.is_still(state)])
         return jnp.where(held, 0.0, omega)
 
-    def _is_still(self, state: DryRollingState) -> Bool[Array, ""]:
+    def is_still(self, state: DryRollingState) -> Bool[Array, ""]:
         """Whether friction holds the body against spinning."""
         return (state.spin == 0) & self._resists_spinning
 
@@ -211,7 +211,7 @@ class DryRolling(AbstractSystem[DryRollingState]):
         direction = self.direction(t, state) if sigma is None else sigma
         rests = state.rolls == 0
         sigma3 = jnp.where(rests, 0.0, jnp.concatenate([direction, jnp.zeros_like(direction[:1])]))
-        return TurningMode(sigma3, state.spin, rests, self._is_still(state), jnp.zeros_like(sigma3))
+        return TurningMode(sigma3, state.spin, rests, self.is_still(state), jnp.zeros_like(sigma3))
 
     def direction(self, t: Float[Array, ""], state: DryRollingState) -> Float[Array, "2"]:
         """The direction of ω_h of a body that rolls, space axes."""
@@ -221,12 +221,16 @@ class DryRolling(AbstractSystem[DryRollingState]):
         return jnp.where(t <= state.begun.until, state.begun.direction(t), unit(omega[:2]))
 
     def field(self, t: Float[Array, ""], state: DryRollingState) -> DryRollingState:
-        moved = rates(self.body, t, state.body, self.mode(t, state))
+        moved = rates(self.moving(state), t, state.body, self.mode(t, state))
         return eqx.tree_at(lambda x: x.body, jax.tree.map(jnp.zeros_like, state), moved)
 
     def turning(self, t: Float[Array, ""], state: DryRollingState) -> Turning:
         """How the body turns without dry friction, and how torques change that, in space axes."""
-        return turning(self.body, t, state.body).in_space(state.body.Lambda)
+        return turning(self.moving(state), t, state.body).in_space(state.body.Lambda)
+
+    def moving(self, state: DryRollingState) -> AbstractBody:
+        """The body, with all that a state says of how its parts move."""
+        return self.body
 
     # The guards.
 
@@ -305,8 +309,8 @@ class DryRolling(AbstractSystem[DryRollingState]):
         stops = (event == ROLLING) & (before.rolls != 0)
         t, before, stopped = self._stopped(t, before, stops, accuracy.tolerance)
         decides &= ~stops | stopped
-        given = _Event(starts, stopped, (event == ROLLING) & ~stops, event == SPINNING)
-        decided = jax.jit(type(self)._decided)  # compiled on its own, it is traced once
+        given = Happened(starts, stopped, (event == ROLLING) & ~stops, event == SPINNING, event)
+        decided = jax.jit(type(self).decided)  # compiled on its own, it is traced once
         after = jax.lax.cond(decides, decided, lambda system, t, state, given: state, self, t, before, given)
         if not self.body.planar:
             begun = selected(decides, after.begun, Beginning.none(t))
@@ -364,26 +368,43 @@ class DryRolling(AbstractSystem[DryRollingState]):
         rate = -omega / jnp.where(time > 0, time, 1.0)
         braking = jnp.concatenate([rate, jnp.zeros_like(rate[:1])])
         held = self.mode(t, state, unit(omega))._replace(rests=jnp.asarray(True), braking=braking)
-        moved = rates(self.body, t + (time * HALFWAY if share == 1.0 else 0.0), where.body, held)
+        moved = rates(self.moving(state), t + (time * HALFWAY if share == 1.0 else 0.0), where.body, held)
         body = jax.tree.map(lambda x, rate: x + share * time * rate, state.body, moved)
         return eqx.tree_at(lambda x: x.body, state, body)
 
-    def _decided(self, t: Float[Array, ""], state: DryRollingState, given: "_Event") -> DryRollingState:
+    def decided(self, t: Float[Array, ""], state: DryRollingState, given: "Happened") -> DryRollingState:
         """The state in the mode that follows: at rest as far as friction can hold it."""
+        moving, omega, turns = self.all_held(t, state, given)
+        mode = begun(self.resistance, turns, moving, given.loosens, given.spinning & self.is_still(state))
+        return self.with_mode(t, state, omega, mode, moving.rests & ~mode.rests)
+
+    def all_held(
+        self, t: Float[Array, ""], state: DryRollingState, given: "Happened"
+    ) -> tuple[TurningMode, Float[Array, "3"], Turning]:
+        """The mode in which all that does not move is held, ω in space axes, and how the body turns."""
         # At the end of its rolling or spinning, the rate is 0, not nearly.
         omega = self._unless_held(state, apply(state.body.Lambda, state.body.Omega))
         held = jnp.stack([given.stops, given.stops, given.spinning])
         omega = jnp.where(held, 0.0, omega)
         turns = self.turning(t, state)
         moving = candidates(self.resistance, turns, omega)
-        moving = moving._replace(rests=moving.rests & (given.starts | given.stops | (state.rolls == 0)))
-        mode = begun(self.resistance, turns, moving, given.loosens, given.spinning & self._is_still(state))
-        starts_to_roll = moving.rests & ~mode.rests
+        return moving._replace(rests=moving.rests & (given.starts | given.stops | (state.rolls == 0))), omega, turns
+
+    def with_mode(
+        self,
+        t: Float[Array, ""],
+        state: DryRollingState,
+        omega: Float[Array, "3"],
+        mode: TurningMode,
+        starts_to_roll: Bool[Array, ""],
+    ) -> DryRollingState:
+        """The state in a mode, with ω in space axes, and with the direction of rolling that begins."""
         body = state.body.with_Omega(apply(state.body.Lambda.T, omega))
         rolls, sigma = jnp.where(mode.rests, 0.0, 1.0).astype(t.dtype), mode.sigma[:2]
         spin = mode.spin if self._resists_spinning else jnp.zeros_like(mode.spin)
-        begins = Beginning.along(t, sigma)
-        after = DryRollingState(body, rolls, spin, begins)
+        after = eqx.tree_at(
+            lambda x: (x.body, x.rolls, x.spin, x.begun), state, (body, rolls, spin, Beginning.along(t, sigma))
+        )
         if self.body.planar or self.resistance.dry is None:
             return after
         longest = slips.longest_window(t, self.driving_kinks(), slips.unit_of_time(self.body))
@@ -418,13 +439,14 @@ class DryRolling(AbstractSystem[DryRollingState]):
         return RestHistory(switches=switches, rests=states.rolls == 0, spin=states.spin)
 
 
-class _Event(NamedTuple):
-    """What has happened: the run starts, rolling stops, rest ends, something happens to spinning."""
+class Happened(NamedTuple):
+    """What has happened: the run starts, rolling stops, rest ends, something happens to spinning; and the ``event``."""
 
     starts: Bool[Array, ""]
     stops: Bool[Array, ""]
     loosens: Bool[Array, ""]
     spinning: Bool[Array, ""]
+    event: Int[Array, ""]
 
 
 class _FromRest(NamedTuple):
@@ -440,7 +462,7 @@ class _FromRest(NamedTuple):
         self, t: Float[Array, ""], state: PlacedState, prepared: tuple[()], sigma: Float[Array, "2"]
     ) -> tuple[Float[Array, "2"], PlacedState]:
         """ω̇_h in space axes, and the rates of the body."""
-        moved = rates(self.system.body, t, state, self.system.mode(t, self.begins, sigma))
+        moved = rates(self.system.moving(self.begins), t, state, self.system.mode(t, self.begins, sigma))
         return apply(state.Lambda, moved.Omega)[:2], moved
 
 

@@ -167,14 +167,9 @@ def read_contact(values: Any, path: str) -> Contact:
 
 
 def check_modes(system: AbstractBody, contact: Contact | None) -> None:
-    """Raises a :class:`ScenarioError` for joints that stick with a law of contact or exact dry resistance."""
-    have = "has" if len(system.sticking) == 1 else "have"
-    if system.is_held and system.sticking:
-        raise ScenarioError(
-            "Key `resistance.exact` must be false where joints stick, because both have modes, which are not combined, "
-            f"but {all_of(system.sticking)} {have} a force of the kind joint-friction; give that `smoothing`."
-        )
+    """Raises a :class:`ScenarioError` for joints that stick with a law of contact."""
     if contact is not None and system.sticking:
+        have = "has" if len(system.sticking) == 1 else "have"
         raise ScenarioError(
             "Key `contact` must be left out where joints stick, because both have modes, which are not combined, but "
             f"{all_of(system.sticking)} {have} a force of the kind joint-friction; give that `smoothing`."
