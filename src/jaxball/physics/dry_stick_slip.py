@@ -21,6 +21,7 @@ from ..numerics.vectors import apply
 from .body import AbstractBody
 from .dry_rolling import DryRolling, DryRollingState, Happened, RestHistory, RestSwitches
 from .dynamics import holding_friction
+from .footing import ContactAxes
 from .hybrid import Record
 from .resistance import TurningMode
 from .rest import begun, needs, resist
@@ -108,7 +109,7 @@ class DryStickSlip(DryRolling):
         self, t: Float[Array, ""], state: PlacedState, directions: Float[Array, " sticking"], mode: TurningMode
     ) -> Float[Array, " sticking"]:
         """The friction in joints that stick, where the body turns in a mode that is given in space axes."""
-        into_body = state.Lambda.T
+        into_body = ContactAxes.of(self.body, t, state).rows.T
         own = mode._replace(sigma=apply(into_body, mode.sigma), braking=apply(into_body, mode.braking))
         body = with_directions(self.body, directions)
         known = eqx.tree_at(lambda body: body.resistance.mode, body, own, is_leaf=lambda x: x is None)
@@ -125,7 +126,7 @@ class DryStickSlip(DryRolling):
         """The state in the mode that follows: all at rest that friction can hold so."""
         state = self._joints_changed(state, given)
         moving, omega, _ = self.all_held(t, state, given)
-        body = state.body.with_Omega(apply(state.body.Lambda.T, omega))
+        body = state.body.with_Omega(ContactAxes.of(self.body, t, state.body).in_body(omega))
         state = eqx.tree_at(lambda x: x.body, state, body)
         spins = given.spinning & self.is_still(state)
         last = self._released(t, state, moving, given.loosens & moving.rests, spins & moving.still)

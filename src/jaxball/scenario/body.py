@@ -263,11 +263,6 @@ def read_surroundings(document: dict[str, Any], kind: str) -> dict[str, Any]:
             "Key `ground.turntable` must be left out where dry friction against spinning acts, which would be relative "
             "to it; leave out `resistance.dry_spinning`, or the turntable."
         )
-    if ground is not None and not isinstance(ground, Ground) and getattr(resistance, "exact", False):
-        raise ScenarioError(
-            "Key `resistance.exact` must be false on a surface, because a rest is known on planes only; leave it out, "
-            "for the smoothed law, or leave out `ground.kind`."
-        )
     return parts
 
 
