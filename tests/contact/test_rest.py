@@ -1,8 +1,8 @@
 """A body that slides, rolls, rests and flies under exact dry resistance, against closed forms.
 
-Dry resistance c acts on a body that slides, too: on level ground a solid ball thrown without spin has u̇ = −(7/2) μ g +
-(5/2) c g for its slip u, and, once it rolls, decelerates at (5/7) c g. Where a bound has no reason of its own, 1e-9 is ten
-times the tolerance, as errors of a few steps add up.
+Dry resistance c acts on a body that slides, too: on level ground a solid ball thrown without spin has
+u̇ = −(7/2) μ g + (5/2) c g for its slip u, and, once it rolls, decelerates at (5/7) c g. Where a bound has no reason of
+its own, 1e-9 is ten times the tolerance, as errors of a few steps add up.
 """
 
 import jax
@@ -122,9 +122,7 @@ def test_on_a_slope_a_body_rests_rolls_slides_or_does_both(kind):
     turns = np.array([0.0, a[1], 0.0, 2.5 * (mu[3] - c[3]) * n]) / R
     make, state = (ball, BallState()) if kind == "ball" else (disk, DiskState())
     laws, bodies = jax.vmap(Contact)(jnp.asarray(mu)), jax.vmap(lambda c: make(c, ALPHA))(jnp.asarray(c))
-    runs = simulate_ensemble(
-        bodies, (0.0, 2.0), state, contact=laws, in_axes=(0, None)
-    ).trajectory
+    runs = simulate_ensemble(bodies, (0.0, 2.0), state, contact=laws, in_axes=(0, None)).trajectory
     np.testing.assert_array_equal(runs.contact.mode[:, -1], [Mode.REST, Mode.ROLLING, Mode.SLIDING, Mode.SLIDING])
     np.testing.assert_array_equal(runs.contact.rests[:, -1], [True, False, True, False])
     z = runs.state.z[:, -1]
@@ -139,9 +137,7 @@ def test_a_growing_push_breaks_a_ball_loose(mu, c):
     """It rolls as its torque about the contact exceeds c M g r, or slides as it exceeds μ M g, held against rolling."""
     ramp = 1.5
     push = jaxball.FunctionWrench(lambda t, motion, _: jnp.stack([ramp * t, 0.0 * t, 0.0 * t]))
-    run = jaxball.simulate(
-        ball(c, force=push), (0.0, 9.0), BallState(), contact=Contact(mu), throw=True
-    )
+    run = jaxball.simulate(ball(c, force=push), (0.0, 9.0), BallState(), contact=Contact(mu), throw=True)
     loose, inertia = min(mu, c) * M * G / ramp, 1.4 if c < mu else 1.0
     np.testing.assert_allclose(run.switches.times[0], loose, rtol=1e-9)
     np.testing.assert_allclose(run.state.z[-1], [ramp * (9 - loose) ** 3 / (6 * M * inertia), 0.0], atol=1e-8)

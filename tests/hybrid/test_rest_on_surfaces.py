@@ -1,7 +1,7 @@
 """A ball that exact dry resistance brings to rest on a surface, against the same on a slope and motions in a plane.
 
-A solid ball of radius r in a bowl of radius R, φ from its lowest point, in a vertical plane: (7/5) (R − r) φ̈ = −g sin φ −
-c (g cos φ + (R − r) φ̇²) sign φ̇, as N is M times the bracket; it stays where |tan φ| ≤ c.
+A solid ball of radius r in a bowl of radius R, φ from its lowest point, in a vertical plane:
+(7/5) (R − r) φ̈ = −g sin φ − c (g cos φ + (R − r) φ̇²) sign φ̇, as N is M times the bracket; it stays where |tan φ| ≤ c.
 """
 
 import jax
@@ -98,7 +98,7 @@ def test_it_stays_where_it_is_placed_up_to_the_angle_of_its_resistance(share):
 
 @pytest.mark.long
 def test_a_plate_that_tilts_carries_a_ball_until_its_weight_exceeds_resistance():
-    """About the foot of the ball: M g r sin a = c N r, with N = M (g cos a − r ȧ²) of the ball that the plate carries."""
+    """About the foot of the ball: M g r sin a = c N r, with N = M (g cos a − r ȧ²) of a ball that is carried."""
     rate = 0.5
     plane = TiltingPlane(about_e2=ConstantRate(0.0, rate))
     state = BallState(Omega=(0.0, rate, 0.0))

@@ -1,8 +1,8 @@
 """A body that exact dry resistance brings to rest, with a pendulum on a joint that sticks, against a model of its own.
 
-The model has the place x and the pendulum's angle ψ from the vertical as coordinates, and Lagrange's equations by hand. It
-does not decide in any order what friction holds: of all modes it takes the one in which everything that is held needs no
-more friction than there is, and everything else begins to move against its friction.
+The model has the place x and the pendulum's angle ψ from the vertical as coordinates, and Lagrange's equations by hand.
+It does not decide in any order what friction holds: of all modes it takes the one in which everything that is held
+needs no more friction than there is, and everything else begins to move against its friction.
 """
 
 import itertools
@@ -26,9 +26,7 @@ def robot(kind=Disk, c=C, static=STATIC, viscous=VISCOUS):
     pendulum = jaxball.planar_pendulum(BOB, L, drive=JointFriction(static, viscous=viscous))
     inertia, extra = (SOLID, {}) if kind is Disk else ((SOLID,) * 3, {"dry_spinning": 0.01})
     resistance = Resistance(dry=c, exact=True, **extra)
-    return kind(
-        mass=M, inertia=inertia, radius=R, gravity=G, resistance=resistance, mechanisms=[pendulum]
-    )
+    return kind(mass=M, inertia=inertia, radius=R, gravity=G, resistance=resistance, mechanisms=[pendulum])
 
 
 def forces(x, mode, c, static, viscous):
@@ -105,8 +103,10 @@ def reference(x, end, c=C, static=STATIC, viscous=VISCOUS):
 
 def start(kind, v, psi):
     """Rolling forward at v, with the pendulum at rest relative to the body."""
-    return (DiskState(phidot=-v / R, theta=[-psi], thetadot=[0.0])) if kind is Disk else BallState(
-        Omega=(0.0, v / R, 0.0), theta=[-psi], thetadot=[0.0]
+    return (
+        (DiskState(phidot=-v / R, theta=[-psi], thetadot=[0.0]))
+        if kind is Disk
+        else BallState(Omega=(0.0, v / R, 0.0), theta=[-psi], thetadot=[0.0])
     )
 
 
@@ -170,6 +170,9 @@ def test_derivatives_of_when_it_comes_to_rest(mode):
     p, h = np.array([C, STATIC, 1.2]), 1e-4
     expected = []
     for step in h * p * np.eye(3):
-        at = [reference(start_of_reference(q[2], 0.0), 10.0, q[0], q[1])[0][9][0] for q in p + np.outer([-2, -1, 1, 2], step)]
+        at = [
+            reference(start_of_reference(q[2], 0.0), 10.0, q[0], q[1])[0][9][0]
+            for q in p + np.outer([-2, -1, 1, 2], step)
+        ]
         expected.append(np.array([1.0, -8.0, 8.0, -1.0]) @ at / (12 * np.sum(step)))
     np.testing.assert_allclose(jaxball.jit(mode(stop))(jnp.asarray(p)), expected, rtol=1e-6)

@@ -176,7 +176,7 @@ def test_a_motor_along_a_recorded_schedule(tmp_path):
     [
         (', outside = "continue"', '`mechanisms[0].joints[0].force.signal.outside` must be "refuse", "hold" or "zero"'),
         (', schedule = true, outside = "hold"', "`mechanisms[0].joints[0].force.signal.outside` must be"),
-        (', schedule = true, interpolation = "linear"', "signal.interpolation` must be \"spline\""),
+        (', schedule = true, interpolation = "linear"', 'signal.interpolation` must be "spline"'),
         (", schedule = 1", "`mechanisms[0].joints[0].force.signal.schedule` must be true or false"),
     ],
 )

@@ -28,7 +28,7 @@ from .conditions import Condition, Problem
 from .contact import slip as slips
 from .contact.slip import HALFWAY, Beginning, Heading
 from .dynamics import turning
-from .footing import ContactAxes, carried_rate
+from .footing import ContactAxes, rate_over_ground
 from .hybrid import (
     NONE,
     START,
@@ -50,8 +50,8 @@ from .system import AbstractState, AbstractSystem
 class DryRollingState(AbstractState):
     """The variables of a body that exact dry resistance may hold, which a solve advances.
 
-    - ``body``: the state of the body. A solve advances ω relative to the ground, along the axes of the contact (of space, on a
-      plane), instead of Ω, so that it is exactly 0 at rest.
+    - ``body``: the state of the body. A solve advances ω relative to the ground, along the axes of the contact (of
+      space, on a plane), instead of Ω, so that it is exactly 0 at rest.
     - ``rolls``: 1 where the body rolls, 0 where it rests.
     - ``spin``: the sign of ω₃ where friction acts against spinning; 0 where it holds it, and where there is none.
     - ``begun``: the direction in which a ball has just begun to roll; that in which a disk rolls.
@@ -173,8 +173,8 @@ class DryRolling(AbstractSystem[DryRollingState]):
     # What a solve advances.
 
     def to_packed(self, t: Float[Array, ""], state: DryRollingState) -> DryRollingState:
-        omega = self.over_ground(t, state)
-        return eqx.tree_at(lambda x: x.body, state, state.body.with_Omega(self._unless_held(state, omega)))
+        omega = self._unless_held(state, self.over_ground(t, state))
+        return eqx.tree_at(lambda x: x.body, state, state.body.with_Omega(omega))
 
     def from_packed(self, t: Float[Array, ""], packed: DryRollingState) -> DryRollingState:
         packed = packed.projected()
@@ -213,7 +213,7 @@ class DryRolling(AbstractSystem[DryRollingState]):
         return resistance
 
     def mode(self, t: Float[Array, ""], state: DryRollingState, sigma: Float[Array, "2"] | None = None) -> TurningMode:
-        """The mode, in axes of the contact, of a body that rolls in the direction ``sigma``, if that is known otherwise."""
+        """The mode, in axes of the contact, of a body that rolls in the direction ``sigma``, if that is known."""
         direction = self.direction(t, state) if sigma is None else sigma
         rests = state.rolls == 0
         sigma3 = jnp.where(rests, 0.0, jnp.concatenate([direction, jnp.zeros_like(direction[:1])]))
@@ -252,7 +252,9 @@ class DryRolling(AbstractSystem[DryRollingState]):
         zero = jnp.zeros_like(state.rolls)
         return self.guards_in_step(t, state, Heading(self.direction(t, state), zero, zero))
 
-    def guards_in_step(self, t: Float[Array, ""], state: DryRollingState, reference: Heading) -> Float[Array, " guards"]:
+    def guards_in_step(
+        self, t: Float[Array, ""], state: DryRollingState, reference: Heading
+    ) -> Float[Array, " guards"]:
         """Of rolling and of spinning: the rate in its direction, or what friction has to spare where it holds it."""
         turns, omega = self.turning(t, state), self.over_ground(t, state)
         spare = needs(self.resistance, turns, resist(self.resistance, turns, self.mode(t, state)))
@@ -395,7 +397,8 @@ class DryRolling(AbstractSystem[DryRollingState]):
         omega = jnp.where(held, 0.0, omega)
         turns = self.turning(t, state)
         moving = candidates(self.resistance, turns, omega)
-        return moving._replace(rests=moving.rests & (given.starts | given.stops | (state.rolls == 0))), omega, turns
+        may_rest = given.starts | given.stops | (state.rolls == 0)
+        return moving._replace(rests=moving.rests & may_rest), omega, turns
 
     def with_mode(
         self,
@@ -471,15 +474,6 @@ class _FromRest(NamedTuple):
         """ω̇_h in space axes, and the rates of the body."""
         moved = rates(self.system.moving(self.begins), t, state, self.system.mode(t, self.begins, sigma))
         return rate_over_ground(self.system.body, t, state, moved.Omega)[:2], moved
-
-
-def rate_over_ground(
-    body: AbstractBody, t: Float[Array, ""], state: PlacedState, Omegadot: Float[Array, "3"]
-) -> Float[Array, "3"]:
-    """The rate of ω relative to the ground, along the axes of the contact."""
-    carried = carried_rate(body, t, state)
-    rate = Omegadot if carried is None else Omegadot + carried
-    return apply(ContactAxes.of(body, t, state).rows, rate)
 
 
 @jax.jit

@@ -1,9 +1,9 @@
 """A body that exact dry resistance brings to rest, with joints that stick and slip.
 
-Everything that dry friction may hold is held at once by one linear system: joints that stick are held in its matrix, and
-the torque at the contact is what then keeps ω_h and ω₃ as they are. Its guards are those of ``dry_rolling``, and those of
-``stick_slip``. As one thing stops or lets go, the loads of all others jump; of what is overloaded, the most overloaded
-lets go first.
+Everything that dry friction may hold is held at once by one linear system: joints that stick are held in its matrix,
+and the torque at the contact is what then keeps ω_h and ω₃ as they are. Its guards are those of ``dry_rolling``, and
+those of ``stick_slip``. As one thing stops or lets go, the loads of all others jump, and the most overloaded lets go
+first.
 """
 
 import dataclasses
@@ -78,7 +78,7 @@ class DryStickSlipHistory(RestHistory):
         """Whether each joint sticks at the saved times."""
         return self.directions == 0
 
-    def at_rows(self, rows: slice) -> "DryStickSlipHistory":
+    def at_rows(self, rows: slice) -> Any:
         return dataclasses.replace(super().at_rows(rows), directions=self.directions[rows])
 
 
@@ -91,12 +91,12 @@ class DryStickSlip(DryRolling):
     def prepare(self) -> "DryStickSlip":
         return DryStickSlip(self.body.prepare())
 
-    def moving(self, state: DryStickSlipState) -> AbstractBody:
+    def moving(self, state: Any) -> AbstractBody:
         return with_directions(self.body, state.slips)
 
     # The guards.
 
-    def guards_in_step(self, t: Float[Array, ""], state: DryStickSlipState, reference: Any) -> Float[Array, " guards"]:
+    def guards_in_step(self, t: Float[Array, ""], state: Any, reference: Any) -> Float[Array, " guards"]:
         """Those of the body, and two for each joint, as in ``stick_slip``."""
         of_turning = super().guards_in_step(t, state, reference)
         holding = self.holding(t, state.body, state.slips, self.mode(t, state))
@@ -122,7 +122,7 @@ class DryStickSlip(DryRolling):
         fields = {field.name: getattr(given, field.name) for field in dataclasses.fields(given)}
         return DryStickSlipState(**fields, slips=jnp.sign(state.thetadot[sticking_slots(self.body)]))
 
-    def decided(self, t: Float[Array, ""], state: DryStickSlipState, given: Happened) -> DryStickSlipState:
+    def decided(self, t: Float[Array, ""], state: Any, given: Happened) -> Any:
         """The state in the mode that follows: all at rest that friction can hold so."""
         state = self._joints_changed(state, given)
         moving, omega, _ = self.all_held(t, state, given)
@@ -193,7 +193,7 @@ class DryStickSlip(DryRolling):
 
     # What a run shows.
 
-    def history(self, times: Float[Array, " T"], states: DryStickSlipState, record: Record | None) -> RestHistory:
+    def history(self, times: Float[Array, " T"], states: Any, record: Record | None) -> RestHistory:
         assert record is not None
         of_turning = super().history(times, states, record)
         switches = of_turning.switches
@@ -204,9 +204,7 @@ class DryStickSlip(DryRolling):
             directions_after=record.after.slips,
             joints=self.body.sticking,
         )
-        return DryStickSlipHistory(
-            switches=own, rests=of_turning.rests, spin=of_turning.spin, directions=states.slips
-        )
+        return DryStickSlipHistory(switches=own, rests=of_turning.rests, spin=of_turning.spin, directions=states.slips)
 
 
 class _Held(NamedTuple):

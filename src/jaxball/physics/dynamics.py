@@ -163,9 +163,9 @@ def accelerations(
 
 @jax.jit
 def turning(system: BodyParameters, t: Float[Array, ""], state: State) -> Turning:
-    """How a body would turn over its ground without dry friction, and how a torque at its contact changes that; body axes.
+    """How a body would turn over its ground without dry friction, and how a torque at its contact changes that.
 
-    On a surface, rates are those of the components along the axes of the contact.
+    In body axes. On a surface, rates are those of the components along the axes of the contact.
     """
     found, acting = equations(system, t, state), load(system, t, state)
     solved = found.solved(system.radius, t, state, acting)

@@ -47,8 +47,8 @@ def rates(
 class ContactAxes(NamedTuple):
     """The axes of the contact, two along the ground and its normal: on a plane, those of space.
 
-    ``rows`` takes vectors from body axes to these. ``spin`` is the angular velocity of the ground's matter in them, None
-    on a plane.
+    ``rows`` takes vectors from body axes to these. ``spin`` is the angular velocity of the ground's matter in them,
+    None on a plane.
     """
 
     rows: Float[Array, "3 3"]
@@ -75,7 +75,7 @@ class ContactAxes(NamedTuple):
 
 
 def carried_rate(system: BodyParameters, t: Float[Array, ""], state: Any) -> Float[Array, "3"] | None:
-    """The rate of the components of ω relative to the ground while ω is constant, turned into body axes; None on a plane.
+    """The rate of the components of ω relative to the ground while ω is constant, in body axes; None on a plane.
 
     These components change as the axes of the contact turn along the path of the contact point and with the ground.
     """
@@ -91,6 +91,15 @@ def carried_rate(system: BodyParameters, t: Float[Array, ""], state: Any) -> Flo
 
     _, rate, axes = jax.jvp(components, (t, u), (jnp.ones_like(t), under.coordinate_rates), has_aux=True)
     return apply(state.Lambda.T, apply(axes.T, rate))
+
+
+def rate_over_ground(
+    system: BodyParameters, t: Float[Array, ""], state: Any, Omegadot: Float[Array, "3"]
+) -> Float[Array, "3"]:
+    """The rate of ω relative to the ground, along the axes of the contact, from Ω̇."""
+    carried = carried_rate(system, t, state)
+    rate = Omegadot if carried is None else Omegadot + carried
+    return apply(ContactAxes.of(system, t, state).rows, rate)
 
 
 def _axes_and_spin(

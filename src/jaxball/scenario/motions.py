@@ -14,11 +14,11 @@ from ..physics.force import HarmonicForce
 from ..physics.frames import AbstractFrame, MatrixFrame, SphericalFrame, VersorFrame
 from ..physics.motion import Oscillating
 from ..physics.rails import AbstractRail, BernoulliEight, Circle, Ellipse, FourierRail, GeronoEight, SplineRail, Tube
+from ..physics.recorded import RecordedSchedule
 from ..physics.schedules import AbstractSchedule, ConstantRate, PiecewiseAcceleration, Pulse, Sinusoids, Waypoints
 from ..physics.signals import AbstractSignal, ConstantSignal, PiecewiseSignal
 from .logs import KIND as LOG
 from .own import Open
-from ..physics.recorded import RecordedSchedule
 from .recorded import SCHEDULE_FROM_LOG, SIGNAL_OR_SCHEDULE_FROM_LOG
 from .table import (
     Family,

@@ -56,7 +56,7 @@ def _check_schedule(table: dict[str, Any], path: str) -> None:
 
 @dataclass(frozen=True)
 class SignalOrSchedule(LogModule):
-    """How the signal of a motor from a log stands in a file: as a signal, or, with ``schedule``, as a schedule of it."""
+    """How the signal of a motor from a log stands in a file: as a signal, or, with ``schedule``, as a schedule."""
 
     def read(self, values: Any, path: str) -> Any:
         own = {name: value for name, value in values.items() if name != "schedule"}
@@ -103,5 +103,5 @@ SCHEDULE_FROM_LOG = LogModule(
 _OUTSIDE = (*RecordedSignal.choices_outside, "continue")
 SIGNAL_OR_SCHEDULE_FROM_LOG = SignalOrSchedule(
     RecordedSignal,
-    SIGNAL_FROM_LOG.keys | {"outside": Key(Choice(_OUTSIDE), "refuse"), "schedule": Key(Flag(), False)},
+    {**SIGNAL_FROM_LOG.keys, "outside": Key(Choice(_OUTSIDE), "refuse"), "schedule": Key(Flag(), False)},
 )

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from operator import attrgetter
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
 
 import diffrax
 import equinox as eqx
@@ -12,7 +12,6 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
-from ..classical.lagrangian import AbstractLagrangianSystem
 from ..numerics.batches import fill_vectors
 from ..physics.packing import Packing
 from ..physics.rolling import AbstractRollingSystem
@@ -77,7 +76,7 @@ def admissible(
     normal: Normal | None,
     flow: "Flow",
 ) -> Float[Array, "k size"]:
-    """``vectors`` without their components along the normal, and along the gradients of what constraints keep at 0."""
+    """``vectors`` without their components along the normal, and along the gradients of constraints."""
     vectors = without_normal(vectors, x, normal)
     if flow.constraints is None:
         return vectors
@@ -92,9 +91,19 @@ def generic_vectors(count: int, size: int) -> np.ndarray:
     return np.random.default_rng(0).normal(size=(count, size))
 
 
+@runtime_checkable
+class Constrained(Protocol):
+    """A system with constraints: the ``residuals`` that these keep at 0 along every motion, and how many there are."""
+
+    @property
+    def count_of_residuals(self) -> int: ...
+
+    def residuals(self, t: Float[Array, ""], state: Any) -> Float[Array, " residuals"]: ...
+
+
 def count_of_constraints(system: AbstractSystem) -> int:
     """How many numbers constraints keep at 0 along every motion of a system."""
-    return system.count_of_residuals if isinstance(system, AbstractLagrangianSystem) else 0
+    return system.count_of_residuals if isinstance(system, Constrained) else 0
 
 
 class Flow(NamedTuple):

@@ -4,13 +4,13 @@ The torque T of dry resistance adds to the motion in proportion, as the reaction
 
     ω̇ = ω̇₀ + Y v̇_s + G T        R = R₀ + D⁻¹ v̇_s + ρ T
 
-T is N d, with d from the directions of rolling and spinning, and whatever else keeps the held part P of ω̇ at its rate. It
-can be eliminated, which leaves a ``Response`` of the same form, in which all formulas of friction hold unchanged:
+T is N d, with d from the directions of rolling and spinning, and whatever else keeps the held part P of ω̇ at its rate.
+It can be eliminated, which leaves a ``Response`` of the same form, in which all formulas of friction hold unchanged:
 
     T = K (ω̇_held − ω̇₀ − Y v̇_s) + N (d − K G d)        K = P (P G P + 1 − P)⁻¹ P
 
-Or v̇_s and N can be, for a contact that sticks or slips in a known direction, which leaves a ``Turning`` for the formulas
-of ``rest``. All vectors are in space axes.
+Or v̇_s and N can be, for a contact that sticks or slips in a known direction, which leaves a ``Turning`` for the
+formulas of ``rest``. All vectors are in space axes.
 """
 
 from typing import NamedTuple

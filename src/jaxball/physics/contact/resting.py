@@ -54,7 +54,8 @@ class RestingHistory(ContactHistory):
 
     - ``rests``: whether dry resistance held the body against rolling, shape (T,); a body that slips may be held, too.
     - ``spin``: the sign of ω₃ as friction against spinning has it, 0 where that is held or there is none, shape (T,).
-    - ``rolling``: the direction of ω_h of a body that rolls, a unit vector, also where that begins; else 0, shape (T, 2).
+    - ``rolling``: the direction of ω_h of a body that rolls, a unit vector, also where that begins; else 0,
+      shape (T, 2).
     """
 
     described: ClassVar[str] = "a law of contact and exact dry resistance"
@@ -63,7 +64,7 @@ class RestingHistory(ContactHistory):
     spin: Float[Array, "*batch T"]
     rolling: Float[Array, "*batch T 2"]
 
-    def at_rows(self, rows: slice) -> "RestingHistory":
+    def at_rows(self, rows: slice) -> Any:
         own = {name: getattr(self, name)[rows] for name in ("rests", "spin", "rolling")}
         return dataclasses.replace(super().at_rows(rows), **own)
 
@@ -72,8 +73,9 @@ class RestingHistory(ContactHistory):
         mode = jnp.where(self.mode == int(Mode.REST), int(Mode.ROLLING), self.mode).astype(state.mode.dtype)
         rolls = jnp.where(self.rests, 0.0, 1.0).astype(state.mode.dtype)
         rolling = Beginning.along(state.begun.until, self.rolling)
-        given = {field.name: getattr(state, field.name) for field in dataclasses.fields(state)}
-        solved = RestingState(**given | {"mode": mode}, rolls=rolls, spin=self.spin, rolling=rolling)
+        given: dict[str, Any] = {field.name: getattr(state, field.name) for field in dataclasses.fields(state)}
+        given["mode"] = mode
+        solved = RestingState(**given, rolls=rolls, spin=self.spin, rolling=rolling)
         return RestingOnPlane(system, plane.contact), solved
 
 
@@ -88,17 +90,17 @@ class RestingOnPlane(BodyOnPlane):
 
     # What a solve advances.
 
-    def to_packed(self, t: Float[Array, ""], state: RestingState) -> RestingState:
+    def to_packed(self, t: Float[Array, ""], state: Any) -> Any:
         packed = super().to_packed(t, state)
         omega = apply(state.body.Lambda, state.body.Omega)
         return eqx.tree_at(lambda x: x.body, packed, packed.body.with_Omega(self.unless_held(state, omega)))
 
-    def from_packed(self, t: Float[Array, ""], packed: RestingState) -> RestingState:
+    def from_packed(self, t: Float[Array, ""], packed: Any) -> Any:
         packed = packed.projected()
         Omega = apply(packed.body.Lambda.T, packed.body.Omega)
         return super().from_packed(t, eqx.tree_at(lambda x: x.body, packed, packed.body.with_Omega(Omega)))
 
-    def packed_field(self, t: Float[Array, ""], packed: RestingState) -> RestingState:
+    def packed_field(self, t: Float[Array, ""], packed: Any) -> Any:
         moved, Lambda = super().packed_field(t, packed), packed.projected().body.Lambda
         rate = self.unless_held(packed, apply(Lambda, moved.body.Omega))
         return eqx.tree_at(lambda x: x.body, moved, moved.body.with_Omega(rate))
@@ -140,7 +142,7 @@ class RestingOnPlane(BodyOnPlane):
         found = response(self.body, t, state.released, touching=~state.is_in(Mode.FLIGHT))
         return Resisting.of(self.body, state.body.Lambda, found)
 
-    def response(self, t: Float[Array, ""], state: RestingState) -> Response:
+    def response(self, t: Float[Array, ""], state: Any) -> Response:
         resisting = self.resisting(t, state)
         return resisting.resisted(resisting.torque(self.mode(t, state)))
 
@@ -149,13 +151,13 @@ class RestingOnPlane(BodyOnPlane):
         resisting = self.resisting(t, state)
         return resisting, resisting.torque(self.mode(t, state))
 
-    def dry_torque(self, t: Float[Array, ""], state: RestingState, acting: friction.Interaction) -> Float[Array, "3"]:
+    def dry_torque(self, t: Float[Array, ""], state: Any, acting: friction.Interaction) -> Float[Array, "3"]:
         _, torque = self.torque(t, state)
         return apply(state.body.Lambda.T, torque(acting.slip_acceleration, acting.normal))
 
     # The guards.
 
-    def step_reference(self, t: Float[Array, ""], state: RestingState, accuracy: Accuracy) -> Headings:
+    def step_reference(self, t: Float[Array, ""], state: Any, accuracy: Accuracy) -> Any:
         """The headings of a slip and of rolling as a step begins."""
         sigma, omega = self.direction(t, state), apply(state.body.Lambda, state.body.Omega)
         errors = accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2))
@@ -164,13 +166,13 @@ class RestingOnPlane(BodyOnPlane):
             heading = heading._replace(least=jnp.zeros_like(heading.least))
         return Headings(super().step_reference(t, state, accuracy), heading)
 
-    def guards(self, t: Float[Array, ""], state: RestingState) -> Float[Array, "5"]:
+    def guards(self, t: Float[Array, ""], state: Any) -> Float[Array, "5"]:
         """The guards without a solve, in which a slip and rolling end where their velocities vanish."""
         sigma, zero = state.direction(t, slip_velocity(self.body, t, state.released)), jnp.zeros_like(state.height)
         headings = Heading(sigma, zero, zero), Heading(self.direction(t, state), zero, zero)
         return self.guards_in_step(t, state, Headings(*headings))
 
-    def guards_in_step(self, t: Float[Array, ""], state: RestingState, reference: Headings) -> Float[Array, "5"]:
+    def guards_in_step(self, t: Float[Array, ""], state: Any, reference: Any) -> Float[Array, "5"]:
         """Those of the contact, of rolling and of spinning."""
         resisting, torque = self.torque(t, state)
         found = resisting.resisted(torque)
@@ -187,7 +189,7 @@ class RestingOnPlane(BodyOnPlane):
         turning = jnp.where(flies, one, jnp.stack([rolling, spinning]))
         return jnp.concatenate([of_contact, turning])
 
-    def time_event(self, t: Float[Array, ""], state: RestingState) -> Float[Array, ""]:
+    def time_event(self, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
         """The next end of a window in which the direction of a slip or of rolling is known beforehand."""
         slip, rolling = super().time_event(t, state), state.rolling.until
         if self.body.planar:
@@ -236,14 +238,12 @@ class RestingOnPlane(BodyOnPlane):
         one = jnp.ones_like(given.height)  # nothing is held before the first transition
         return RestingState(**fields, rolls=one, spin=one, rolling=Beginning.none(one))
 
-    def transition(
-        self, t: Float[Array, ""], state: RestingState, event: Int[Array, ""], accuracy: Accuracy
-    ) -> Transition:
+    def transition(self, t: Float[Array, ""], state: Any, event: Int[Array, ""], accuracy: Accuracy) -> Transition:
         return transition(self, t, state, event, accuracy)
 
     # What a run shows.
 
-    def history(self, times: Float[Array, " T"], states: RestingState, record: Any) -> RestingHistory:
+    def history(self, times: Float[Array, " T"], states: Any, record: Any) -> RestingHistory:
         of_contact = super().history(times, states, record)
         rests = states.rolls == 0
         plane = self.prepare()

@@ -30,6 +30,7 @@ from .transition import Progress, end_slip, only_if, strike
 if TYPE_CHECKING:
     from .resting import RestingOnPlane, RestingState
 
+
 class Headings(NamedTuple):
     """The headings of a slip and of rolling as a step begins."""
 
@@ -37,7 +38,7 @@ class Headings(NamedTuple):
     rolling: Heading
 
 
-RELEASES = 3  # of what is held: against slip, rolling and spinning
+RELEASES = 3  # at most: against slip, rolling and spinning
 TURNS_TAKEN = 6  # by the windows of a slip and of rolling that begin together
 
 
@@ -181,7 +182,7 @@ def _end_rolling(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array
 
 
 class _Choice(NamedTuple):
-    """What is held, and the directions of what is not: of a slip, of rolling and of spinning in ``mode``."""
+    """Whether the contact and, in ``mode``, rolling and spinning are held, and their directions where they are not."""
 
     sticks: Bool[Array, ""]
     sigma: Float[Array, "2"]
@@ -214,10 +215,8 @@ class _Deciding(NamedTuple):
         return _in_three(sigma)
 
     def with_one_less(self, choice: _Choice, at_once: Bool[Array, "3"]) -> _Choice:
-        """The choice without the most overloaded of what is held; without what lets go ``at_once``, if anything."""
-        sigma = jax.lax.cond(
-            self.still & ~choice.sticks, lambda: self.first_slip(choice), lambda: choice.sigma
-        )
+        """The choice in which the most overloaded of them has let go; or those that let go ``at_once``, if any do."""
+        sigma = jax.lax.cond(self.still & ~choice.sticks, lambda: self.first_slip(choice), lambda: choice.sigma)
         torque = self.resisting.torque(choice.mode)
         found = self.resisting.resisted(torque)
         acting = selected(choice.sticks, friction.rolling(found), friction.sliding(found, self.mu, sigma))
@@ -302,7 +301,7 @@ def _cleaned(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> 
 
 
 def _chosen(deciding: _Deciding, choice: _Choice, at_once: Bool[Array, "3"]) -> _Choice:
-    """What is held in the end; it has no derivatives but those of what was given."""
+    """The choice when nothing is overloaded; it has no derivatives but those of the given one."""
     still, held, now = without_derivatives((deciding, choice, at_once))
     held = still.with_one_less(held, now)
     none = jnp.zeros_like(at_once)
@@ -315,7 +314,7 @@ def _chosen(deciding: _Deciding, choice: _Choice, at_once: Bool[Array, "3"]) -> 
 def _directed(
     deciding: _Deciding, choice: _Choice, slips_now: Bool[Array, ""], turns: Bool[Array, ""], planar: bool
 ) -> _Choice:
-    """The choice with the directions of what begins, which are those in which it grows."""
+    """The choice with the directions in which a slip and rolling that begin grow."""
 
     def next_choice(choice: _Choice, _: None) -> tuple[_Choice, None]:
         sigma = jax.lax.cond(slips_now, lambda: deciding.first_slip(choice), lambda: choice.sigma)
@@ -370,7 +369,7 @@ class _Turning(NamedTuple):
 
 
 def _begun(plane: "RestingOnPlane", done: Progress) -> "RestingState":
-    """With the directions of what begins, for as long as they are computed in advance."""
+    """With the directions of a slip and of rolling that begin, for as long as they are computed in advance."""
     t, state = done.t, done.state
     assert done.turns is not None
     longest = slips.longest_window(t, plane.driving_kinks(), slips.unit_of_time(plane.body))
