@@ -335,10 +335,6 @@ def test_what_exact_resistance_is_not_combined_with(no_type_checks):
         jaxball.simulate(ball(ground=None), TIMES, jaxball.ReducedState())
     with pytest.raises(ValueError, match="`exact` must be False where there is no dry friction"):
         Resistance(rolling=0.1, exact=True)
-    drive = jaxball.JointFriction(0.1)
-    pendulum = jaxball.planar_pendulum(0.5, 0.2, drive=drive)
-    with pytest.raises(TypeError, match="no joints that stick where its resistance is exact"):
-        jaxball.simulate(disk(mechanisms=[pendulum]), TIMES, DiskState(theta=[0.0], thetadot=[0.0]))
     with pytest.raises(ValueError, match="`resistance` must not be exact for a RollingEllipsoid"):
         RollingEllipsoid(
             semiaxes=(1.0, 1.0, 1.5), inertia=(0.65, 0.65, 0.4), resistance=Resistance(dry=0.1, exact=True)

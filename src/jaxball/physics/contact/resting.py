@@ -64,9 +64,9 @@ class RestingHistory(ContactHistory):
     spin: Float[Array, "*batch T"]
     rolling: Float[Array, "*batch T 2"]
 
-    def at_rows(self, rows: slice) -> Any:
-        own = {name: getattr(self, name)[rows] for name in ("rests", "spin", "rolling")}
-        return dataclasses.replace(super().at_rows(rows), **own)
+    @property
+    def over_time(self) -> dict[str, Array]:
+        return super().over_time | {name: getattr(self, name) for name in ("rests", "spin", "rolling")}
 
     def as_solved(self, system: AbstractBody, states: Any) -> "tuple[RestingOnPlane, RestingState]":
         plane, state = super().as_solved(system, states)
