@@ -82,6 +82,18 @@ def test_a_bowling_ball_slides_then_rolls_then_rests():
     np.testing.assert_array_equal(seen.dissipation[at_rest], 0.0)
 
 
+@pytest.mark.long
+def test_a_run_in_a_file_has_its_forces_and_its_rest(tmp_path):
+    run = jaxball.simulate(ball(), np.linspace(*SPAN, 61), thrown(SPEED), contact=Contact(MU), throw=True)
+    jaxball.save(run, tmp_path / "run.nc")
+    again = jaxball.load_run(tmp_path / "run.nc")
+    for name in ("mode", "rests", "spin", "rolling"):
+        np.testing.assert_array_equal(getattr(again.contact, name), getattr(run.contact, name))
+    for name in ("contact_force", "dissipation", "angular_acceleration_body"):
+        seen = (getattr(one.observables, name) for one in (again, run))
+        np.testing.assert_allclose(*seen, atol=1e-12)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", [jax.jacrev, jax.jacfwd])
 def test_derivatives_of_when_and_where_it_stops(mode):
