@@ -11,7 +11,7 @@ from mpl_toolkits.mplot3d import proj3d
 from scipy.spatial.transform import Rotation
 
 from jaxball import Contact, Mode, plot
-from jaxball.plot.modes import BANDS, modes_of, track_of
+from jaxball.plot.modes import BANDS, PATHS, modes_of, track_of
 from jaxball.plot.palette import TRAIL
 from jaxball.plot.record import record
 from jaxball.plot.scene import SHADOW, scene
@@ -141,14 +141,14 @@ def test_the_path_has_a_line_for_each_mode_and_marks_at_switches(thrown_trajecto
     ax = plot.centre_path(thrown_trajectory)
     count = int(history.switches.count)
     np.testing.assert_allclose(drawn(ax, "switch"), history.switches.after.body.z[:count], atol=1e-9)
-    pieces = [drawn(ax, mode.name.lower()) for mode in Mode]
+    pieces = [drawn(ax, mode.name.lower()) for mode in PATHS]
     seen = {tuple(point) for piece in pieces for point in piece}
     assert {tuple(z) for z in np.asarray(thrown_trajectory.state.z)} < seen
     flight = pieces[Mode.FLIGHT]
     straight = flight[flight[:, 0] <= 2.0]  # until the first impact, at t = 1
     np.testing.assert_allclose(straight[:, 1], straight[:, 0] / 4, atol=1e-12)
     styles = {line.get_label(): str(line._dash_pattern) for line in ax.lines}  # the linestyle is "--" of all dashes
-    assert len({styles[mode.name.lower()] for mode in Mode}) == len(Mode)
+    assert len({styles[mode.name.lower()] for mode in PATHS}) == len(PATHS)
     assert overlaps(ax.figure) == []
 
 

@@ -200,10 +200,6 @@ CASES = {
         with_parts("[resistance]\ndry = 0\nexact = true"),
         "Key `resistance.dry` must be a positive number, as it is `exact`, but it is 0.0.",
     ),
-    "exact resistance with contact": (
-        with_parts("[resistance]\ndry = 0.1\nexact = true\n[contact]\nsliding = 0.3"),
-        "Key `contact` must be left out where dry resistance is exact, because both have modes, which are not combined",
-    ),
     "dry spinning on a turntable": (
         with_parts(
             "[resistance]\ndry_spinning = 0.1\n[ground.turntable]\n"

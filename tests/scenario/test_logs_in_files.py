@@ -1,9 +1,11 @@
 """Logs in scenario files: the numbers of the file, bit for bit, and sentences that name the file and the row."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxball import (
+    BallState,
     LogError,
     RecordedSchedule,
     RecordedSignal,
@@ -152,3 +154,33 @@ def test_keys_that_do_not_fit_are_named(tmp_path, text, message):
     with pytest.raises(ScenarioError) as error:
         load_scenario(file)
     assert str(error.value) == f"{file}: {message}"
+
+
+def test_a_motor_along_a_recorded_schedule(tmp_path):
+    """Its torque is the spline through the log, and goes on at its rate beyond it."""
+    file = written(tmp_path, of_motor(', schedule = true, outside = "continue"'))
+    scenario = load_scenario(file)
+    for motor in (drive_of(scenario), drive_of(read_scenario(write_scenario(scenario)))):
+        assert type(motor.signal) is RecordedSchedule
+        assert motor.signal.outside == "continue"
+        require_numbers(motor.signal)
+    parabola = np.polyfit(TIMES, VALUES, 2)
+    torque = drive_of(scenario)(jnp.array(1.5), jnp.array(0.0), jnp.array(0.0), BallState())
+    np.testing.assert_allclose(torque, np.polyval(parabola, 1.5), rtol=1e-12)
+    beyond = drive_of(scenario)(jnp.array(3.0), jnp.array(0.0), jnp.array(0.0), BallState())
+    np.testing.assert_allclose(beyond, VALUES[-1] + np.polyval(np.polyder(parabola), 2.0), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("rest", "message"),
+    [
+        (', outside = "continue"', '`mechanisms[0].joints[0].force.signal.outside` must be "refuse", "hold" or "zero"'),
+        (', schedule = true, outside = "hold"', "`mechanisms[0].joints[0].force.signal.outside` must be"),
+        (', schedule = true, interpolation = "linear"', 'signal.interpolation` must be "spline"'),
+        (", schedule = 1", "`mechanisms[0].joints[0].force.signal.schedule` must be true or false"),
+    ],
+)
+def test_what_a_motor_of_a_log_may_not_be(tmp_path, rest, message):
+    with pytest.raises(ScenarioError) as error:
+        load_scenario(written(tmp_path, of_motor(rest)))
+    assert message in str(error.value)

@@ -23,10 +23,11 @@ from ..simulation.deviations import (
     Flow,
     Normal,
     Steps,
+    admissible,
     advance_deviations,
+    count_of_constraints,
     generic_vectors,
     orthonormalise,
-    without_normal,
 )
 from ..simulation.simulate import at_rest
 from .result import LyapunovSpectrum
@@ -55,6 +56,9 @@ def lyapunov_spectrum(
     it is the phase space of (q, Ω, z) with |q| = 1, of dimension 8. For a disk it is that of (φ, φ̇, z), and for a
     classical system that of its own state. Time adds no exponent, because prescribed motions are not part of the state.
 
+    Of a system with constraints, such as a :class:`~jaxball.classical.LagrangianSystem`, deviations are those that the
+    constraints admit: each constraint of velocities takes away one exponent, each holonomic one two.
+
     Deviations of Γ are tangent to the sphere: Γ̇ = Γ × Ω keeps Γ·δΓ = 0, and rounding is removed after each interval.
     The solver's vector contains the locked angular velocity W instead of Ω (module ``locked``); the exponents are the
     same, because the change from one to the other is smooth and bounded.
@@ -72,7 +76,7 @@ def lyapunov_spectrum(
     """
     state = phase_point(system, at_rest(system) if state is None else state)
     edges, skipped = interval_edges(times, transient, interval)
-    exponents = check_count(exponents, dimension(state))
+    exponents = check_count(exponents, dimension(state) - count_of_constraints(system))
     rtol, atol = map(to_array, check_tolerances(rtol, atol))
     steps = Steps(check_solver(solver), rtol, atol, check_steps(max_steps))
     method = Method(steps, exponents, skipped, normal_of(state))
@@ -240,7 +244,7 @@ def _start(
     generic = jnp.asarray(generic_vectors(method.exponents, x.size), x.dtype)
     status = jnp.where(startable, Status.SUCCESS, Status.IMPOSSIBLE)
     return _Progress(
-        rows=jnp.concatenate([x[None], orthonormalise(without_normal(generic, x, method.normal))[0]]),
+        rows=jnp.concatenate([x[None], orthonormalise(admissible(generic, edges[0], x, method.normal, flow))[0]]),
         step=FIRST_STEP_SHARE * (edges[1] - edges[0]),
         status=status,
         reached=edges[0],
@@ -253,7 +257,7 @@ def _interval(method: Method, flow: Flow, progress: _Progress, ends) -> tuple[_P
     """The progress after one interval, and the growth rates within it; after a failure nothing moves."""
     (t0, t1), alive = ends, progress.status == Status.SUCCESS
     after, length = advance_deviations(flow, method.steps, t0, t1, progress.rows, progress.step, alive), t1 - t0
-    vectors, lengths = orthonormalise(without_normal(after.rows[1:], after.rows[0], method.normal))
+    vectors, lengths = orthonormalise(admissible(after.rows[1:], t1, after.rows[0], method.normal, flow))
     status = jnp.where(alive, after.status, progress.status)
     after = _Progress(
         # A failed run stays at 1 from there on, because step-size control rejects NaN.

@@ -177,6 +177,16 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
         """A q̇ + b of all constraints."""
         return jnp.concatenate([self._of_velocity(t, q, qdot), rate_along(self._of_place)(t, q, qdot)])
 
+    def residuals(self, t: Float[Array, ""], state: LagrangianState) -> Float[Array, " residuals"]:
+        """What constraints keep at 0: A q̇ + b of all of them, and φ(t, q) of the holonomic ones."""
+        return jnp.concatenate([self._rates(t, state.q, state.qdot), self._of_place(t, state.q)])
+
+    @property
+    def count_of_residuals(self) -> int:
+        """How many residuals there are: by as much the admissible states have fewer dimensions."""
+        of_velocity, of_place = self._counts()
+        return of_velocity + 2 * of_place
+
     def _counts(self) -> tuple[int, int]:
         """How many constraints there are of velocities, and how many holonomic ones."""
         t, q = (jax.ShapeDtypeStruct(shape, default_dtype()) for shape in ((), (len(self.coordinates),)))

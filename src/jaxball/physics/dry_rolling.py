@@ -28,6 +28,7 @@ from .conditions import Condition, Problem
 from .contact import slip as slips
 from .contact.slip import HALFWAY, Beginning, Heading
 from .dynamics import turning
+from .footing import ContactAxes, rate_over_ground
 from .hybrid import (
     NONE,
     START,
@@ -49,7 +50,8 @@ from .system import AbstractState, AbstractSystem
 class DryRollingState(AbstractState):
     """The variables of a body that exact dry resistance may hold, which a solve advances.
 
-    - ``body``: the state of the body. A solve advances ω in space axes instead of Ω, so that it is exactly 0 at rest.
+    - ``body``: the state of the body. A solve advances ω relative to the ground, along the axes of the contact (of
+      space, on a plane), instead of Ω, so that it is exactly 0 at rest.
     - ``rolls``: 1 where the body rolls, 0 where it rests.
     - ``spin``: the sign of ω₃ where friction acts against spinning; 0 where it holds it, and where there is none.
     - ``begun``: the direction in which a ball has just begun to roll; that in which a disk rolls.
@@ -171,27 +173,31 @@ class DryRolling(AbstractSystem[DryRollingState]):
     # What a solve advances.
 
     def to_packed(self, t: Float[Array, ""], state: DryRollingState) -> DryRollingState:
-        omega = apply(state.body.Lambda, state.body.Omega)
-        return eqx.tree_at(lambda x: x.body, state, state.body.with_Omega(self._unless_held(state, omega)))
+        omega = self._unless_held(state, self.over_ground(t, state))
+        return eqx.tree_at(lambda x: x.body, state, state.body.with_Omega(omega))
 
     def from_packed(self, t: Float[Array, ""], packed: DryRollingState) -> DryRollingState:
         packed = packed.projected()
-        Omega = apply(packed.body.Lambda.T, packed.body.Omega)
+        Omega = ContactAxes.of(self.body, t, packed.body).in_body(packed.body.Omega)
         return eqx.tree_at(lambda x: x.body, packed, packed.body.with_Omega(Omega))
 
     def packed_field(self, t: Float[Array, ""], packed: DryRollingState) -> DryRollingState:
         state = self.from_packed(t, packed)
         moved = self.field(t, state)
-        rate = self._unless_held(state, apply(state.body.Lambda, moved.body.Omega))
+        rate = self._unless_held(state, rate_over_ground(self.body, t, state.body, moved.body.Omega))
         return eqx.tree_at(lambda x: x.body, moved, moved.body.with_Omega(rate))
+
+    def over_ground(self, t: Float[Array, ""], state: DryRollingState) -> Float[Array, "3"]:
+        """ω of the body relative to the ground, along the axes of the contact."""
+        return ContactAxes.of(self.body, t, state.body).over_ground(state.body.Omega)
 
     def _unless_held(self, state: DryRollingState, omega: Float[Array, "3"]) -> Float[Array, "3"]:
         """ω, or its rate, in space axes, with 0 for what friction holds."""
         rests = state.rolls == 0
-        held = jnp.stack([rests, rests, self._is_still(state)])
+        held = jnp.stack([rests, rests, self.is_still(state)])
         return jnp.where(held, 0.0, omega)
 
-    def _is_still(self, state: DryRollingState) -> Bool[Array, ""]:
+    def is_still(self, state: DryRollingState) -> Bool[Array, ""]:
         """Whether friction holds the body against spinning."""
         return (state.spin == 0) & self._resists_spinning
 
@@ -207,44 +213,50 @@ class DryRolling(AbstractSystem[DryRollingState]):
         return resistance
 
     def mode(self, t: Float[Array, ""], state: DryRollingState, sigma: Float[Array, "2"] | None = None) -> TurningMode:
-        """The mode, in space axes, of a body that rolls in the direction ``sigma``, if that is known otherwise."""
+        """The mode, in axes of the contact, of a body that rolls in the direction ``sigma``, if that is known."""
         direction = self.direction(t, state) if sigma is None else sigma
         rests = state.rolls == 0
         sigma3 = jnp.where(rests, 0.0, jnp.concatenate([direction, jnp.zeros_like(direction[:1])]))
-        return TurningMode(sigma3, state.spin, rests, self._is_still(state), jnp.zeros_like(sigma3))
+        return TurningMode(sigma3, state.spin, rests, self.is_still(state), jnp.zeros_like(sigma3))
 
     def direction(self, t: Float[Array, ""], state: DryRollingState) -> Float[Array, "2"]:
         """The direction of ω_h of a body that rolls, space axes."""
         if self.body.planar:
             return state.begun.sigma
-        omega = apply(state.body.Lambda, state.body.Omega)
+        omega = self.over_ground(t, state)
         return jnp.where(t <= state.begun.until, state.begun.direction(t), unit(omega[:2]))
 
     def field(self, t: Float[Array, ""], state: DryRollingState) -> DryRollingState:
-        moved = rates(self.body, t, state.body, self.mode(t, state))
+        moved = rates(self.moving(state), t, state.body, self.mode(t, state))
         return eqx.tree_at(lambda x: x.body, jax.tree.map(jnp.zeros_like, state), moved)
 
     def turning(self, t: Float[Array, ""], state: DryRollingState) -> Turning:
         """How the body turns without dry friction, and how torques change that, in space axes."""
-        return turning(self.body, t, state.body).in_space(state.body.Lambda)
+        return turning(self.moving(state), t, state.body).in_space(ContactAxes.of(self.body, t, state.body).rows)
+
+    def moving(self, state: DryRollingState) -> AbstractBody:
+        """The body, with all that a state says of how its parts move."""
+        return self.body
 
     # The guards.
 
     def step_reference(self, t: Float[Array, ""], state: DryRollingState, accuracy: Accuracy) -> Heading:
         """The direction of rolling as a step begins."""
-        sigma, omega = self.direction(t, state), apply(state.body.Lambda, state.body.Omega)
+        sigma, omega = self.direction(t, state), self.over_ground(t, state)
         errors = accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2))
         heading = Heading.of(sigma, omega[:2], self._unit_of_rate(omega), errors)
         return heading._replace(least=jnp.zeros_like(heading.least)) if self.body.planar else heading
 
-    def guards(self, t: Float[Array, ""], state: DryRollingState) -> Float[Array, "2"]:
+    def guards(self, t: Float[Array, ""], state: DryRollingState) -> Float[Array, " guards"]:
         """The guards without a solve, in which rolling ends where ω_h vanishes."""
         zero = jnp.zeros_like(state.rolls)
         return self.guards_in_step(t, state, Heading(self.direction(t, state), zero, zero))
 
-    def guards_in_step(self, t: Float[Array, ""], state: DryRollingState, reference: Heading) -> Float[Array, "2"]:
+    def guards_in_step(
+        self, t: Float[Array, ""], state: DryRollingState, reference: Heading
+    ) -> Float[Array, " guards"]:
         """Of rolling and of spinning: the rate in its direction, or what friction has to spare where it holds it."""
-        turns, omega = self.turning(t, state), apply(state.body.Lambda, state.body.Omega)
+        turns, omega = self.turning(t, state), self.over_ground(t, state)
         spare = needs(self.resistance, turns, resist(self.resistance, turns, self.mode(t, state)))
         one = jnp.ones_like(state.rolls)
         rolling = spinning = one
@@ -267,7 +279,7 @@ class DryRolling(AbstractSystem[DryRollingState]):
         if self.body.planar or self.resistance.dry is None:
             return Assessment(jnp.where(step.has_fallen, step.zero, NONE), never)
         state, least, guards = step.state, step.reference.least, step.guards
-        omega, rolls = apply(state.body.Lambda, state.body.Omega), state.rolls != 0
+        omega, rolls = self.over_ground(step.end, state), state.rolls != 0
         errors = slips.ERRORS * (accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2)))
         slow = root(jnp.sum(omega[:2] ** 2)) <= 2 * least + errors
         stops = rolls & (step.zero == ROLLING)
@@ -298,15 +310,15 @@ class DryRolling(AbstractSystem[DryRollingState]):
         heading = without_derivatives(self).step_reference(*without_derivatives((t, state, accuracy)))
         heading = heading._replace(least=jnp.zeros_like(heading.speed) if self.body.planar else heading.speed)
 
-        def guards(system: "DryRolling", t: Float[Array, ""], state: DryRollingState) -> Float[Array, "2"]:
+        def guards(system: "DryRolling", t: Float[Array, ""], state: DryRollingState) -> Float[Array, " guards"]:
             return system.guards_in_step(t, state, heading)
 
         t, before, slope = at_zero(guards, self, t, state, event)
         stops = (event == ROLLING) & (before.rolls != 0)
         t, before, stopped = self._stopped(t, before, stops, accuracy.tolerance)
         decides &= ~stops | stopped
-        given = _Event(starts, stopped, (event == ROLLING) & ~stops, event == SPINNING)
-        decided = jax.jit(type(self)._decided)  # compiled on its own, it is traced once
+        given = Happened(starts, stopped, (event == ROLLING) & ~stops, event == SPINNING, event)
+        decided = jax.jit(type(self).decided)  # compiled on its own, it is traced once
         after = jax.lax.cond(decides, decided, lambda system, t, state, given: state, self, t, before, given)
         if not self.body.planar:
             begun = select_tree(decides, after.begun, Beginning.none(t))
@@ -331,14 +343,15 @@ class DryRolling(AbstractSystem[DryRollingState]):
             return t, state, stops
 
         def follow(t: Float[Array, ""], state: DryRollingState) -> tuple[Array, DryRollingState, Array]:
-            omega = apply(state.body.Lambda, state.body.Omega)[:2]
+            omega = self.over_ground(t, state)[:2]
             end = self._end(t, state, state, omega)
             ends = end.comes & (end.time <= slips.longest_pause(tolerance, slips.unit_of_time(self.body)))
             halfway = self._braked(t, state, state, omega, end.time, HALFWAY)
             end = self._end(t + HALFWAY * end.time, halfway, state, omega)
             stopped = self._braked(t, state, halfway, omega, end.time, 1.0).projected()
-            spin = apply(stopped.body.Lambda, stopped.body.Omega)[2]
-            at_rest = stopped.body.with_Omega(apply(stopped.body.Lambda.T, jnp.stack([0 * spin, 0 * spin, spin])))
+            contact = ContactAxes.of(self.body, t + end.time, stopped.body)
+            spin = contact.over_ground(stopped.body.Omega)[2]
+            at_rest = stopped.body.with_Omega(contact.in_body(jnp.stack([0 * spin, 0 * spin, spin])))
             stopped = eqx.tree_at(lambda x: x.body, stopped, at_rest)
             return (*select_tree(ends, (t + end.time, stopped), (t, state)), ends)
 
@@ -364,26 +377,44 @@ class DryRolling(AbstractSystem[DryRollingState]):
         rate = -omega / jnp.where(time > 0, time, 1.0)
         braking = jnp.concatenate([rate, jnp.zeros_like(rate[:1])])
         held = self.mode(t, state, unit(omega))._replace(rests=jnp.asarray(True), braking=braking)
-        moved = rates(self.body, t + (time * HALFWAY if share == 1.0 else 0.0), where.body, held)
+        moved = rates(self.moving(state), t + (time * HALFWAY if share == 1.0 else 0.0), where.body, held)
         body = jax.tree.map(lambda x, rate: x + share * time * rate, state.body, moved)
         return eqx.tree_at(lambda x: x.body, state, body)
 
-    def _decided(self, t: Float[Array, ""], state: DryRollingState, given: "_Event") -> DryRollingState:
+    def decided(self, t: Float[Array, ""], state: DryRollingState, given: "Happened") -> DryRollingState:
         """The state in the mode that follows: at rest as far as friction can hold it."""
+        moving, omega, turns = self.all_held(t, state, given)
+        mode = begun(self.resistance, turns, moving, given.loosens, given.spinning & self.is_still(state))
+        return self.with_mode(t, state, omega, mode, moving.rests & ~mode.rests)
+
+    def all_held(
+        self, t: Float[Array, ""], state: DryRollingState, given: "Happened"
+    ) -> tuple[TurningMode, Float[Array, "3"], Turning]:
+        """The mode in which all that does not move is held, ω in space axes, and how the body turns."""
         # At the end of its rolling or spinning, the rate is 0, not nearly.
-        omega = self._unless_held(state, apply(state.body.Lambda, state.body.Omega))
+        omega = self._unless_held(state, self.over_ground(t, state))
         held = jnp.stack([given.stops, given.stops, given.spinning])
         omega = jnp.where(held, 0.0, omega)
         turns = self.turning(t, state)
         moving = candidates(self.resistance, turns, omega)
-        moving = moving._replace(rests=moving.rests & (given.starts | given.stops | (state.rolls == 0)))
-        mode = begun(self.resistance, turns, moving, given.loosens, given.spinning & self._is_still(state))
-        starts_to_roll = moving.rests & ~mode.rests
-        body = state.body.with_Omega(apply(state.body.Lambda.T, omega))
+        may_rest = given.starts | given.stops | (state.rolls == 0)
+        return moving._replace(rests=moving.rests & may_rest), omega, turns
+
+    def with_mode(
+        self,
+        t: Float[Array, ""],
+        state: DryRollingState,
+        omega: Float[Array, "3"],
+        mode: TurningMode,
+        starts_to_roll: Bool[Array, ""],
+    ) -> DryRollingState:
+        """The state in a mode, with ω in space axes, and with the direction of rolling that begins."""
+        body = state.body.with_Omega(ContactAxes.of(self.body, t, state.body).in_body(omega))
         rolls, sigma = jnp.where(mode.rests, 0.0, 1.0).astype(t.dtype), mode.sigma[:2]
         spin = mode.spin if self._resists_spinning else jnp.zeros_like(mode.spin)
-        begins = Beginning.along(t, sigma)
-        after = DryRollingState(body, rolls, spin, begins)
+        after = eqx.tree_at(
+            lambda x: (x.body, x.rolls, x.spin, x.begun), state, (body, rolls, spin, Beginning.along(t, sigma))
+        )
         if self.body.planar or self.resistance.dry is None:
             return after
         longest = slips.longest_window(t, self.driving_kinks(), slips.unit_of_time(self.body))
@@ -418,13 +449,14 @@ class DryRolling(AbstractSystem[DryRollingState]):
         return RestHistory(switches=switches, rests=states.rolls == 0, spin=states.spin)
 
 
-class _Event(NamedTuple):
-    """What has happened: the run starts, rolling stops, rest ends, something happens to spinning."""
+class Happened(NamedTuple):
+    """What has happened: the run starts, rolling stops, rest ends, something happens to spinning; and the ``event``."""
 
     starts: Bool[Array, ""]
     stops: Bool[Array, ""]
     loosens: Bool[Array, ""]
     spinning: Bool[Array, ""]
+    event: Int[Array, ""]
 
 
 class _FromRest(NamedTuple):
@@ -440,14 +472,14 @@ class _FromRest(NamedTuple):
         self, t: Float[Array, ""], state: PlacedState, prepared: tuple[()], sigma: Float[Array, "2"]
     ) -> tuple[Float[Array, "2"], PlacedState]:
         """ω̇_h in space axes, and the rates of the body."""
-        moved = rates(self.system.body, t, state, self.system.mode(t, self.begins, sigma))
-        return apply(state.Lambda, moved.Omega)[:2], moved
+        moved = rates(self.system.moving(self.begins), t, state, self.system.mode(t, self.begins, sigma))
+        return rate_over_ground(self.system.body, t, state, moved.Omega)[:2], moved
 
 
 @jax.jit
 def rates(body: AbstractBody, t: Float[Array, ""], state: PlacedState, mode: TurningMode) -> PlacedState:
-    """ẋ of a body in a mode that is given in space axes."""
-    into_body = state.Lambda.T
+    """ẋ of a body in a mode that is given along the axes of the contact."""
+    into_body = ContactAxes.of(body, t, state).rows.T
     own = mode._replace(sigma=apply(into_body, mode.sigma), braking=apply(into_body, mode.braking))
     moving = eqx.tree_at(lambda body: body.resistance.mode, body, own, is_leaf=lambda x: x is None)
     return moving.field(t, state)

@@ -18,7 +18,7 @@ from ..numerics.vectors import apply, cross, dot, outer
 from ..programs.derivatives.differentiation import without_derivatives
 from .conditions import Condition
 from .coupling import FactoredInertia, Inertia, Joints, inertia, join_coordinates, joint_forces, with_free_joints
-from .footing import contact_normal
+from .footing import carried_rate, contact_normal
 from .linkage import Linkage, along, linkages
 from .load import Load, load
 from .moments import AbstractMoments, Moments, moments, velocity_moments
@@ -139,8 +139,8 @@ def accelerations(
     Omegadot, thetaddot = found.solve(r, t, state, acting)
     dry = None if system.resistance is None else system.resistance.dry_torque(r, acting.resisted, Gamma)
     if isinstance(system.resistance, Resistance) and system.resistance.holds:
-        turns = _turning(system, found, acting, Omegadot, thetaddot)
-        mode = mode_of(system.resistance, turns, found.Omega)
+        turns = _turning(system, found, acting, Omegadot, thetaddot, carried_rate(system, t, state))
+        mode = mode_of(system.resistance, turns, acting.resisted)
         dry = resist(system.resistance, turns, mode).torque
         change, joint_changes, _ = _dry_friction(at, Gamma, free, found.matrix, dry)
         Omegadot = Omegadot + change
@@ -163,20 +163,30 @@ def accelerations(
 
 @jax.jit
 def turning(system: BodyParameters, t: Float[Array, ""], state: State) -> Turning:
-    """How a body would turn without dry friction, and how a torque at its contact changes that; body axes."""
+    """How a body would turn over its ground without dry friction, and how a torque at its contact changes that.
+
+    In body axes. On a surface, rates are those of the components along the axes of the contact.
+    """
     found, acting = equations(system, t, state), load(system, t, state)
-    return _turning(system, found, acting, *found.solve(system.radius, t, state, acting))
+    solved = found.solve(system.radius, t, state, acting)
+    return _turning(system, found, acting, *solved, carried_rate(system, t, state))
 
 
 def _turning(
-    system: BodyParameters, found: Equations, acting: Load, Omegadot: Float[Array, "3"], thetaddot: Joints
+    system: BodyParameters,
+    found: Equations,
+    acting: Load,
+    Omegadot: Float[Array, "3"],
+    thetaddot: Joints,
+    carried: Float[Array, "3"] | None,
 ) -> Turning:
     at, Gamma, free = found.at, found.Gamma, found.free
     torques = np.eye(3, dtype=Gamma.dtype)
     changes = jax.vmap(lambda torque: _dry_friction(at, Gamma, free, found.matrix, torque))(jnp.asarray(torques))
     normal = dot(Gamma, found.reaction_without_motion(acting)) + _normal(at, Gamma, free, Omegadot, thetaddot)
     ahead = jnp.asarray(torques[1]) if system.planar else None
-    return Turning(Gamma, ahead, Omegadot, changes[0].T, normal, changes[2], system.radius)
+    rate = Omegadot if carried is None else Omegadot + carried
+    return Turning(Gamma, ahead, rate, changes[0].T, normal, changes[2], system.radius)
 
 
 def holding_friction(

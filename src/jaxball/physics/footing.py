@@ -1,8 +1,10 @@
 """How a ground of any form holds a body at a state: its footing, in body axes where the equations need them."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..numerics.vectors import apply
@@ -40,3 +42,69 @@ def rates(
     """ẋ where Ω̇ is known, and θ, θ̇, θ̈: the kinematics of rolling. ``under`` is the :func:`footing`."""
     moved = state.rates(system.radius, Omegadot, angles, system.drift(t, state))
     return moved if under is None else eqx.tree_at(lambda x: x.z, moved, under.coordinate_rates)
+
+
+class ContactAxes(NamedTuple):
+    """The axes of the contact, two along the ground and its normal: on a plane, those of space.
+
+    ``rows`` takes vectors from body axes to these. ``spin`` is the angular velocity of the ground's matter in them,
+    None on a plane.
+    """
+
+    rows: Float[Array, "3 3"]
+    spin: Float[Array, "3"] | None
+
+    @classmethod
+    def of(cls, system: BodyParameters, t: Float[Array, ""], state: Any) -> "ContactAxes":
+        """Those at a state."""
+        surface = system.ground
+        if not isinstance(surface, AbstractSurface):
+            return cls(state.Lambda, None)
+        axes, spin = _axes_and_spin(surface, t, system.radius, state.z)
+        rows = jnp.sum(axes[:, :, None] * state.Lambda[None], axis=1)
+        return cls(rows, apply(axes, spin))
+
+    def over_ground(self, Omega: Float[Array, "3"]) -> Float[Array, "3"]:
+        """The angular velocity of the body relative to the ground, from Ω."""
+        omega = apply(self.rows, Omega)
+        return omega if self.spin is None else omega - self.spin
+
+    def in_body(self, omega: Float[Array, "3"]) -> Float[Array, "3"]:
+        """Ω, from the angular velocity relative to the ground."""
+        return apply(self.rows.T, omega if self.spin is None else omega + self.spin)
+
+
+def carried_rate(system: BodyParameters, t: Float[Array, ""], state: Any) -> Float[Array, "3"] | None:
+    """The rate of the components of ω relative to the ground while ω is constant, in body axes; None on a plane.
+
+    These components change as the axes of the contact turn along the path of the contact point and with the ground.
+    """
+    surface = system.ground
+    if not isinstance(surface, AbstractSurface):
+        return None
+    omega, u = apply(state.Lambda, state.Omega), state.z
+    under = surface.footing(t, system.radius, u, omega)
+
+    def components(t: Float[Array, ""], u: Float[Array, "2"]) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
+        axes, spin = _axes_and_spin(surface, t, system.radius, u)
+        return apply(axes, omega - spin), axes
+
+    _, rate, axes = jax.jvp(components, (t, u), (jnp.ones_like(t), under.coordinate_rates), has_aux=True)
+    return apply(state.Lambda.T, apply(axes.T, rate))
+
+
+def rate_over_ground(
+    system: BodyParameters, t: Float[Array, ""], state: Any, Omegadot: Float[Array, "3"]
+) -> Float[Array, "3"]:
+    """The rate of ω relative to the ground, along the axes of the contact, from Ω̇."""
+    carried = carried_rate(system, t, state)
+    rate = Omegadot if carried is None else Omegadot + carried
+    return apply(ContactAxes.of(system, t, state).rows, rate)
+
+
+def _axes_and_spin(
+    surface: AbstractSurface, t: Float[Array, ""], r: Float[Array, ""], u: Float[Array, "2"]
+) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
+    """The axes of the contact as rows, space axes, and the angular velocity of the ground's matter."""
+    under = surface.footing(t, r, u, jnp.zeros((3,), r.dtype))
+    return jnp.concatenate([under.tangents, under.normal[None]]), under.spin

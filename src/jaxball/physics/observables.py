@@ -186,14 +186,13 @@ def _of_hybrid(plane: BodyOnPlane, t: Float[Array, ""], state: Any) -> Movement:
     touching = ~state.is_in(Mode.FLIGHT)
     acting = load(system, t, body, slip, touching, state.height)
     Omegadot, thetaddot = response.accelerations(force.slip_acceleration, force.normal)
-    dry = None if system.resistance is None else system.resistance.dry_torque(system.radius, body.Omega, body.Gamma)
     return Movement(
         body if isinstance(body, BallState) else body.in_space(),
         Omegadot,
         (body.theta, body.thetadot, thetaddot),
         acting,
         equations(system, t, body).at,
-        dry if dry is None else force.normal * dry,
+        plane.dry_torque(t, state, force),
         force.R,
         Slip(slip, force.slip_acceleration, state.height),
     )

@@ -122,12 +122,6 @@ class BodyParameters(Printed):
                 "Argument `ground` must have no turntable where dry friction against spinning acts, which would be "
                 "relative to it; leave `dry_spinning` of the `resistance` out, or the turntable."
             )
-        is_curved = ground is not None and not isinstance(ground, Ground)
-        if is_curved and isinstance(resistance, Resistance) and resistance.exact:
-            raise ValueError(
-                "Argument `resistance` must not be exact on a surface, because a rest is known on planes only; leave "
-                "`exact` out, for the smoothed law, or use a Ground."
-            )
         _require_force(self)
         _require_law(self)
 

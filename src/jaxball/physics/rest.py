@@ -68,20 +68,7 @@ class Resisted(NamedTuple):
 
 def resist(resistance: Resistance, turning: Turning, mode: TurningMode) -> Resisted:
     """Computes what exact dry friction does in a mode. Where N would be negative without it, it only holds."""
-    r, up, G = turning.radius, turning.up, turning.compliance
-    d = jnp.zeros_like(up)
-    if resistance.dry is not None:
-        d = d - resistance.dry * r * jnp.where(mode.rests, 0.0, mode.sigma)
-    if resistance.dry_spinning is not None and turning.axle is None:
-        d = d - resistance.dry_spinning * r * jnp.where(mode.still, 0.0, mode.spin) * up
-    held = jnp.where(mode.rests, turning.plane, 0.0) + jnp.where(mode.still, outer(up, up), 0.0)
-    moving = jnp.eye(3, dtype=up.dtype) - held
-
-    def hold(rate: Float[Array, "3"]) -> Float[Array, "3"]:
-        """K times a rate."""
-        return apply(held, apply(stiffness, apply(held, rate)))
-
-    stiffness = inverse(_product(held, _product(G, held)) + moving)
+    G, d, hold = turning.compliance, drag(resistance, turning, mode), Hold.of(turning, mode)
     still = hold(mode.braking - turning.rate)
     by_normal = d - hold(apply(G, d))
     slope = dot(turning.lift, by_normal)
@@ -89,6 +76,36 @@ def resist(resistance: Resistance, turning: Turning, mode: TurningMode) -> Resis
     N = jnp.maximum(without, 0.0) / jnp.where(slope < 1, 1 - slope, jnp.nan)
     torque = still + N * by_normal
     return Resisted(torque, turning.rate + apply(G, torque), jnp.where(without > 0, N, without))
+
+
+def drag(resistance: Resistance, turning: Turning, mode: TurningMode) -> Float[Array, "3"]:
+    """Computes d, the torque of a unit of N on what moves."""
+    r, up = turning.radius, turning.up
+    d = jnp.zeros_like(up)
+    if resistance.dry is not None:
+        d = d - resistance.dry * r * jnp.where(mode.rests, 0.0, mode.sigma)
+    if resistance.dry_spinning is not None and turning.axle is None:
+        d = d - resistance.dry_spinning * r * jnp.where(mode.still, 0.0, mode.spin) * up
+    return d
+
+
+class Hold(NamedTuple):
+    """The product with K: ``held`` is P, and ``stiffness`` (P G P + 1 − P)⁻¹."""
+
+    held: Float[Array, "3 3"]
+    stiffness: Float[Array, "3 3"]
+
+    @classmethod
+    def of(cls, turning: Turning, mode: TurningMode) -> "Hold":
+        """That of a mode."""
+        up = turning.up
+        held = jnp.where(mode.rests, turning.plane, 0.0) + jnp.where(mode.still, outer(up, up), 0.0)
+        moving = jnp.eye(3, dtype=up.dtype) - held
+        return cls(held, inverse(_product(held, _product(turning.compliance, held)) + moving))
+
+    def __call__(self, rate: Float[Array, "3"]) -> Float[Array, "3"]:
+        """K times a rate."""
+        return apply(self.held, apply(self.stiffness, apply(self.held, rate)))
 
 
 class Needs(NamedTuple):

@@ -20,7 +20,7 @@ from .record import finite_rows
 from .style import SMALL_FONT, legend_above, linestyle
 
 BANDS = {mode: on_white(colour) for mode, colour in MODES.items()}
-PATHS: dict[Mode, dict[str, Any]] = {
+PATHS: dict[Mode, dict[str, Any]] = {  # a body at rest has none
     Mode.ROLLING: {"linestyle": "-"},
     Mode.SLIDING: {"linestyle": linestyle(DASHED)},
     Mode.FLIGHT: {"linestyle": linestyle(DOTTED)},

@@ -15,6 +15,7 @@ from ..physics.contact.body_on_plane import NOWHERE, ContactHistory
 from ..physics.contact.law import COEFFICIENTS, AbstractFriction, Contact
 from ..physics.contact.modes import Cause, ContactSwitches, Mode
 from ..physics.contact.released import ReleasedState
+from ..physics.contact.resting import RestingHistory
 from ..physics.hybrid import NO_HISTORY, AbstractHistory, History, Switches
 from ..physics.state import AbstractBodyState, DiskState, ReducedState
 from ..physics.surfaces import AbstractSurface
@@ -26,6 +27,7 @@ from ..simulation.variables import (
     CLASSICAL_STATE,
     EVENTS,
     HISTORY,
+    HISTORY_OF_REST,
     LAGRANGIAN_STATE,
     LAWS,
     OBSERVABLES,
@@ -167,9 +169,8 @@ RELEASED = {name: HISTORY[name] for name in ("V", "height")}
 def history_values(history: AbstractHistory, states: Any) -> Variables:
     """The variables over time of a history, besides the ``states``."""
     over_time = history.over_time.items()
-    return {
-        name: (HISTORY.get(name) or describe_unknown(name, leaf.ndim - 1), np.asarray(leaf)) for name, leaf in over_time
-    }
+    known = HISTORY | HISTORY_OF_REST
+    return {name: (known.get(name) or describe_unknown(name, leaf.ndim - 1), _plain(leaf)) for name, leaf in over_time}
 
 
 @functools.singledispatch
@@ -310,7 +311,12 @@ def _read_contact(
         for name, variable in HISTORY.items()
     }
     switches = _read_switches(arrays, attribute("contact_switches", int), law.room, vars(states), type(states))
-    return ContactHistory(law=law, **over_time, switches=switches)
+    if not all(name in arrays for name in HISTORY_OF_REST):
+        return ContactHistory(law=law, **over_time, switches=switches)
+    rests, spin, rolling = (jnp.asarray(arrays[name]) for name in HISTORY_OF_REST)
+    return RestingHistory(
+        law=law, **over_time, switches=switches, rests=rests != 0, spin=to_array(spin), rolling=to_array(rolling)
+    )
 
 
 def _read_switches(

@@ -167,21 +167,9 @@ def read_contact(values: Any, path: str) -> Contact:
 
 
 def check_modes(system: AbstractBody, contact: Contact | None) -> None:
-    """Raises a :class:`ScenarioError` for two of these: a law of contact, joints that stick, exact dry resistance."""
-    have = "has" if len(system.sticking) == 1 else "have"
-    if system.is_held and system.sticking:
-        raise ScenarioError(
-            "Key `resistance.exact` must be false where joints stick, because both have modes, which are not combined, "
-            f"but {all_of(system.sticking)} {have} a force of the kind joint-friction; give that `smoothing`."
-        )
-    if contact is None:
-        return
-    if system.is_held:
-        raise ScenarioError(
-            "Key `contact` must be left out where dry resistance is exact, because both have modes, which are not "
-            "combined; leave out `resistance.exact`."
-        )
-    if system.sticking:
+    """Raises a :class:`ScenarioError` for joints that stick with a law of contact."""
+    if contact is not None and system.sticking:
+        have = "has" if len(system.sticking) == 1 else "have"
         raise ScenarioError(
             "Key `contact` must be left out where joints stick, because both have modes, which are not combined, but "
             f"{all_of(system.sticking)} {have} a force of the kind joint-friction; give that `smoothing`."
@@ -274,11 +262,6 @@ def read_surroundings(document: dict[str, Any], kind: str) -> dict[str, Any]:
         raise ScenarioError(
             "Key `ground.turntable` must be left out where dry friction against spinning acts, which would be relative "
             "to it; leave out `resistance.dry_spinning`, or the turntable."
-        )
-    if ground is not None and not isinstance(ground, Ground) and getattr(resistance, "exact", False):
-        raise ScenarioError(
-            "Key `resistance.exact` must be false on a surface, because a rest is known on planes only; leave it out, "
-            "for the smoothed law, or leave out `ground.kind`."
         )
     return parts
 

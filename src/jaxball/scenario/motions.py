@@ -14,11 +14,12 @@ from ..physics.force import HarmonicForce
 from ..physics.frames import AbstractFrame, MatrixFrame, SphericalFrame, VersorFrame
 from ..physics.motion import Oscillating
 from ..physics.rails import AbstractRail, BernoulliEight, Circle, Ellipse, FourierRail, GeronoEight, SplineRail, Tube
+from ..physics.recorded import RecordedSchedule
 from ..physics.schedules import AbstractSchedule, ConstantRate, PiecewiseAcceleration, Pulse, Sinusoids, Waypoints
 from ..physics.signals import AbstractSignal, ConstantSignal, PiecewiseSignal
 from .logs import KIND as LOG
 from .own import Open
-from .recorded import SCHEDULE_FROM_LOG, SIGNAL_FROM_LOG
+from .recorded import SCHEDULE_FROM_LOG, SIGNAL_OR_SCHEDULE_FROM_LOG
 from .table import (
     Family,
     Key,
@@ -267,8 +268,8 @@ _PIECES = Module(
     {"times": Key(TIMES), "values": Key(Numbers((None, None)))},
     check=row_for_each_interval("values"),
 )
-SIGNALS: Family = {"steps": _STEPS, "piecewise": _PIECES, **SCHEDULES, LOG: SIGNAL_FROM_LOG}
-_WRITTEN: Family = {"piecewise": _PIECES, **SCHEDULES, LOG: SIGNAL_FROM_LOG}
+SIGNALS: Family = {"steps": _STEPS, "piecewise": _PIECES, **SCHEDULES, LOG: SIGNAL_OR_SCHEDULE_FROM_LOG}
+_WRITTEN: Family = {"piecewise": _PIECES, **SCHEDULES, LOG: SIGNAL_OR_SCHEDULE_FROM_LOG}
 
 
 def read_signal(value: Any, path: str) -> AbstractSignal | AbstractSchedule:
@@ -283,6 +284,8 @@ def write_signal(signal: AbstractSignal | AbstractSchedule, path: str) -> Any:
     if isinstance(signal, PiecewiseSignal) and signal.values.shape[1] == 1:
         steps = {"times": signal.times, "values": np.ravel(signal.values)}
         return {"kind": "steps", **write_table(steps, path, _STEPS.keys)}
+    if isinstance(signal, RecordedSchedule):
+        return {"kind": LOG, **SIGNAL_OR_SCHEDULE_FROM_LOG.write(signal, path)}
     return write_family(signal, path, _WRITTEN)
 
 

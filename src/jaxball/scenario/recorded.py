@@ -10,7 +10,7 @@ from ..physics.recorded import RecordedSchedule, RecordedSignal
 from .errors import ScenarioError
 from .logs import TIME, VALUE, LogError, RecordedColumn, columns_of, text_of_file, text_of_log
 from .table import Key, Module, join, read_table
-from .values import Choice, Text
+from .values import Choice, Flag, Text
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,28 @@ def _check_schedule(table: dict[str, Any], path: str) -> None:
         )
 
 
+@dataclass(frozen=True)
+class SignalOrSchedule(LogModule):
+    """How the signal of a motor from a log stands in a file: as a signal, or, with ``schedule``, as a schedule."""
+
+    def read(self, values: Any, path: str) -> Any:
+        own = {name: value for name, value in values.items() if name != "schedule"}
+        flag = self.keys["schedule"]
+        if not flag.kind.read(values.get("schedule", flag.default), join(path, "schedule")):
+            if own.get("outside") == "continue":
+                raise ScenarioError(
+                    f'Key `{join(path, "outside")}` must be "refuse", "hold" or "zero" for a signal, but it is '
+                    f'"continue"; a schedule goes on at its rate, with `schedule = true`.'
+                )
+            return SIGNAL_FROM_LOG.read(own, path)
+        return SCHEDULE_FROM_LOG.read(own, path)
+
+    def write(self, item: Any, path: str) -> dict[str, Any]:
+        is_schedule = isinstance(item, RecordedSchedule)
+        written = (SCHEDULE_FROM_LOG if is_schedule else SIGNAL_FROM_LOG).write(item, path)
+        return written | ({"schedule": True} if is_schedule else {})
+
+
 _KEYS = {
     "file": Key(Text(), None),
     "csv": Key(Text(), None),
@@ -77,4 +99,9 @@ SCHEDULE_FROM_LOG = LogModule(
         "outside": Key(Choice(RecordedSchedule.choices_outside), "refuse"),
     },
     check=_check_schedule,
+)
+_OUTSIDE = (*RecordedSignal.choices_outside, "continue")
+SIGNAL_OR_SCHEDULE_FROM_LOG = SignalOrSchedule(
+    RecordedSignal,
+    {**SIGNAL_FROM_LOG.keys, "outside": Key(Choice(_OUTSIDE), "refuse"), "schedule": Key(Flag(), False)},
 )

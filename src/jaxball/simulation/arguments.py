@@ -15,8 +15,10 @@ from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.law import COEFFICIENTS, Contact
 from ..physics.contact.released import ReleasedState
+from ..physics.contact.resting import RestingOnPlane
 from ..physics.dae import WITH_UNIT
 from ..physics.dry_rolling import DryRolling
+from ..physics.dry_stick_slip import DryStickSlip
 from ..physics.ground import require_plane
 from ..physics.stick_slip import StickSlip
 from ..physics.system import AbstractState, AbstractSystem, require_one, require_state, shapes_of_state
@@ -241,8 +243,7 @@ def system_to_solve(system: AbstractSystem, contact: Contact | None) -> Abstract
         if not isinstance(system, AbstractBody):
             return system
         if system.is_held:
-            _require_nothing_else_sticks(system)
-            return DryRolling(system)
+            return DryStickSlip(system) if system.sticking else DryRolling(system)
         return StickSlip(system) if system.sticking else system
     require("contact", contact, Contact, "a Contact, such as Contact(sliding=0.3)")
     if not isinstance(system, AbstractBody):
@@ -257,20 +258,4 @@ def system_to_solve(system: AbstractSystem, contact: Contact | None) -> Abstract
             "Argument `contact` must be None for a body with joints that stick, because both have modes, which are not "
             f"combined, but {all_of(system.sticking)} {have} a JointFriction; give that `smoothing`."
         )
-    if system.is_held:
-        raise TypeError(
-            "Argument `contact` must be None for a body with exact dry resistance, because both have modes, which are "
-            "not combined; leave `exact` of its `resistance` out."
-        )
-    return BodyOnPlane(system, contact)
-
-
-def _require_nothing_else_sticks(system: AbstractBody) -> None:
-    """Raises ``TypeError`` for joints that stick in a body with exact dry resistance."""
-    if system.sticking:
-        have = "has" if len(system.sticking) == 1 else "have"
-        raise TypeError(
-            "Argument `system` must have no joints that stick where its resistance is exact, because both have modes, "
-            f"which are not combined, but {all_of(system.sticking)} {have} a JointFriction; give that `smoothing`, or "
-            "leave `exact` of the `resistance` out."
-        )
+    return RestingOnPlane(system, contact) if system.is_held else BodyOnPlane(system, contact)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from operator import attrgetter
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
 
 import diffrax
 import equinox as eqx
@@ -69,9 +69,41 @@ def without_normal(
     return vectors - (jnp.sum(vectors * n[None], axis=1) / jnp.sum(n**2))[:, None] * n[None]
 
 
+def admissible(
+    vectors: Float[Array, "k size"],
+    t: Float[Array, ""],
+    x: Float[Array, " size"],
+    normal: Normal | None,
+    flow: "Flow",
+) -> Float[Array, "k size"]:
+    """``vectors`` without their components along the normal, and along the gradients of constraints."""
+    vectors = without_normal(vectors, x, normal)
+    if flow.constraints is None:
+        return vectors
+    residuals = flow.constraints
+    gradients = orthonormalise(jax.jacfwd(lambda x: residuals(t, x, flow.args))(x))[0]
+    shares = jnp.sum(vectors[:, None, :] * gradients[None], axis=2)
+    return vectors - jnp.sum(shares[:, :, None] * gradients[None], axis=1)
+
+
 def generic_vectors(count: int, size: int) -> np.ndarray:
     """Fixed vectors that do not lie in a subspace which a symmetry of a flow could single out."""
     return np.random.default_rng(0).normal(size=(count, size))
+
+
+@runtime_checkable
+class Constrained(Protocol):
+    """A system with constraints: the ``residuals`` that these keep at 0 along every motion, and how many there are."""
+
+    @property
+    def count_of_residuals(self) -> int: ...
+
+    def residuals(self, t: Float[Array, ""], state: Any) -> Float[Array, " residuals"]: ...
+
+
+def count_of_constraints(system: AbstractSystem) -> int:
+    """How many numbers constraints keep at 0 along every motion of a system."""
+    return system.count_of_residuals if isinstance(system, Constrained) else 0
 
 
 class Flow(NamedTuple):
@@ -79,12 +111,14 @@ class Flow(NamedTuple):
 
     - ``kinks``: times at which the field jumps or has a kink.
     - ``monitor``: a function of (t, x, args) whose least value is wanted; of a rolling body, the normal force.
+    - ``constraints``: a function of (t, x, args) to what stays 0, of an own system with constraints; None without.
     """
 
     field: Field
     args: Any
     kinks: Float[Array, " kinks"]
     monitor: Monitor | None = None
+    constraints: Field | None = None
 
     @classmethod
     def of(cls, system: AbstractSystem, packing: Packing) -> "Flow":
@@ -98,8 +132,13 @@ class Flow(NamedTuple):
             inner = unpack(parameters)
             return inner.system.plane_reaction(t, inner.unpack(t, x)).normal
 
-        rolls = isinstance(system, AbstractRollingSystem)
-        return cls(field, parameters, kinks_of(system), normal_force if rolls else None)
+        def residuals(t, x, parameters):
+            inner = unpack(parameters)
+            return inner.system.residuals(t, inner.unpack(t, x))
+
+        rolls, is_constrained = isinstance(system, AbstractRollingSystem), count_of_constraints(system) > 0
+        monitor, constraints = normal_force if rolls else None, residuals if is_constrained else None
+        return cls(field, parameters, kinks_of(system), monitor, constraints)
 
     def monitor_value(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, ""]:
         """Returns the monitor's value; infinite without one."""

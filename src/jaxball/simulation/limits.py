@@ -14,6 +14,7 @@ from ..physics.contact import friction
 from ..physics.contact.body_on_plane import BodyOnPlane, ContactHistory
 from ..physics.contact.modes import ContactState, Mode
 from ..physics.contact.released import ReleasedState
+from ..physics.contact.resting import RestingHistory
 from ..physics.contact.slip import Beginning
 from ..physics.hybrid import AbstractHistory
 from ..physics.state import DiskState
@@ -40,6 +41,11 @@ def with_limits(trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
 @functools.singledispatch
 def _with_limits(history: AbstractHistory, trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
     return trajectory
+
+
+@_with_limits.register
+def _of_rest(history: RestingHistory, trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
+    return trajectory  # its switches do not tell what dry resistance holds on either side
 
 
 @_with_limits.register

@@ -120,6 +120,13 @@ HISTORY = {
     "impact_loss": Variable((), "energy", "energy dissipated by impacts"),
 }
 
+# The same of a body that exact dry resistance may hold, besides these.
+HISTORY_OF_REST = {
+    "rests": Variable((), "1", "1 where dry resistance holds the body against rolling", dtype="i1"),
+    "spin": Variable((), "1", "sign of the spinning that dry resistance acts against, 0 where it holds the body"),
+    "rolling": Variable(("direction",), "1", "direction of rolling, 0 where dry resistance holds the body"),
+}
+
 # By the names of the fields of ContactSwitches. Those of the states before and after come with the kind of the state.
 SWITCHES = {
     "times": Variable((), "time", "time of a change of mode"),
@@ -150,7 +157,7 @@ RUN_SWITCHES = {
     "switches": Variable((), "", "how often the mode of contact switched", dtype="i4"),
     "first_switch": Variable((), "time", "time of the first switch; NaN if there is none"),
     "modes": Variable(
-        (), "", "the modes of the run: the sum of 1 for rolling, 2 for sliding and 4 for flight", dtype="i1"
+        (), "", "the modes of the run: the sum of 1 for rolling, 2 for sliding, 4 for flight and 8 for rest", dtype="i1"
     ),
 }
 EXTREMES = {

@@ -181,7 +181,7 @@ def _of_contact(contact: ContactHistory) -> dict[str, Array]:
     seen = jnp.concatenate([contact.mode, switches.source, switches.target], axis=-1)
     modes = sum(jnp.any(seen == int(mode), axis=-1).astype(int) << int(mode) for mode in Mode)
     of_switches = {"switches": switches.count, "first_switch": switches.times[..., 0], "modes": modes}
-    return contact.over_time | of_switches
+    return {name: getattr(contact, name) for name in HISTORY} | of_switches
 
 
 def labels_of(outputs: dict[str, Output], template: Scenario) -> dict[str, np.ndarray]:

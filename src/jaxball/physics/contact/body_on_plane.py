@@ -176,6 +176,14 @@ class BodyOnPlane(AbstractSystem[ContactState]):
 
         return jax.tree.map(choose, rolling, sliding, flying)
 
+    def dry_torque(
+        self, t: Float[Array, ""], state: ContactState, acting: friction.Interaction
+    ) -> Float[Array, "3"] | None:
+        """The torque of dry friction against rolling and spinning, body axes; None without."""
+        body, resistance = state.body, self.body.resistance
+        unit = None if resistance is None else resistance.dry_torque(self.body.radius, body.Omega, body.Gamma)
+        return None if unit is None else acting.normal * unit
+
     def step_reference(self, t: Float[Array, ""], state: ContactState, accuracy: Accuracy) -> slips.Heading:
         """The heading of a slip as a step begins."""
         slip = slip_velocity(self.body, t, state.released)
@@ -192,7 +200,18 @@ class BodyOnPlane(AbstractSystem[ContactState]):
     def guards_in_step(self, t: Float[Array, ""], state: ContactState, reference: slips.Heading) -> Float[Array, "3"]:
         """The three guards; ``CAUSES`` gives the meaning of each. A slip lasts while it goes along its heading."""
         found = self.response(t, state)
-        acting, slack = self.interaction(t, state, found), self.rounding_of_force(state, found)
+        return self.guards_of_contact(t, state, reference, found, self.interaction(t, state, found))
+
+    def guards_of_contact(
+        self,
+        t: Float[Array, ""],
+        state: ContactState,
+        reference: slips.Heading,
+        found: Response,
+        acting: friction.Interaction,
+    ) -> Float[Array, "3"]:
+        """The same, where the response and the reaction are known."""
+        slack = self.rounding_of_force(state, found)
         slip, one = slip_velocity(self.body, t, state.released), jnp.ones_like(state.height)
         spare = friction.margin(acting.R, self.contact.static) + slack
         forward = jnp.sum(slip[:2] * reference.sigma) - reference.least

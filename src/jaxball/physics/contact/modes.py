@@ -17,7 +17,7 @@ from .slip import Beginning
 
 
 class Mode(enum.IntEnum):
-    """How a body moves on its plane.
+    """How a body moves on its plane. ``REST``: exact dry resistance holds one that does not slip against rolling.
 
     **Example:**
 
@@ -29,12 +29,14 @@ class Mode(enum.IntEnum):
     ROLLING = 0
     SLIDING = 1
     FLIGHT = 2
+    REST = 3
 
 
 class Cause(enum.IntEnum):
     """Why a mode ends: friction gives way, a slip ends, the normal force falls to zero, the body lands.
 
-    ``JAMS``: friction is so large that the normal force of a sliding body has no solution. ``START`` is none of these.
+    ``JAMS``: friction is so large that the normal force of a sliding body has no solution. Under exact dry resistance,
+    also: rolling or spinning ends, or the friction against one of them gives way. ``START`` is none of these.
 
     **Example:**
 
@@ -49,6 +51,10 @@ class Cause(enum.IntEnum):
     LIFTS = 3
     LANDS = 4
     JAMS = 5
+    ROLLING_ENDS = 6
+    BREAKS_LOOSE = 7
+    SPINNING_ENDS = 8
+    BEGINS_TO_SPIN = 9
 
     @property
     def sentence(self) -> str:
@@ -63,6 +69,10 @@ _CLAUSES = {
     Cause.LIFTS: "the normal force fell to zero",
     Cause.LANDS: "the body came down",
     Cause.JAMS: "the normal force had no solution",
+    Cause.ROLLING_ENDS: "its rolling ended",
+    Cause.BREAKS_LOOSE: "rolling friction gave way",
+    Cause.SPINNING_ENDS: "its spinning ended",
+    Cause.BEGINS_TO_SPIN: "the friction against spinning gave way",
 }
 
 

@@ -104,7 +104,8 @@ class Response(NamedTuple):
     ``rolling`` is the motion with v̇_s = 0 and without dry rolling friction, and its reaction R₀. ``yielding`` is what a
     unit of v̇_s along each space axis adds, one row for each, so that its reactions are D⁻¹; ``delassus`` is
     the Delassus operator D. ``rubbing`` is what the dry torque of a unit of normal force adds while v̇_s = 0, None
-    without dry friction. ``convected`` is u̇.
+    without dry friction. ``convected`` is u̇. Where dry friction is exact, ``twisting`` is what a unit of torque at the
+    contact along each space axis adds while v̇_s = 0; ``rubbing`` is None there, as long as no mode of turning is known.
     """
 
     rolling: Motion
@@ -112,6 +113,7 @@ class Response(NamedTuple):
     delassus: Float[Array, "3 3"]
     rubbing: Motion | None
     convected: Float[Array, "3"]
+    twisting: Motion | None = None
 
     @property
     def free(self) -> Float[Array, "3"]:
@@ -125,7 +127,7 @@ class Response(NamedTuple):
 
     def reaction(self, slip_acceleration: Float[Array, "3"], N: Float[Array, ""]) -> Float[Array, "3"]:
         """R with a given v̇_s: the inverse of :meth:`slip_acceleration`."""
-        R = self.rolling.reaction + _combined(slip_acceleration, self.yielding.reaction)
+        R = self.rolling.reaction + combined(slip_acceleration, self.yielding.reaction)
         return R if self.rubbing is None else R + N * self.rubbing.reaction
 
     def accelerations(
@@ -134,7 +136,7 @@ class Response(NamedTuple):
         """Ω̇ in body axes and θ̈ of all that a state's ``theta`` holds."""
         found = []
         for part in ("Omegadot", "thetaddot"):
-            value = getattr(self.rolling, part) + _combined(slip_acceleration, getattr(self.yielding, part))
+            value = getattr(self.rolling, part) + combined(slip_acceleration, getattr(self.yielding, part))
             found.append(value if self.rubbing is None else value + N * getattr(self.rubbing, part))
         return found[0], found[1]
 
@@ -176,7 +178,9 @@ def response(
 
     Omegadot, thetaddot = found.solve(r, t, body, acting)
     R = reaction_in_body(found.complete(thetaddot), r, acting, found.Omega, Omegadot)
-    dry = None if system.resistance is None else system.resistance.dry_torque(r, found.Omega, found.Gamma)
+    resistance = system.resistance
+    is_exact = resistance is not None and resistance.holds
+    dry = None if resistance is None or is_exact else resistance.dry_torque(r, found.Omega, found.Gamma)
     idle = [jnp.zeros(link.slots.shape, dtype=Lambda.dtype) for link in found.free]
     of_slip = jax.vmap(yielding)(Lambda)
     if system.planar:
@@ -188,6 +192,7 @@ def response(
         delassus=inverse(of_slip.reaction),
         rubbing=None if dry is None else change(dry, idle, jnp.zeros_like(dry)),
         convected=jnp.zeros_like(slip) if table is None else in_three(table.acceleration),
+        twisting=jax.vmap(lambda axis: change(axis, idle, jnp.zeros_like(axis)))(Lambda) if is_exact else None,
     )
 
 
@@ -223,8 +228,8 @@ def with_slip(
     ``before`` is the slip velocity that it has, and ``found`` its response.
     """
     body, change = state.body, after - before
-    Omega = _combined(change, found.yielding.Omegadot)
-    thetadot = _combined(change, found.yielding.thetaddot)
+    Omega = combined(change, found.yielding.Omegadot)
+    thetadot = combined(change, found.yielding.thetaddot)
     V = state.V + in_three(centre_velocity(body.Lambda, Omega, system.radius, None)) + change
     moved = eqx.tree_at(lambda x: x.thetadot, body.with_Omega(body.Omega + Omega), body.thetadot + thetadot)
     return ReleasedState(moved, V, state.height)
@@ -246,7 +251,7 @@ def released_energy(system: AbstractBody, t: Float[Array, ""], state: ReleasedSt
     return T + potential_energy(m, system.gravity, masses, apply(body.Lambda.T, up), dot(up, centre))
 
 
-def _combined(amounts: Float[Array, "3"], rows: Float[Array, "3 n"]) -> Float[Array, " n"]:
+def combined(amounts: Float[Array, "3"], rows: Float[Array, "3 n"]) -> Float[Array, " n"]:
     """The sum of rows, each times its amount."""
     return jnp.sum(amounts[:, None] * rows, axis=0)
 

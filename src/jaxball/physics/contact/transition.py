@@ -56,7 +56,7 @@ def _next_mode(
     state: ContactState,
     cause: Int[Array, ""],
     tolerance: Float[Array, ""],
-) -> "_Progress":
+) -> "Progress":
     """The state that follows the end of a mode, in a solve with this tolerance.
 
     First, a slip that ends is followed to its end. Next comes an impact, if the body lands, then the mode for the
@@ -69,24 +69,24 @@ def _next_mode(
     flies = (cause == int(Cause.LIFTS)) | starts & ((state.height > 0) | (state.V[2] > 0))
     height, begun = jnp.where(starts, state.height, 0.0), slips.Beginning.none(state.height)
     now = eqx.tree_at(lambda x: (x.height, x.begun), state, (height, begun))
-    done = _Progress(t, state, now, still, flies, lands, cause >= int(Cause.START), jnp.asarray(False))
-    done = _only_if(cause == int(Cause.STOPS), _ended, plane, done, tolerance)
-    done = _only_if(lands, _with_impact, plane, done)
-    done = _only_if(done.decides, _decided, plane, done, cause)
+    done = Progress(t, state, now, still, flies, lands, cause >= int(Cause.START), jnp.asarray(False))
+    done = only_if(cause == int(Cause.STOPS), end_slip, plane, done, tolerance)
+    done = only_if(lands, strike, plane, done)
+    done = only_if(done.decides, _decided, plane, done, cause)
     return done._replace(state=_begun(plane, done))
 
 
-def _only_if(happens: Bool[Array, ""], stage: Callable[..., "_Progress"], plane: Any, done: "_Progress", *others: Any):
+def only_if(happens: Bool[Array, ""], stage: Callable[..., "Progress"], plane: Any, done: "Progress", *others: Any):
     """What a stage of a transition makes of it, if it happens; compiled on its own, it is traced once."""
     return jax.lax.cond(happens, jax.jit(stage), lambda _, done, *others: done, plane, done, *others)
 
 
-def _response(plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState) -> Response:
+def response_on_plane(plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState) -> Response:
     """The response of a body that touches the plane."""
     return plane.response(t, eqx.tree_at(lambda x: x.mode, state, jnp.full_like(state.mode, int(Mode.SLIDING))))
 
 
-def _ended(plane: "BodyOnPlane", done: "_Progress", tolerance: Float[Array, ""]) -> "_Progress":
+def end_slip(plane: "BodyOnPlane", done: "Progress", tolerance: Float[Array, ""]) -> "Progress":
     """At the end of a slip, if it has one soon, with the response halfway."""
     t, state = done.t, done.state
     end, found = _end(plane, done, t, state)
@@ -100,15 +100,15 @@ def _ended(plane: "BodyOnPlane", done: "_Progress", tolerance: Float[Array, ""])
 
 
 def _end(
-    plane: "BodyOnPlane", done: "_Progress", t: Float[Array, ""], where: ContactState
+    plane: "BodyOnPlane", done: "Progress", t: Float[Array, ""], where: ContactState
 ) -> tuple[slips.End, Response]:
     """The end of a slip with the response at some time and state, and that response."""
-    found, slip = _response(plane, t, where), slip_velocity(plane.body, done.t, done.state.released)
+    found, slip = response_on_plane(plane, t, where), slip_velocity(plane.body, done.t, done.state.released)
     return slips.end(slips.pull_of_friction, (found, plane.coefficient(slip, slips.HALFWAY)), slip[:2]), found
 
 
 def _slowed(
-    plane: "BodyOnPlane", done: "_Progress", found: Response, where: ContactState, end: slips.End, share: float
+    plane: "BodyOnPlane", done: "Progress", found: Response, where: ContactState, end: slips.End, share: float
 ) -> ContactState:
     """The state after a share of the time in which a slip ends, with the rates ``where`` the response was found."""
     time, slip = share * end.time, slip_velocity(plane.body, done.t, done.state.released)
@@ -117,10 +117,10 @@ def _slowed(
     return done.state.moved(jax.tree.map(lambda x, rate: x + time * rate, done.state.released, moved))
 
 
-def _with_impact(plane: "BodyOnPlane", done: "_Progress") -> "_Progress":
+def strike(plane: "BodyOnPlane", done: "Progress") -> "Progress":
     """After an impact. A rebound that is too slow is treated as none."""
     t, state, contact = done.t, done.state, plane.contact
-    found, slip = _response(plane, t, state), slip_velocity(plane.body, t, state.released)
+    found, slip = response_on_plane(plane, t, state), slip_velocity(plane.body, t, state.released)
     rebounds = contact.restitution * -slip[2] > contact.slowest * plane.unit_of_speed(found)
     e = jnp.where(rebounds, contact.restitution, 0.0)
     after = impact(plane.body, t, state.released, found, plane.coefficient(slip), e)
@@ -131,10 +131,10 @@ def _with_impact(plane: "BodyOnPlane", done: "_Progress") -> "_Progress":
     return done._replace(state=bounced, still=done.still | after.collision.sticks, flies=flies)
 
 
-def _decided(plane: "BodyOnPlane", done: "_Progress", cause: Int[Array, ""]) -> "_Progress":
+def _decided(plane: "BodyOnPlane", done: "Progress", cause: Int[Array, ""]) -> "Progress":
     """In the mode that follows, by the forces that each mode would need."""
     t, state, body, contact = done.t, done.state, plane.body, plane.contact
-    found, given, flies = _response(plane, t, state), state.released, done.flies
+    found, given, flies = response_on_plane(plane, t, state), state.released, done.flies
     slip = slip_velocity(body, t, given)
     still = done.still | plane.is_still(slip, state)
     R, slack = friction.rolling(found).R, plane.rounding_of_force(state, found)
@@ -158,7 +158,7 @@ def _decided(plane: "BodyOnPlane", done: "_Progress", cause: Int[Array, ""]) -> 
     return done._replace(state=after, begins=begins)
 
 
-def _begun(plane: "BodyOnPlane", done: "_Progress") -> ContactState:
+def _begun(plane: "BodyOnPlane", done: "Progress") -> ContactState:
     """With the direction of a slip that begins, for as long as it is computed in advance."""
     t, state = done.t, done.state
     begins = done.begins & plane.slips_end
@@ -175,11 +175,12 @@ def _begun(plane: "BodyOnPlane", done: "_Progress") -> ContactState:
     return eqx.tree_at(lambda x: x.begun, state, select_tree(begins, begun, slips.Beginning.none(t)))
 
 
-class _Progress(NamedTuple):
+class Progress(NamedTuple):
     """A transition in progress: time, the state at the mode's end, and the current one.
 
     ``still`` says that it does not slip, ``flies`` that it leaves the plane, ``lands`` that it comes down, ``decides``
-    that the mode has ended, and ``begins`` that a slip begins.
+    that the mode has ended, and ``begins`` that a slip begins. Under exact dry resistance, ``stands`` says that rolling
+    has ended, and ``turns`` that it begins.
     """
 
     t: Float[Array, ""]
@@ -190,3 +191,5 @@ class _Progress(NamedTuple):
     lands: Bool[Array, ""]
     decides: Bool[Array, ""]
     begins: Bool[Array, ""]
+    stands: Bool[Array, ""] | None = None
+    turns: Bool[Array, ""] | None = None

@@ -1,0 +1,268 @@
+"""A body that rolls, slides or flies on a plane where exact dry resistance may hold it at rest.
+
+The modes are those of a body on a plane, and in each of them but flight the body turns, or is held against rolling or
+against spinning. A body that does not slip and is held against rolling is at rest. One that slips may be held, too: it
+slides without turning where sliding friction is less than dry resistance. In flight the plane resists nothing. Impacts
+have no impulse of dry resistance.
+
+What ends a mode are the three guards of a contact, and those of ``dry_rolling``: the rate of rolling or of spinning in
+its direction, or what dry resistance has to spare where it holds the body.
+"""
+
+import dataclasses
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ...numerics.directions import unit
+from ...numerics.vectors import apply, root
+from ..body import AbstractBody
+from ..hybrid import NONE, Accuracy, Assessment, GuardedStep, Transition
+from ..resistance import TurningMode
+from ..state import PlacedState
+from . import friction, slip as slips
+from .body_on_plane import BodyOnPlane, ContactHistory
+from .modes import Cause, ContactState, Mode
+from .released import ReleasedState, Response, response, slip_velocity
+from .resisted import DryTorque, Resisting
+from .resting_transition import Headings, transition
+from .slip import Beginning, Heading
+
+TURNING_GUARD, SPINNING_GUARD = 3, 4  # after the three of a contact
+
+
+class RestingState(ContactState):
+    """The variables of a body that may slip, fly and rest, which a solve advances.
+
+    A solve advances ω in space axes instead of Ω, so that it is exactly 0 at rest.
+
+    - ``rolls``: 0 where dry resistance holds the body against rolling, else 1.
+    - ``spin``: the sign of ω₃ where friction acts against spinning; 0 where it holds it, and where there is none.
+    - ``rolling``: the direction in which a ball has just begun to roll; that in which a disk rolls.
+    """
+
+    rolls: Float[Array, "*batch"]
+    spin: Float[Array, "*batch"]
+    rolling: Beginning
+
+
+class RestingHistory(ContactHistory):
+    """The modes of a run with a law of contact and exact dry resistance, at its saved times.
+
+    - ``rests``: whether dry resistance held the body against rolling, shape (T,); a body that slips may be held, too.
+    - ``spin``: the sign of ω₃ as friction against spinning has it, 0 where that is held or there is none, shape (T,).
+    - ``rolling``: the direction of ω_h of a body that rolls, a unit vector, also where that begins; else 0,
+      shape (T, 2).
+    """
+
+    described: ClassVar[str] = "a law of contact and exact dry resistance"
+
+    rests: Bool[Array, "*batch T"]
+    spin: Float[Array, "*batch T"]
+    rolling: Float[Array, "*batch T 2"]
+
+    @property
+    def over_time(self) -> dict[str, Array]:
+        return super().over_time | {name: getattr(self, name) for name in ("rests", "spin", "rolling")}
+
+    def as_solved(self, system: AbstractBody, states: Any) -> "tuple[RestingOnPlane, RestingState]":
+        plane, state = super().as_solved(system, states)
+        mode = jnp.where(self.mode == int(Mode.REST), int(Mode.ROLLING), self.mode).astype(state.mode.dtype)
+        rolls = jnp.where(self.rests, 0.0, 1.0).astype(state.mode.dtype)
+        rolling = Beginning.along(state.begun.until, self.rolling)
+        given: dict[str, Any] = {field.name: getattr(state, field.name) for field in dataclasses.fields(state)}
+        given["mode"] = mode
+        solved = RestingState(**given, rolls=rolls, spin=self.spin, rolling=rolling)
+        return RestingOnPlane(system, plane.contact), solved
+
+
+class RestingOnPlane(BodyOnPlane):
+    """A ball or a disk with a law of contact, which exact dry resistance may hold at rest."""
+
+    title: ClassVar[str] = "body with a law of contact and exact dry resistance"
+    state_type: ClassVar[Any] = RestingState
+
+    def prepare(self) -> "RestingOnPlane":
+        return RestingOnPlane(self.body.prepare(), self.contact)
+
+    # What a solve advances.
+
+    def to_packed(self, t: Float[Array, ""], state: Any) -> Any:
+        packed = super().to_packed(t, state)
+        omega = apply(state.body.Lambda, state.body.Omega)
+        return eqx.tree_at(lambda x: x.body, packed, packed.body.with_Omega(self.unless_held(state, omega)))
+
+    def from_packed(self, t: Float[Array, ""], packed: Any) -> Any:
+        packed = packed.projected()
+        Omega = apply(packed.body.Lambda.T, packed.body.Omega)
+        return super().from_packed(t, eqx.tree_at(lambda x: x.body, packed, packed.body.with_Omega(Omega)))
+
+    def packed_field(self, t: Float[Array, ""], packed: Any) -> Any:
+        moved, Lambda = super().packed_field(t, packed), packed.projected().body.Lambda
+        rate = self.unless_held(packed, apply(Lambda, moved.body.Omega))
+        return eqx.tree_at(lambda x: x.body, moved, moved.body.with_Omega(rate))
+
+    def unless_held(self, state: RestingState, omega: Float[Array, "3"]) -> Float[Array, "3"]:
+        """ω, or its rate, in space axes, with 0 for what friction holds."""
+        rests = state.rolls == 0
+        return jnp.where(jnp.stack([rests, rests, self.is_held_still(state)]), 0.0, omega)
+
+    def is_held_still(self, state: RestingState) -> Bool[Array, ""]:
+        """Whether friction holds the body against spinning."""
+        return (state.spin == 0) & self.resists_spinning
+
+    @property
+    def resists_rolling(self) -> bool:
+        return getattr(self.body.resistance, "dry", None) is not None
+
+    @property
+    def resists_spinning(self) -> bool:
+        return getattr(self.body.resistance, "dry_spinning", None) is not None and not self.body.planar
+
+    # The plane.
+
+    def mode(self, t: Float[Array, ""], state: RestingState, sigma: Float[Array, "2"] | None = None) -> TurningMode:
+        """The mode of turning, in space axes, of a body that rolls in the direction ``sigma``, if that is known."""
+        direction = self.direction(t, state) if sigma is None else sigma
+        rests = state.rolls == 0
+        sigma3 = jnp.where(rests, 0.0, jnp.concatenate([direction, jnp.zeros_like(direction[:1])]))
+        return TurningMode(sigma3, state.spin, rests, self.is_held_still(state), jnp.zeros_like(sigma3))
+
+    def direction(self, t: Float[Array, ""], state: RestingState) -> Float[Array, "2"]:
+        """The direction of ω_h of a body that rolls, space axes."""
+        omega = apply(state.body.Lambda, state.body.Omega)
+        begins = t <= state.rolling.until
+        return jnp.where(begins, state.rolling.direction(t), unit(omega[:2]))
+
+    def resisting(self, t: Float[Array, ""], state: RestingState) -> Resisting:
+        """The body before its mode of turning is known."""
+        found = response(self.body, t, state.released, touching=~state.is_in(Mode.FLIGHT))
+        return Resisting.of(self.body, state.body.Lambda, found)
+
+    def response(self, t: Float[Array, ""], state: Any) -> Response:
+        resisting = self.resisting(t, state)
+        return resisting.resisted(resisting.torque(self.mode(t, state)))
+
+    def torque(self, t: Float[Array, ""], state: RestingState) -> tuple[Resisting, DryTorque]:
+        """The body and its dry torque."""
+        resisting = self.resisting(t, state)
+        return resisting, resisting.torque(self.mode(t, state))
+
+    def dry_torque(self, t: Float[Array, ""], state: Any, acting: friction.Interaction) -> Float[Array, "3"]:
+        _, torque = self.torque(t, state)
+        return apply(state.body.Lambda.T, torque(acting.slip_acceleration, acting.normal))
+
+    # The guards.
+
+    def step_reference(self, t: Float[Array, ""], state: Any, accuracy: Accuracy) -> Any:
+        """The headings of a slip and of rolling as a step begins."""
+        sigma, omega = self.direction(t, state), apply(state.body.Lambda, state.body.Omega)
+        errors = accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2))
+        heading = Heading.of(sigma, omega[:2], self._unit_of_rate(omega), errors)
+        if self.body.planar:
+            heading = heading._replace(least=jnp.zeros_like(heading.least))
+        return Headings(super().step_reference(t, state, accuracy), heading)
+
+    def guards(self, t: Float[Array, ""], state: Any) -> Float[Array, "5"]:
+        """The guards without a solve, in which a slip and rolling end where their velocities vanish."""
+        sigma, zero = state.direction(t, slip_velocity(self.body, t, state.released)), jnp.zeros_like(state.height)
+        headings = Heading(sigma, zero, zero), Heading(self.direction(t, state), zero, zero)
+        return self.guards_in_step(t, state, Headings(*headings))
+
+    def guards_in_step(self, t: Float[Array, ""], state: Any, reference: Any) -> Float[Array, "5"]:
+        """Those of the contact, of rolling and of spinning."""
+        resisting, torque = self.torque(t, state)
+        found = resisting.resisted(torque)
+        acting = self.interaction(t, state, found)
+        of_contact = self.guards_of_contact(t, state, reference.slip, found, acting)
+        spare, omega = resisting.spare(torque, acting), apply(state.body.Lambda, state.body.Omega)
+        flies, one = state.is_in(Mode.FLIGHT), jnp.ones_like(state.height)
+        rolling = spinning = one
+        if self.resists_rolling:
+            forward = jnp.sum(omega[:2] * reference.rolling.sigma) - reference.rolling.least
+            rolling = jnp.where(state.rolls == 0, spare.rolling, forward)
+        if self.resists_spinning:
+            spinning = jnp.where(state.spin == 0, spare.spinning, state.spin * omega[2])
+        turning = jnp.where(flies, one, jnp.stack([rolling, spinning]))
+        return jnp.concatenate([of_contact, turning])
+
+    def time_event(self, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
+        """The next end of a window in which the direction of a slip or of rolling is known beforehand."""
+        slip, rolling = super().time_event(t, state), state.rolling.until
+        if self.body.planar:
+            return slip
+        rolling = jnp.where((state.rolls != 0) & (rolling > t), rolling, jnp.inf)
+        return jnp.minimum(jnp.where(slip > t, slip, jnp.inf), rolling)
+
+    def assess(self, step: GuardedStep, accuracy: Accuracy) -> Assessment:
+        """The cause that the guard which is zero stands for, or an end of a slip or of rolling; the longest step."""
+        turns, state = step.zero >= TURNING_GUARD, step.state
+        reference, guards = step.reference, step.guards
+        own = step._replace(
+            reference=reference.slip,
+            guards=guards[:TURNING_GUARD],
+            zero=jnp.where(turns, NONE, step.zero),
+        )
+        contact = super().assess(own, accuracy)
+        rolls = (state.rolls != 0) & ~state.is_in(Mode.FLIGHT) & self.resists_rolling
+        stops, ends = rolls & (step.zero == TURNING_GUARD), turns & step.has_fallen
+        nears, longest = jnp.zeros_like(turns), contact.longest
+        if not self.body.planar:
+            least, omega = reference.rolling.least, apply(state.body.Lambda, state.body.Omega)
+            errors = slips.ERRORS * (accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2)))
+            slow = root(jnp.sum(omega[:2] ** 2)) <= 2 * least + errors
+            ends = turns & jnp.where(stops, slow, step.has_fallen)
+            before, after = guards[TURNING_GUARD, 0] + least, guards[TURNING_GUARD, -1] + least
+            nears = rolls & slow & slips.nears_its_end(before, after, least)
+            braked = slips.longest_step(before, after, least, step.end - step.start, accuracy)
+            longest = jnp.minimum(longest, jnp.where(rolls & ~ends, braked, jnp.inf))
+        rolling = jnp.where(state.rolls == 0, int(Cause.BREAKS_LOOSE), int(Cause.ROLLING_ENDS))
+        spinning = jnp.where(state.spin == 0, int(Cause.BEGINS_TO_SPIN), int(Cause.SPINNING_ENDS))
+        cause = jnp.where(step.zero == SPINNING_GUARD, spinning, rolling)
+        otherwise = jnp.where((contact.event < 0) & nears, int(Cause.ROLLING_ENDS), contact.event)
+        return Assessment(jnp.where(ends, cause, otherwise), longest)
+
+    def _unit_of_rate(self, omega: Float[Array, "3"]) -> Float[Array, ""]:
+        """A reference for errors of ω: √(g/r) and |ω|."""
+        g, r, size = jax.lax.stop_gradient((jnp.abs(self.body.gravity), self.body.radius, root(jnp.sum(omega**2))))
+        return root(g / r) + size
+
+    # How modes begin.
+
+    def start(self, t: Float[Array, ""], state: ReleasedState | PlacedState) -> RestingState:
+        given = super().start(t, state)
+        fields = {field.name: getattr(given, field.name) for field in dataclasses.fields(given)}
+        one = jnp.ones_like(given.height)  # nothing is held before the first transition
+        return RestingState(**fields, rolls=one, spin=one, rolling=Beginning.none(one))
+
+    def transition(self, t: Float[Array, ""], state: Any, event: Int[Array, ""], accuracy: Accuracy) -> Transition:
+        return transition(self, t, state, event, accuracy)
+
+    # What a run shows.
+
+    def history(self, times: Float[Array, " T"], states: Any, record: Any) -> RestingHistory:
+        of_contact = super().history(times, states, record)
+        rests = states.rolls == 0
+        plane = self.prepare()
+        rolling = jax.lax.map(lambda known: plane.direction(*known), (times, states))
+        fields = {field.name: getattr(of_contact, field.name) for field in dataclasses.fields(of_contact)}
+        before, after = ((x.mode, x.rolls) for x in (record.before, record.after))
+        switches = dataclasses.replace(
+            of_contact.switches,
+            source=_with_rest(of_contact.switches.source, before[1]),
+            target=_with_rest(of_contact.switches.target, after[1]),
+        )
+        return RestingHistory(
+            **fields | {"mode": _with_rest(of_contact.mode, states.rolls), "switches": switches},
+            rests=rests,
+            spin=states.spin,
+            rolling=jnp.where(rests[..., None], 0.0, rolling),
+        )
+
+
+def _with_rest(mode: Int[Array, "*rows"], rolls: Float[Array, "*rows"]) -> Int[Array, "*rows"]:
+    """Modes where one of rolling is that of rest if dry resistance holds the body."""
+    return jnp.where((mode == int(Mode.ROLLING)) & (rolls == 0), int(Mode.REST), mode)

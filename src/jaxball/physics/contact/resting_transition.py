@@ -1,0 +1,407 @@
+"""What follows the end of a mode of a body on a plane where exact dry resistance may hold it: as in ``transition``.
+
+Everything that does not move is held, as far as friction and dry resistance can do it: the most overloaded of them lets
+go first. A slip and rolling that begin at the same time each depend on the direction of the other, and their windows
+are computed in turn.
+"""
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ...interface.status import Status
+from ...numerics.arrays import select_tree
+from ...numerics.directions import diverging, unit
+from ...numerics.vectors import apply
+from ...programs.derivatives.differentiation import without_derivatives
+from ..hybrid import START, Accuracy, Transition, at_zero
+from ..resistance import TurningMode
+from ..rest import candidates, resist
+from . import friction, slip as slips
+from .modes import CAUSES, Cause, Mode
+from .released import ReleasedState, Response, rates, slip_velocity, with_slip
+from .resisted import Resisting
+from .slip import Beginning, Heading
+from .transition import Progress, end_slip, only_if, strike
+
+if TYPE_CHECKING:
+    from .resting import RestingOnPlane, RestingState
+
+
+class Headings(NamedTuple):
+    """The headings of a slip and of rolling as a step begins."""
+
+    slip: Heading
+    rolling: Heading
+
+
+RELEASES = 3  # at most: against slip, rolling and spinning
+TURNS_TAKEN = 6  # by the windows of a slip and of rolling that begin together
+
+
+def transition(
+    plane: "RestingOnPlane", t: Float[Array, ""], state: "RestingState", event: Int[Array, ""], accuracy: Accuracy
+) -> Transition:
+    """What follows a :class:`Cause` for which a mode ends, the end of a window, or the start of a run."""
+    starts = event == START
+    cause = jnp.where(starts, int(Cause.START), event)
+    slip, rolling = without_derivatives(plane).step_reference(*without_derivatives((t, state, accuracy)))
+    least = jnp.zeros_like(rolling.speed) if plane.body.planar else rolling.speed
+    heading = Headings(slip._replace(least=slip.speed), rolling._replace(least=least))
+    turns, spins = (_is_one_of(cause, *causes) for causes in (_ROLLING, _SPINNING))
+    of_contact = jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == cause)
+    which = jnp.where(turns, len(CAUSES), jnp.where(spins, len(CAUSES) + 1, of_contact))
+
+    def guards(plane: "RestingOnPlane", t: Float[Array, ""], state: "RestingState") -> Float[Array, "5"]:
+        return plane.guards_in_step(t, state, heading)
+
+    t, before, slope = at_zero(guards, plane, t, state, which, cause > int(Cause.START))
+    done = _next_mode(plane, t, before, cause, accuracy.tolerance)
+    slows = _is_one_of(cause, Cause.STOPS) | _is_one_of(cause, Cause.ROLLING_ENDS) & (not plane.body.planar)
+    return Transition(
+        t=done.t,
+        before=done.before,
+        after=done.state,
+        event=jnp.where(starts, int(Cause.LANDS), cause),
+        slope=slope,
+        switches=jnp.where(starts, done.lands, done.decides),
+        crowds=cause != int(Cause.LANDS),
+        pauses=slows & done.decides,  # in ever shorter steps
+        status=jnp.where(cause == int(Cause.JAMS), int(Status.JAMMED), int(Status.SUCCESS)),
+    )
+
+
+_ROLLING = Cause.ROLLING_ENDS, Cause.BREAKS_LOOSE
+_SPINNING = Cause.SPINNING_ENDS, Cause.BEGINS_TO_SPIN
+
+
+def _is_one_of(cause: Int[Array, ""], *causes: Cause) -> Bool[Array, ""]:
+    return jnp.any(jnp.stack([cause == int(each) for each in causes]))
+
+
+def _next_mode(
+    plane: "RestingOnPlane",
+    t: Float[Array, ""],
+    state: "RestingState",
+    cause: Int[Array, ""],
+    tolerance: Float[Array, ""],
+) -> Progress:
+    """The state that follows the end of a mode: after the end of a slip or of rolling, or an impact."""
+    starts, decides = cause == int(Cause.START), cause >= int(Cause.START)
+    lands = (cause == int(Cause.LANDS)) | starts & (state.height <= 0) & (state.V[2] < 0)
+    still = (cause == int(Cause.GIVES_WAY)) | state.is_in(Mode.ROLLING)
+    flies = (cause == int(Cause.LIFTS)) | starts & ((state.height > 0) | (state.V[2] > 0))
+    none = Beginning.none(state.height)
+    begun, rolling = (select_tree(decides | (x.until <= t), none, x) for x in (state.begun, state.rolling))
+    if plane.body.planar:
+        rolling = state.rolling  # that of a disk does not turn
+    now = eqx.tree_at(
+        lambda x: (x.height, x.begun, x.rolling), state, (jnp.where(starts, state.height, 0.0), begun, rolling)
+    )
+    no = jnp.asarray(False)
+    done = Progress(t, state, now, still, flies, lands, decides, no, stands=no, turns=no)
+    done = only_if(cause == int(Cause.STOPS), end_slip, plane, done, tolerance)
+    done = only_if(cause == int(Cause.ROLLING_ENDS), _end_rolling, plane, done, tolerance)
+    done = only_if(lands, strike, plane, done)
+    done = only_if(done.decides, _decide, plane, done, cause)
+    return done._replace(state=_begun(plane, done))
+
+
+# The end of rolling.
+
+
+class _Rolling(NamedTuple):
+    """A body that rolls: before its mode of turning is known, that mode, and the mode of its contact."""
+
+    resisting: Resisting
+    mode: TurningMode
+    slides: Bool[Array, ""]
+    mu: Float[Array, ""]
+    sigma: Float[Array, "2"]
+
+    @classmethod
+    def of(cls, plane: "RestingOnPlane", t: Float[Array, ""], state: "RestingState") -> "_Rolling":
+        """That of a state."""
+        slip = slip_velocity(plane.body, t, state.released)
+        mu, sigma = plane.coefficient(slip), state.direction(t, slip)
+        mode = plane.mode(t, state)
+        return cls(plane.resisting(t, state), mode, state.is_in(Mode.SLIDING), mu, sigma)
+
+    def pull(self, sigma: Float[Array, "2"]) -> slips.Pull:
+        """How ω_h changes in a direction of rolling."""
+        turning = self.resisting.turning(self.slides, self.mu, self.sigma)
+        acting = resist(self.resisting.resistance, turning, self.mode._replace(sigma=_in_three(sigma)))
+        return slips.Pull(acting.rate[:2], -jnp.sum(sigma * acting.torque[:2]), acting.normal)
+
+    def rates(self, body: Any, state: "RestingState", mode: TurningMode) -> ReleasedState:
+        """ẋ in a mode of turning."""
+        found = self.resisting.resisted(self.resisting.torque(mode))
+        acting = self.interaction(found)
+        return rates(body, state.released, found, acting.slip_acceleration, acting.normal)
+
+    def interaction(self, found: Response) -> friction.Interaction:
+        """The reaction of the plane."""
+        return select_tree(self.slides, friction.sliding(found, self.mu, self.sigma), friction.rolling(found))
+
+
+def _end_rolling(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array, ""]) -> Progress:
+    """At the end of rolling, if it has one soon, with what acts halfway."""
+    state: Any = done.state
+    if plane.body.planar:
+        return done._replace(stands=jnp.asarray(True))
+    t, omega = done.t, apply(state.body.Lambda, state.body.Omega)[:2]
+
+    def end(about: _Rolling) -> slips.End:
+        about = about._replace(mode=plane.mode(t, state, unit(omega)))
+        return slips.end(_Rolling.pull, about, omega)
+
+    def brake(about: _Rolling, time: Float[Array, ""], share: float, where: Any) -> Any:
+        rate = -omega / jnp.where(time > 0, time, 1.0)
+        held = about.mode._replace(rests=jnp.asarray(True), braking=_in_three(rate))
+        moved = about.rates(plane.body, where, held)
+        return state.moved(jax.tree.map(lambda x, rate: x + share * time * rate, state.released, moved))
+
+    about = _Rolling.of(plane, t, state)
+    first = end(about)
+    ends = first.comes & (first.time <= slips.longest_pause(tolerance, slips.unit_of_time(plane.body)))
+    halfway = brake(about, first.time, slips.HALFWAY, state)
+    about = _Rolling.of(plane, t + slips.HALFWAY * first.time, halfway)
+    second = end(about)
+    stopped = brake(about, second.time, 1.0, halfway).projected()
+    spin = apply(stopped.body.Lambda, stopped.body.Omega)[2]
+    at_rest = stopped.body.with_Omega(apply(stopped.body.Lambda.T, jnp.stack([0 * spin, 0 * spin, spin])))
+    stopped = eqx.tree_at(lambda x: x.body, stopped, at_rest)
+    after = done._replace(t=t + second.time, before=stopped, state=stopped, stands=jnp.asarray(True))
+    return select_tree(ends, after, done._replace(decides=jnp.asarray(False)))
+
+
+# The next mode.
+
+
+class _Choice(NamedTuple):
+    """Whether the contact and, in ``mode``, rolling and spinning are held, and their directions where they are not."""
+
+    sticks: Bool[Array, ""]
+    sigma: Float[Array, "2"]
+    mode: TurningMode
+
+
+class _Deciding(NamedTuple):
+    """A body of which it is decided what is held.
+
+    ``still`` says that it does not slip, ``mu`` is the coefficient of sliding friction.
+    """
+
+    resisting: Resisting
+    still: Bool[Array, ""]
+    mu: Float[Array, ""]
+    static: Float[Array, ""]
+    slack: Float[Array, ""]
+
+    def response(self, choice: _Choice) -> Response:
+        """The response where some things are held."""
+        return self.resisting.resisted(self.resisting.torque(choice.mode))
+
+    def first_slip(self, choice: _Choice) -> Float[Array, "2"]:
+        """The direction in which a slip begins."""
+        return friction.first_slip(self.response(choice), self.mu).sigma
+
+    def first_rolling(self, choice: _Choice) -> Float[Array, "3"]:
+        """The direction in which rolling begins."""
+        sigma = diverging(_pull, (self, choice), jax.lax.stop_gradient(choice.mode.sigma[:2])).sigma
+        return _in_three(sigma)
+
+    def with_one_less(self, choice: _Choice, at_once: Bool[Array, "3"]) -> _Choice:
+        """The choice in which the most overloaded of them has let go; or those that let go ``at_once``, if any do."""
+        sigma = jax.lax.cond(self.still & ~choice.sticks, lambda: self.first_slip(choice), lambda: choice.sigma)
+        torque = self.resisting.torque(choice.mode)
+        found = self.resisting.resisted(torque)
+        acting = select_tree(choice.sticks, friction.rolling(found), friction.sliding(found, self.mu, sigma))
+        T, need = torque(acting.slip_acceleration, acting.normal), self.resisting.spare(torque, acting)
+        N = acting.R[2]
+        spare = friction.margin(acting.R, self.static) + self.slack
+        load = jnp.sum(acting.R[:2] ** 2) / jnp.maximum(self.static * N, float(jnp.finfo(N.dtype).tiny) ** 0.25) ** 2
+        held = jnp.stack([choice.sticks, choice.mode.rests, choice.mode.still])
+        fails = held & ~(jnp.stack([jnp.minimum(spare, N + self.slack), need.rolling, need.spinning]) > 0)
+        loads = jnp.where(fails, jnp.concatenate([load[None], need.loads]), -jnp.inf)
+        most = fails & (loads == jnp.max(loads))
+        most &= jnp.cumsum(most) == 1
+        off = jnp.where(jnp.any(at_once), at_once & held, most)
+        against, spin = -unit(T[:2]), -jnp.sign(T[2])
+        if self.resisting.axle is not None:
+            against = against.at[0].set(0.0)
+        mode = choice.mode._replace(
+            sigma=jnp.where(off[1], _in_three(against), choice.mode.sigma),
+            spin=jnp.where(off[2], spin, choice.mode.spin),
+            rests=choice.mode.rests & ~off[1],
+            still=choice.mode.still & ~off[2],
+        )
+        return _Choice(choice.sticks & ~off[0], sigma, mode)
+
+
+def _pull(about: tuple[_Deciding, _Choice], sigma: Float[Array, "2"]) -> tuple[Float[Array, "2"], Float[Array, ""]]:
+    deciding, choice = about
+    turning = deciding.resisting.turning(~choice.sticks, deciding.mu, choice.sigma)
+    acting = resist(deciding.resisting.resistance, turning, choice.mode._replace(sigma=_in_three(sigma)))
+    return acting.rate[:2], acting.normal
+
+
+def _decide(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> Progress:
+    """In the mode that follows: held as far as friction and dry resistance can do it."""
+    t, body, contact = done.t, plane.body, plane.contact
+    assert done.stands is not None
+    given, omega = _cleaned(plane, done, cause)
+    touching: Any = eqx.tree_at(lambda x: x.mode, given, jnp.full_like(given.mode, int(Mode.SLIDING)))
+    slip, resisting = slip_velocity(body, t, given.released), plane.resisting(t, touching)
+    still = done.still | plane.is_still(slip, given)
+    mu = plane.coefficient(jnp.where(still, 0.0, slip))
+    slack = plane.rounding_of_force(given, resisting.response)
+    deciding = _Deciding(resisting, still, mu, contact.static, slack)
+    moving = candidates(resisting.resistance, resisting.bare, omega)
+    may_rest = (cause == int(Cause.START)) | done.stands | done.lands | (given.rolls == 0)
+    moving = moving._replace(rests=moving.rests & may_rest)
+    gives_way = cause == int(Cause.GIVES_WAY)
+    sticks = still & (contact.static > 0) & ~gives_way
+    sigma = friction.slip_direction(slip, jnp.zeros_like(slip[:2]))
+    at_once = jnp.stack([jnp.asarray(False), cause == int(Cause.BREAKS_LOOSE), cause == int(Cause.BEGINS_TO_SPIN)])
+    choice = _chosen(deciding, _Choice(sticks, sigma, moving), at_once)
+    slips_now, turns = still & ~choice.sticks, moving.rests & ~choice.mode.rests
+    choice = _directed(deciding, choice, slips_now, turns, plane.body.planar)
+    found = deciding.response(choice)
+    flies = done.flies | ~choice.sticks & ~(friction.sliding(found, mu, choice.sigma).normal > -slack)
+    # The rest of a slip that ends is dissipated by friction; one without an end continues.
+    stopped = with_slip(body, given.released, found, slip, jnp.zeros_like(slip))
+    state: Any = select_tree(still & ~flies & (choice.sticks | plane.slips_end), given.moved(stopped), given)
+    V = state.V.at[2].set(jnp.where(flies & (cause != int(Cause.LIFTS)), state.V[2], 0.0))
+    mode = jnp.where(flies, int(Mode.FLIGHT), jnp.where(choice.sticks, int(Mode.ROLLING), int(Mode.SLIDING)))
+    rolls = jnp.where(choice.mode.rests & ~flies, 0.0, 1.0).astype(V.dtype)
+    spin = choice.mode.spin if plane.resists_spinning else jnp.zeros_like(choice.mode.spin)
+    spin = jnp.where(flies & (spin == 0), 1.0, spin).astype(V.dtype)
+    begun, rolling = Beginning.along(t, choice.sigma), Beginning.along(t, choice.mode.sigma[:2])
+    after = eqx.tree_at(
+        lambda x: (x.V, x.mode, x.begun, x.rolls, x.spin, x.rolling),
+        state,
+        (V, mode.astype(V.dtype), begun, rolls, spin, rolling),
+    )
+    return done._replace(state=after, begins=slips_now & ~flies, turns=turns & ~flies)
+
+
+def _cleaned(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> tuple[Any, Float[Array, "3"]]:
+    """The state, and ω, with exactly 0 for what has stopped or is held."""
+    state: Any = done.state
+    assert done.stands is not None
+    omega = plane.unless_held(state, apply(state.body.Lambda, state.body.Omega))
+    spin_ends = cause == int(Cause.SPINNING_ENDS)
+    omega = jnp.where(jnp.stack([done.stands, done.stands, spin_ends]), 0.0, omega)
+    body = state.body.with_Omega(apply(state.body.Lambda.T, omega))
+    return eqx.tree_at(lambda x: x.body, state, body), omega
+
+
+def _chosen(deciding: _Deciding, choice: _Choice, at_once: Bool[Array, "3"]) -> _Choice:
+    """The choice when nothing is overloaded; it has no derivatives but those of the given one."""
+    still, held, now = without_derivatives((deciding, choice, at_once))
+    held = still.with_one_less(held, now)
+    none = jnp.zeros_like(at_once)
+    last = jax.lax.fori_loop(0, RELEASES, lambda _, held: still.with_one_less(held, none), held)
+    slides, turned = choice.sticks & ~last.sticks, choice.mode.rests & ~last.mode.rests
+    mode = last.mode._replace(sigma=jnp.where(turned, last.mode.sigma, choice.mode.sigma))
+    return _Choice(last.sticks, jnp.where(slides | deciding.still, last.sigma, choice.sigma), mode)
+
+
+def _directed(
+    deciding: _Deciding, choice: _Choice, slips_now: Bool[Array, ""], turns: Bool[Array, ""], planar: bool
+) -> _Choice:
+    """The choice with the directions in which a slip and rolling that begin grow."""
+
+    def next_choice(choice: _Choice, _: None) -> tuple[_Choice, None]:
+        sigma = jax.lax.cond(slips_now, lambda: deciding.first_slip(choice), lambda: choice.sigma)
+        choice = choice._replace(sigma=sigma)
+        if planar:
+            return choice, None
+        rolling = jax.lax.cond(turns, lambda: deciding.first_rolling(choice), lambda: choice.mode.sigma)
+        return choice._replace(mode=choice.mode._replace(sigma=rolling)), None
+
+    return jax.lax.scan(next_choice, choice, None, length=TURNS_TAKEN)[0]
+
+
+# The windows in which directions are known beforehand.
+
+
+class _Slipping(NamedTuple):
+    """A body that begins to slip, in the modes of ``begins``."""
+
+    plane: Any
+    begins: Any
+
+    def prepared(self, t: Float[Array, ""], state: ReleasedState) -> tuple[Response, Float[Array, ""]]:
+        now = self.begins.moved(state)
+        return self.plane.response(t, now), self.plane.coefficient(slip_velocity(self.plane.body, t, state))
+
+    def pulled(
+        self, t: Float[Array, ""], state: ReleasedState, prepared: tuple[Response, Float[Array, ""]], sigma: Array
+    ) -> tuple[Float[Array, "2"], ReleasedState]:
+        """The slip acceleration along the plane, and ẋ."""
+        found, mu = prepared
+        acting = friction.sliding(found, mu, sigma)
+        moved = rates(self.plane.body, state, found, acting.slip_acceleration, acting.normal)
+        return acting.slip_acceleration[:2], moved
+
+
+class _Turning(NamedTuple):
+    """A ball that begins to roll, in the modes of ``begins``."""
+
+    plane: Any
+    begins: Any
+
+    def prepared(self, t: Float[Array, ""], state: ReleasedState) -> _Rolling:
+        return _Rolling.of(self.plane, t, self.begins.moved(state))
+
+    def pulled(
+        self, t: Float[Array, ""], state: ReleasedState, prepared: _Rolling, sigma: Float[Array, "2"]
+    ) -> tuple[Float[Array, "2"], ReleasedState]:
+        """ω̇_h in space axes, and ẋ."""
+        now = self.begins.moved(state)
+        moved = prepared.rates(self.plane.body, now, self.plane.mode(t, now, sigma))
+        return apply(state.body.Lambda, moved.body.Omega)[:2], moved
+
+
+def _begun(plane: "RestingOnPlane", done: Progress) -> "RestingState":
+    """With the directions of a slip and of rolling that begin, for as long as they are computed in advance."""
+    t, state = done.t, done.state
+    assert done.turns is not None
+    longest = slips.longest_window(t, plane.driving_kinks(), slips.unit_of_time(plane.body))
+    begins, turns, none = done.begins & plane.slips_end, done.turns, Beginning.none(t)
+    start: Any = state
+    sigma, rolling = start.begun.sigma, start.rolling.sigma
+    if plane.body.planar:
+        begun = select_tree(done.decides, select_tree(begins, Beginning.along(t + longest, sigma), none), start.begun)
+        ever = Beginning.along(jnp.full_like(t, float(jnp.finfo(t.dtype).max)), rolling)
+        return eqx.tree_at(lambda x: (x.begun, x.rolling), state, (begun, ever))
+
+    def windows(start: Any, first: Bool[Array, ""]) -> tuple[Any, None]:
+        needed = first | begins & turns
+        begun = jax.lax.cond(
+            needed & begins,
+            lambda: slips.beginning(_Slipping(plane, start), t, state.released, sigma, longest),
+            lambda: start.begun,
+        )
+        start = eqx.tree_at(lambda x: x.begun, start, begun)
+        turning = jax.lax.cond(
+            needed & turns,
+            lambda: slips.beginning(_Turning(plane, start), t, state.released, rolling, longest),
+            lambda: start.rolling,
+        )
+        return eqx.tree_at(lambda x: x.rolling, start, turning), None
+
+    ahead = Beginning.along(t + longest, sigma), Beginning.along(t + longest, rolling)
+    kept = select_tree(done.decides, none, start.begun), select_tree(done.decides, none, start.rolling)
+    first = select_tree(begins, ahead[0], kept[0]), select_tree(turns, ahead[1], kept[1])
+    start = eqx.tree_at(lambda x: (x.begun, x.rolling), start, first)
+    return jax.lax.scan(windows, start, jnp.arange(TURNS_TAKEN) == 0)[0]
+
+
+def _in_three(v: Float[Array, "2"]) -> Float[Array, "3"]:
+    return jnp.concatenate([v, jnp.zeros_like(v[:1])])
