@@ -3,7 +3,7 @@
 from typing import Any
 
 import equinox as eqx
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..numerics.vectors import apply
 from .parameters import BodyParameters
@@ -27,6 +27,18 @@ def contact_normal(system: BodyParameters, t: Float[Array, ""], state: Any) -> F
         return state.Gamma
     assert isinstance(state, BallState | RotationState)
     return apply(state.Lambda.T, surface.normal(t, state.z))
+
+
+def has_end(system: Any) -> bool:
+    """Whether a system is a body on a surface, which may not let it go on."""
+    return isinstance(getattr(system, "ground", None), AbstractSurface)
+
+
+def end_of_ground(system: BodyParameters, t: Float[Array, ""], state: Any) -> Int[Array, ""]:
+    """Whether the surface under a body does not let it go on from a state: a status, or SUCCESS if it does."""
+    surface = system.ground
+    assert isinstance(surface, AbstractSurface)
+    return surface.end(t, system.radius, state.z)
 
 
 def rates(

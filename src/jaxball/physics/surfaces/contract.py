@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ...interface.arguments import require
+from ...interface.status import Status
 from ...numerics.arrays import concatenated
 from ...numerics.vectors import cross, dot, root, unit_vector
 from ..conditions import Condition
@@ -28,6 +29,10 @@ CURVED = (
     "curved less than the ball where it starts, on the side of the ball, because a ball that is more curved than its "
     "ground touches it in one point"
 )
+ON_CHART = "coordinates of a place on the ground, away from its edge and from where they end"
+# What must be left of a chart, and of a fit, so that the equations can be evaluated, and so that a solve goes on, in
+# units of the square root of the rounding: a place is known that well where its coordinates have a turning point.
+LEAST_MARGIN, END_MARGIN = 4.0, 40.0
 Time = Float[Array, ""]
 Coordinate = Float[Array, ""]
 
@@ -69,10 +74,12 @@ class AbstractSurface(AbstractGround):
     An implementer supplies ``point(t, u1, u2)``, traced with ``jax.numpy``: where the piece of the ground with the
     coordinates u = (u1, u2) is at a time, as ∂p/∂u1 × ∂p/∂u2 points towards the ball. A piece keeps its coordinates:
     the velocity of the ground's matter is ∂p/∂t. And a field ``motion``, a :class:`~jaxball.MovingFrame` that moves
-    it as a rigid body, or None.
+    it as a rigid body, or None. Where the ground has an edge, or its coordinates do not reach all of it, also
+    ``reach(t, u1, u2)``; a run ends there with the status ``LEFT_SURFACE``.
 
     The coordinates of the contact point are the ``z`` of a ball's state. Space axes are at rest, and gravity is −g e3.
-    That the ground is touched in one point only is checked where a run starts, and only near that point.
+    That the ground is touched in one point only is checked near that point alone: where it bends towards the ball as
+    strongly as the ball is curved, a run ends with the status ``WEDGED``.
     """
 
     if TYPE_CHECKING:  # to a type checker, a field declared here would come first among the arguments
@@ -87,13 +94,22 @@ class AbstractSurface(AbstractGround):
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         """Where the piece with these coordinates is before ``motion`` moves it, length."""
 
+    def reach(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, ""]:
+        """How much of the ground is left ahead: 0 at its edge, or where its coordinates end, and positive inside.
+
+        A number without a unit, of the order of 1 far from there; 1 everywhere if not supplied.
+        """
+        return jnp.ones_like(u1)
+
     def conditions(self, planar: bool = False) -> Iterator[Condition]:
         if self.motion is not None:
             yield from self.motion.conditions("ground.motion")
 
     def start_conditions(self, t: Time, r: Float[Array, ""], state: Any) -> Iterator[Condition]:
-        """A ball must be more curved than the ground is towards it; r is its radius."""
-        fits = self.fit(t, r, state.z)
+        """A ball must be on the ground, and more curved than it is towards the ball; r is the ball's radius."""
+        on_chart = self.reach(t, state.z[0], state.z[1]) > _margin(END_MARGIN, r)
+        yield Condition(on_chart, "state.z", state.z, ON_CHART)
+        fits = jnp.where(on_chart, self.fit(t, r, state.z), 1.0)
         yield Condition(fits > 0, "ground", fits, CURVED)
 
     def up(self) -> Float[Array, "3"]:
@@ -133,15 +149,24 @@ class AbstractSurface(AbstractGround):
         contact, (by_u1, by_u2, _) = self._slopes(t, u)
         return _Chart.of(contact.n, by_u1, by_u2, r).fit
 
+    def end(self, t: Time, r: Float[Array, ""], u: Float[Array, "2"]) -> Int[Array, ""]:
+        """Whether a ball of radius ``r`` cannot go on from the coordinates ``u``: a status, or SUCCESS if it can."""
+        least = _margin(END_MARGIN, r)
+        wedged, left = self.fit(t, r, u) < least, self.reach(t, u[0], u[1]) < least
+        status = jnp.where(wedged, int(Status.WEDGED), int(Status.SUCCESS))
+        return jnp.where(left, int(Status.LEFT_SURFACE), status)
+
     def footing(self, t: Time, r: Float[Array, ""], u: Float[Array, "2"], omega: Float[Array, "3"]) -> Footing:
         """How it holds a ball of radius ``r`` that turns at ``omega``, space axes, where its coordinates are ``u``.
 
-        Where the ball is not more curved than the ground, u̇ is NaN, which ends a solve with a status.
+        Where the ball is not more curved than the ground, or the ground ends, u̇ is NaN, which ends a solve with a
+        status.
         """
         contact, (by_u1, by_u2, by_t) = self._slopes(t, u)
         chart = _Chart.of(contact.n, by_u1, by_u2, r)
         rolling = r * cross(omega, contact.n)
         rates = chart.coordinates(rolling - r * by_t.n)
+        rates = jnp.where(self.reach(t, u[0], u[1]) > _margin(LEAST_MARGIN, r), rates, jnp.nan)
         # The gradient of w along both tangents, of which the antisymmetric part is the turning of the ground's matter.
         (a, b), tangents = chart.inverse.T, chart.tangents
         along_1, along_2 = by_u1.w * a[0] + by_u2.w * a[1], by_u1.w * b[0] + by_u2.w * b[1]
@@ -205,10 +230,15 @@ class _Chart(NamedTuple):
         NaN where the ball does not fit the ground.
         """
         S = self.stretch
-        fits = (S[0, 0] + S[1, 1] > 0) & (_determinant(S) > 0)
+        fits = self.fit > _margin(LEAST_MARGIN, S)
         steps = _product(_inverse(S), jnp.sum(self.tangents * v[None], axis=1, keepdims=True))
         rates = _product(self.inverse, steps)[:, 0]
         return jnp.where(fits, rates, jnp.nan)
+
+
+def _margin(size: float, x: Float[Array, "..."]) -> float:
+    """A margin in the precision of ``x``."""
+    return size * float(jnp.finfo(x.dtype).eps) ** 0.5
 
 
 def _derivative(function: Any, x: Float[Array, ""]) -> tuple[Any, Any]:

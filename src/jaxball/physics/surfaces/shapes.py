@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -51,7 +52,16 @@ class HeightField(OfKinkedFunctionOfState, AbstractSurface):
         require_function("function", self.function, (), t=number, x=number, y=number, parameters=self.parameters)
 
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
-        return jnp.stack([u1, u2, jnp.asarray(self.function(t, u1, u2, self.parameters), u1.dtype)])
+        return jnp.stack([u1, u2, self._height(t, u1, u2)])
+
+    def reach(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, ""]:
+        """The upward component of the normal, which is 0 where the ground is vertical."""
+        _, along_x = jax.jvp(lambda x: self._height(t, x, u2), (u1,), (jnp.ones_like(u1),))
+        _, along_y = jax.jvp(lambda y: self._height(t, u1, y), (u2,), (jnp.ones_like(u2),))
+        return 1 / jnp.sqrt(1 + along_x**2 + along_y**2)
+
+    def _height(self, t: Time, x: Coordinate, y: Coordinate) -> Float[Array, ""]:
+        return jnp.asarray(self.function(t, x, y, self.parameters), x.dtype)
 
     def kinks(self) -> Float[Array, " kinks"]:
         return concatenated([self.kink_times, AbstractSurface.kinks(self)])
@@ -127,6 +137,9 @@ class Bowl(AbstractSurface):
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         return _on_sphere(self.radius, u1, u2, 1.0)
 
+    def reach(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, ""]:
+        return _to_pole(self.radius, u1, u2)
+
 
 class SphereOutside(AbstractSurface):
     """The outside of a sphere, whose highest point is the origin.
@@ -156,6 +169,9 @@ class SphereOutside(AbstractSurface):
 
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         return _on_sphere(self.radius, u1, u2, -1.0)
+
+    def reach(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, ""]:
+        return _to_pole(self.radius, u1, u2)
 
 
 class Cylinder(AbstractSurface):
@@ -342,3 +358,11 @@ def _on_sphere(R: Float[Array, ""], u1: Coordinate, u2: Coordinate, up: float) -
     """
     square = (u1**2 + u2**2) / (4 * R**2)
     return jnp.stack([u1, u2, up * 2 * R * square]) / (1 + square)
+
+
+def _to_pole(R: Float[Array, ""], u1: Coordinate, u2: Coordinate) -> Float[Array, ""]:
+    """The height below the point of a sphere that the coordinates do not reach, divided by its diameter.
+
+    It is small already where rounding spoils the normal, 1e-3 radians from there.
+    """
+    return 1 / (1 + (u1**2 + u2**2) / (4 * R**2))
