@@ -288,13 +288,15 @@ class Ball(AbstractBody):
 class Disk(AbstractBody):
     """A disk with point masses in its plane, rolling on a line: the ball's planar case (section 3.3).
 
+    On a surface it rolls along a curve, the section of the surface by the plane of e1 and e3.
+
     **Arguments:**
 
     - ``inertia``: the only moment d2, about the shell's own centre of mass, mass length².
     - ``offset``: as for a :class:`Ball`, length, shape (3,), in the plane of E1 and E3, as are the rails and the free
       motions of the masses.
     - ``mass``, ``radius``, ``gravity``, ``force``, ``masses``, ``law``, ``mechanisms``, ``ground``, ``resistance``: as
-      for a :class:`Ball`; no turntable.
+      for a :class:`Ball`; no turntable, and a surface must be symmetric about the plane of e1 and e3.
 
     **Raises:** as for :class:`Ball`.
 
@@ -315,8 +317,9 @@ class Disk(AbstractBody):
 
     def field(self, t: Float[Array, ""], state: DiskState) -> DiskState:
         """``eq_rdisk_dynamics``: φ̈ is −Ω̇₂ of the ball's equation."""
-        found = accelerations(self, t, state)
-        return state.rates(self.radius, found.Omegadot, found.angles)
+        acting = load(self, t, state)
+        found = accelerations(self, t, state, acting)
+        return rates(self, t, state, found.Omegadot, found.angles, acting.footing)
 
     def embedded(self) -> Ball:
         """The disk as a ball with three equal moments that rolls in the plane of e1 and e3."""

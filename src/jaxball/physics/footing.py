@@ -7,7 +7,7 @@ from jaxtyping import Array, Float, Int
 
 from ..numerics.vectors import apply
 from .parameters import BodyParameters
-from .state import BallState, Rates, RotationState
+from .state import BallState, PlacedState, Rates
 from .surfaces import AbstractSurface, Footing
 
 
@@ -16,7 +16,7 @@ def footing(system: BodyParameters, t: Float[Array, ""], state: Any) -> Footing 
     surface = system.ground
     if not isinstance(surface, AbstractSurface):
         return None
-    assert isinstance(state, BallState | RotationState)
+    assert isinstance(state, PlacedState)
     return surface.footing(t, system.radius, state.z, apply(state.Lambda, state.Omega))
 
 
@@ -25,8 +25,16 @@ def contact_normal(system: BodyParameters, t: Float[Array, ""], state: Any) -> F
     surface = system.ground
     if not isinstance(surface, AbstractSurface):
         return state.Gamma
-    assert isinstance(state, BallState | RotationState)
+    assert isinstance(state, PlacedState)
     return apply(state.Lambda.T, surface.normal(t, state.z))
+
+
+def in_space(system: BodyParameters, state: Any) -> BallState:
+    """A state as that of a ball in space; on a surface ``z`` has both coordinates of the contact point of a disk."""
+    space, surface = state.in_space(), system.ground
+    if not isinstance(surface, AbstractSurface) or not system.planar:
+        return space
+    return eqx.tree_at(lambda x: x.z, space, surface.coordinates(state.z))
 
 
 def has_end(system: Any) -> bool:

@@ -115,7 +115,7 @@ class BodyParameters(Printed):
         require("ground", ground, (AbstractGround, type(None)), "a Ground, a surface such as a HeightField, or None")
         require("resistance", resistance, (AbstractResistance, type(None)), "a Resistance or None")
         if self.planar:
-            _require_plane(ground)
+            _require_line(ground)
         has_table = isinstance(ground, Ground) and ground.turntable is not None
         if has_table and isinstance(resistance, Resistance) and resistance.dry_spinning is not None:
             raise ValueError(
@@ -256,14 +256,9 @@ def _entry(leaf: Any, index: int) -> Any:
     return jnp.asarray(np.asarray(np.asarray(leaf)[index]), dtype=leaf.dtype) if known else leaf[index]
 
 
-def _require_plane(ground: AbstractGround | None) -> None:
+def _require_line(ground: AbstractGround | None) -> None:
     """Refuses what a disk cannot roll on."""
-    if ground is not None and not isinstance(ground, Ground):
-        raise ValueError(
-            f"Argument `ground` must be a plane under a disk, which rolls on a line, but it is {described(ground)}; "
-            "use a Ground, or a Ball."
-        )
-    if ground is not None and ground.turntable is not None:
+    if isinstance(ground, Ground) and ground.turntable is not None:
         raise ValueError("Argument `ground` must have no turntable under a disk, which rolls on a line; use a Ball.")
 
 

@@ -218,6 +218,12 @@ class Cylinder(AbstractSurface):
         yield Condition(holds, "ground.start", b, "a direction that is not along the axis of the cylinder")
         yield from AbstractSurface.conditions(self, planar)
 
+    def section(self, z: Coordinate) -> tuple[Coordinate, Coordinate]:
+        """Along the axis, or around one along e2: from e1 upwards at the lowest line of the inside."""
+        along = unit_vector(self.axis)[1]
+        across, zero = jnp.abs(along) > 0.5, jnp.zeros_like(z)
+        return jnp.where(across, zero, z), jnp.where(across, -jnp.sign(along) * z, zero)
+
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         axis = unit_vector(self.axis)
         start = unit_vector(self.start - dot(self.start, axis) * axis)
