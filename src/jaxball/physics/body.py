@@ -78,7 +78,7 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
         if self.resistance is not None:
             yield from self.resistance.conditions()
 
-    def start_conditions(self, t: Float[Array, ""], state: Any) -> Iterator[Condition]:
+    def start_conditions(self, t: Float[Array, ""], state: Any) -> Iterator[Condition | ExplainedCondition]:
         if any(group.free for group in self.mechanism_groups):
             yield from moved_masses(self.prepare(), t, state)
         if self.ground is not None:

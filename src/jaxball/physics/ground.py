@@ -16,7 +16,7 @@ from ..interface.arguments import described, require
 from ..interface.printing import Printed
 from ..numerics.arrays import concatenated, namespace_of, numbers
 from ..numerics.vectors import sine_cosine
-from .conditions import Condition
+from .conditions import Condition, ExplainedCondition
 from .motion import AbstractPrescribedMotion
 from .schedules import AbstractSchedule
 
@@ -33,7 +33,9 @@ class AbstractGround(Printed):
     def conditions(self, planar: bool = False) -> Iterator[Condition]:
         """What its numbers must be; traceable. ``planar``: for a disk, which rolls along e1."""
 
-    def start_conditions(self, t: Float[Array, ""], r: Float[Array, ""], state: Any) -> Iterator[Condition]:
+    def start_conditions(
+        self, t: Float[Array, ""], r: Float[Array, ""], state: Any
+    ) -> Iterator[Condition | ExplainedCondition]:
         """What it must be where a ball of radius ``r`` starts; traceable."""
         yield from ()
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..interface.arguments import described, require, require_each
+from ..interface.arguments import require, require_each
 from ..interface.printing import Printed, entry, shown, shown_fields
 from ..interface.wording import all_of
 from ..numerics.arrays import Numbers, is_traced, numbers

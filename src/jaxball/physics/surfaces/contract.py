@@ -22,7 +22,7 @@ from ...interface.arguments import require
 from ...interface.status import Status
 from ...numerics.arrays import concatenated
 from ...numerics.vectors import cross, dot, root, unit_vector
-from ..conditions import Condition
+from ..conditions import Condition, ExplainedCondition, Problem
 from ..ground import AbstractGround
 from .moving_frame import MovingFrame
 
@@ -34,9 +34,10 @@ ON_CHART = "coordinates of a place on the ground, away from its edge and from wh
 # What must be left of a chart, and of a fit, so that the equations can be evaluated, and so that a solve goes on, in
 # units of the square root of the rounding: a place is known that well where its coordinates have a turning point.
 LEAST_MARGIN, END_MARGIN = 4.0, 40.0
-SYMMETRIC = (
-    "symmetric about the plane of e1 and e3, at e2 = 0, in which a disk rolls, near its start and as it moves, but "
-    "something of it is off that plane"
+SYMMETRIC = Problem(
+    "ground",
+    "be symmetric about the plane of e1 and e3, at e2 = 0, in which a disk rolls, near its start and as it moves",
+    "it is not; use a Ball",
 )
 SECTION_SAMPLES = np.linspace(-4.0, 4.0, 17)  # radii from the start of a disk at which its ground is looked at
 SYMMETRY = 1e-6
@@ -87,9 +88,9 @@ class AbstractSurface(AbstractGround):
 
     The coordinates of the contact point are the ``z`` of a ball's state. A disk rolls along the ``section`` of the
     ground by the plane of e1 and e3, about which the ground must be symmetric, and its ``z`` is the coordinate along
-    that. Methods take either as ``u``, coordinates of shape (2,) of a ball, and one number of a disk. Space axes are at rest, and gravity is −g e3.
-    That the ground is touched in one point only is checked near that point alone: where it bends towards the ball as
-    strongly as the ball is curved, a run ends with the status ``WEDGED``.
+    that. Methods take either as ``u``, coordinates of shape (2,) of a ball, and one number of a disk. Space axes are at
+    rest, and gravity is −g e3. That the ground is touched in one point only is checked near that point alone: where it
+    bends towards the ball as strongly as the ball is curved, a run ends with the status ``WEDGED``.
     """
 
     if TYPE_CHECKING:  # to a type checker, a field declared here would come first among the arguments
@@ -123,7 +124,7 @@ class AbstractSurface(AbstractGround):
         if self.motion is not None:
             yield from self.motion.conditions("ground.motion")
 
-    def start_conditions(self, t: Time, r: Float[Array, ""], state: Any) -> Iterator[Condition]:
+    def start_conditions(self, t: Time, r: Float[Array, ""], state: Any) -> Iterator[Condition | ExplainedCondition]:
         """A ball must be on the ground, and more curved than it is towards the ball; r is the ball's radius."""
         on_chart = self._left(t, state.z) > _margin(END_MARGIN, r)
         yield Condition(on_chart, "state.z", state.z, ON_CHART)
@@ -131,7 +132,7 @@ class AbstractSurface(AbstractGround):
         yield Condition(fits > 0, "ground", fits, CURVED)
         if not state.z.ndim:
             aside = self._aside(t, r, state.z)
-            yield Condition(~(aside > SYMMETRY), "ground", aside, SYMMETRIC)
+            yield ExplainedCondition(~(aside > SYMMETRY), lambda: SYMMETRIC)
 
     def _left(self, t: Time, u: Coordinates) -> Float[Array, ""]:
         """What is left of the ground ahead."""
@@ -143,7 +144,7 @@ class AbstractSurface(AbstractGround):
 
         These are components along e2, of places relative to ``r``, and of rates relative to whole vectors.
         """
-        contact, by_z, _ = self._slopes_along(t, z)
+        _, by_z, _ = self._slopes_along(t, z)
         scale = r / _length(by_z.p)
 
         def aside(share: Float[Array, ""]) -> Float[Array, ""]:
