@@ -19,7 +19,7 @@ from .confinement import clearance, confined, is_off_plane, time_of_leaving
 from .coupling import moved_masses
 from .dynamics import accelerations, solvable_friction
 from .feedback import AbstractLaw, FollowSchedules
-from .footing import rates
+from .footing import rates, surface_under
 from .force import unknown_motion
 from .load import load
 from .locked import from_locked, locked_field, to_locked
@@ -82,7 +82,8 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
         if any(group.free for group in self.mechanism_groups):
             yield from moved_masses(self.prepare(), t, state)
         if self.ground is not None:
-            yield from self.ground.start_conditions(t, self.radius, state)
+            under = surface_under(self, t, state)
+            yield from (self.ground if under is None else under).start_conditions(t, self.radius, state)
         if self._is_dry:
             yield from solvable_friction(self.prepare(), t, state)
 
@@ -91,7 +92,7 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
             yield from coverages(self.arguments, times)
 
     def default_state(self) -> State:
-        if not self.driven and not self.mechanism_order:
+        if not self.driven and not self.mechanism_order and not self.driven_ground:
             return AbstractSystem.default_state(self)  # without what is looked up below, which takes microseconds
         by_law = [self.coordinates[slot] for slot in self.accelerated]
         if by_law:
@@ -105,10 +106,12 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
 
     def require_state(self, state: Any) -> None:
         AbstractSystem.require_state(self, state)
-        theta, thetadot, count = state.theta, state.thetadot, len(self.driven) + len(self.joints)
+        theta, thetadot = state.theta, state.thetadot
+        count = len(self.driven) + len(self.joints) + len(self.driven_ground)
         if theta.shape[-1] != count or thetadot.shape[-1] != count:
             names = self.coordinates
-            which = "one for each driven mass" if not self.joints else f"those of {all_of(names)}"
+            named = self.joints or self.driven_ground
+            which = f"those of {all_of(names)}" if named else "one for each driven mass"
             raise ValueError(
                 f"Argument `state` must have {count} entries in theta and in thetadot, {which}, "
                 f"but it has {theta.shape[-1]} and {thetadot.shape[-1]}."

@@ -11,10 +11,23 @@ from .state import BallState, PlacedState, Rates
 from .surfaces import AbstractSurface, Footing
 
 
-def footing(system: BodyParameters, t: Float[Array, ""], state: Any) -> Footing | None:
-    """How the surface under a body holds it; None on a plane."""
+def surface_under(system: BodyParameters, t: Float[Array, ""], state: Any) -> AbstractSurface | None:
+    """The surface under a body at a state, which tells where a law has driven it; None on a plane."""
     surface = system.ground
     if not isinstance(surface, AbstractSurface):
+        return None
+    if not surface.driven:
+        return surface
+    assert system.law is not None
+    count = len(surface.driven)
+    accelerations = system.law.among(system.accelerated, t, state)
+    return surface.following(t, *(values[-count:] for values in (state.theta, state.thetadot, accelerations)))
+
+
+def footing(system: BodyParameters, t: Float[Array, ""], state: Any) -> Footing | None:
+    """How the surface under a body holds it; None on a plane."""
+    surface = surface_under(system, t, state)
+    if surface is None:
         return None
     assert isinstance(state, PlacedState)
     return surface.footing(t, system.radius, state.z, apply(state.Lambda, state.Omega))
@@ -22,8 +35,8 @@ def footing(system: BodyParameters, t: Float[Array, ""], state: Any) -> Footing 
 
 def contact_normal(system: BodyParameters, t: Float[Array, ""], state: Any) -> Float[Array, "3"]:
     """The normal of the ground towards the body, in body axes: Γ on a plane."""
-    surface = system.ground
-    if not isinstance(surface, AbstractSurface):
+    surface = surface_under(system, t, state)
+    if surface is None:
         return state.Gamma
     assert isinstance(state, PlacedState)
     return apply(state.Lambda.T, surface.normal(t, state.z))
@@ -44,8 +57,8 @@ def has_end(system: Any) -> bool:
 
 def end_of_ground(system: BodyParameters, t: Float[Array, ""], state: Any) -> Int[Array, ""]:
     """Whether the surface under a body does not let it go on from a state: a status, or SUCCESS if it does."""
-    surface = system.ground
-    assert isinstance(surface, AbstractSurface)
+    surface = surface_under(system, t, state)
+    assert surface is not None
     return surface.end(t, system.radius, state.z)
 
 

@@ -29,6 +29,11 @@ class AbstractGround(Printed):
     Nothing else is known to the equations of motion; a ground of one's own is a surface.
     """
 
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """The names of its coordinates that the body's feedback law drives; they are the last ones in a state's θ."""
+        return ()
+
     @abc.abstractmethod
     def conditions(self, planar: bool = False) -> Iterator[Condition]:
         """What its numbers must be; traceable. ``planar``: for a disk, which rolls along e1."""

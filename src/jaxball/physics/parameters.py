@@ -61,7 +61,7 @@ class BodyParameters(Printed):
     that the cost of compiling does not grow with their number. ``point_masses`` undoes it; ``order``
     holds the indices of each group's masses, and ``driven`` those whose θ and θ̇ belong to the state.
     Mechanisms are grouped likewise. The state has θ of the driven masses first, and then those of each
-    mechanism's joints that are not prescribed.
+    mechanism's joints that are not prescribed, and then those of the ground that a law drives.
 
     ``inertia_shape`` is (3,) for three principal moments, () for the one of a ``planar`` body, which lies in the plane
     of E1 and E3.
@@ -161,14 +161,21 @@ class BodyParameters(Printed):
     def coordinates(self) -> tuple[str, ...]:
         """What ``theta`` and ``thetadot`` of a state hold, by name."""
         masses = (f"masses[{index}]" for index in self.driven)
-        return (*masses, *(f"mechanisms[{index}].joints[{a}]" for index, a in self.joints))
+        joints = (f"mechanisms[{index}].joints[{a}]" for index, a in self.joints)
+        return (*masses, *joints, *(f"ground.{name}" for name in self.driven_ground))
+
+    @property
+    def driven_ground(self) -> tuple[str, ...]:
+        """The coordinates of the ground that the feedback law drives."""
+        return () if self.ground is None else self.ground.driven
 
     @property
     def accelerated(self) -> tuple[int, ...]:
         """The indices in a state's ``theta`` of the coordinates that the feedback law drives."""
         free = {(i, a) for group, order in self._mechanism_items for i in order for a in group.free}
         joints = (len(self.driven) + slot for slot, joint in enumerate(self.joints) if joint not in free)
-        return (*range(len(self.driven)), *joints)
+        first = len(self.driven) + len(self.joints)
+        return (*range(len(self.driven)), *joints, *range(first, first + len(self.driven_ground)))
 
     def slots(self, order: tuple[int, ...], joints: Sequence[int]) -> Int[np.ndarray, "mechanisms joints"]:
         """The indices in a state's ``theta`` of some joints of each mechanism of a group."""
@@ -287,6 +294,6 @@ def _require_law(body: "BodyParameters") -> None:
     if not driven:
         raise ValueError(
             "Argument `law` must be None, because it drives nothing; use `Driven(rail)` for a mass, or "
-            "`Accelerated()` for a joint."
+            "`Accelerated()` for a joint or an angle of a TiltingPlane."
         )
     law.require_driven(len(driven))

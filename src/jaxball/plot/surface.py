@@ -121,21 +121,31 @@ def _some_times(contacts: Contacts) -> list[int]:
 
 
 def contacts_of(
-    surface: AbstractSurface, times: Float[np.ndarray, " T"], coordinates: Float[np.ndarray, "T *two"]
+    surface: AbstractSurface,
+    times: Float[np.ndarray, " T"],
+    coordinates: Float[np.ndarray, "T *two"],
+    theta: Float[np.ndarray, "T coordinates"] | None = None,
 ) -> Contacts:
-    """The contact points with these coordinates at the saved times, both of a ball or the one of a disk."""
-    given = surface, to_array(times), to_array(coordinates)
+    """The contact points with these coordinates at the saved times, both of a ball or the one of a disk.
+
+    ``theta`` is that of the states, for a ground that a law drives; without it the ground is not driven.
+    """
+    theta = np.zeros((len(times), len(surface.driven))) if theta is None else theta
+    given = surface, to_array(times), to_array(coordinates), to_array(theta)
     *found, rate = map(np.asarray, _touched(*given))
     return Contacts(*found, deforms=bool(np.any(rate != 0)))
 
 
 @programs.filter_jit
-def _touched(surface: AbstractSurface, times: Any, coordinates: Any) -> tuple[Any, ...]:
+def _touched(surface: AbstractSurface, times: Any, coordinates: Any, theta: Any) -> tuple[Any, ...]:
     """The arrays of :class:`Contacts`, and how fast the matter moves in the surface's axes."""
-    surface = surface.prepare()
-    frame = MovingFrame() if surface.motion is None else surface.motion
+    prepared = surface.prepare()
 
-    def at_time(t, u):
+    def at_time(t, u, theta):
+        angles = theta[theta.shape[0] - len(prepared.driven) :]
+        surface = prepared.following(t, angles, 0.0 * angles, 0.0 * angles)
+        frame = MovingFrame() if surface.motion is None else surface.motion
+
         def rates(function, x):
             return jax.jvp(function, (x,), (jnp.ones_like(x),))
 
@@ -153,7 +163,7 @@ def _touched(surface: AbstractSurface, times: Any, coordinates: Any) -> tuple[An
         slopes = jnp.stack([apply(turn, first), apply(turn, second)])
         return both, point, apply(turn, normal), slopes, turn, corners[0], rate
 
-    return jax.vmap(at_time)(times, coordinates)
+    return jax.vmap(at_time)(times, coordinates, theta)
 
 
 def nodes(grid: Float[np.ndarray, "rows columns 2"], coordinates: Float[np.ndarray, "T 2"]) -> Float[np.ndarray, "T 2"]:

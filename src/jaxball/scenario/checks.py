@@ -18,7 +18,7 @@ from ..physics.conditions import Condition, ExplainedCondition, Problem, all_hol
 from ..physics.confinement import confined, surely_stay
 from ..physics.coupling import moved_masses
 from ..physics.dynamics import solvable_friction
-from ..physics.footing import has_end
+from ..physics.footing import has_end, surface_under
 from ..physics.state import BallState, DiskState
 from ..physics.validity import beyond_arithmetic
 from .errors import raise_first
@@ -92,8 +92,9 @@ def _on_ground(
     system: System, t: Float[Array, ""], state: BallState | DiskState
 ) -> Iterator[Condition | ExplainedCondition]:
     """The conditions on the surface under a body where it starts."""
-    assert system.ground is not None
-    yield from system.ground.start_conditions(t, system.radius, state)
+    ground = surface_under(system, t, state)
+    assert ground is not None
+    yield from ground.start_conditions(t, system.radius, state)
 
 
 def _in_keys(problem: Problem) -> ScenarioError:

@@ -112,6 +112,16 @@ class AbstractSurface(AbstractGround):
         """
         return jnp.ones_like(u1)
 
+    def following(
+        self,
+        t: Time,
+        theta: Float[Array, " driven"],
+        thetadot: Float[Array, " driven"],
+        thetaddot: Float[Array, " driven"],
+    ) -> "AbstractSurface":
+        """The ground near the time ``t``, where its ``driven`` coordinates and their rates are these."""
+        return self
+
     def section(self, z: Coordinate) -> tuple[Coordinate, Coordinate]:
         """The coordinates of the point at ``z`` of the section along which a disk rolls: u1 = z and u2 = 0 at first."""
         return z, jnp.zeros_like(z)

@@ -13,10 +13,13 @@ from ...numerics.arrays import AnyArray, a_number, concatenated, namespace_of, n
 from ...numerics.functions import OfKinkedFunctionOfState
 from ...numerics.vectors import cross, dot, sine_cosine, unit_vector
 from ..conditions import Condition, a_direction, positive
+from ..mechanisms.joints import Accelerated
 from ..motion import AbstractPrescribedMotion
 from ..schedules import AbstractSchedule
 from .contract import AbstractSurface, Coordinate, Time
 from .moving_frame import MovingFrame, Turn
+
+STAYS_IN_PLANE = "None or a schedule under a disk, which a law may only tilt about e2"
 
 
 class HeightField(OfKinkedFunctionOfState, AbstractSurface):
@@ -308,7 +311,8 @@ class TiltingPlane(AbstractSurface):
 
     **Arguments:**
 
-    - ``about_e1``, ``about_e2``: the angles, rad, as schedules; None for none.
+    - ``about_e1``, ``about_e2``: the angles, rad, as schedules; None for none; ``Accelerated()`` for one whose θ̈ is
+      given by the body's feedback law, and which is in the state's ``theta`` after those of masses and joints.
     - ``pivot``: the point about which it tilts, length, shape (3,); the origin if not given. It need not be in the
       plane.
     - ``displacement``: X(t), a motion such as an :class:`~jaxball.Oscillating` of sinusoids, length; None for none.
@@ -323,34 +327,70 @@ class TiltingPlane(AbstractSurface):
     [0.142619 0.      ]
     """
 
-    about_e1: AbstractSchedule | None = None
-    about_e2: AbstractSchedule | None = None
+    about_e1: AbstractSchedule | Accelerated | None = None
+    about_e2: AbstractSchedule | Accelerated | None = None
     pivot: Float[Array, "*group 3"] = eqx.field(converter=numbers("pivot", (3,)), default=(0.0, 0.0, 0.0))
     displacement: AbstractPrescribedMotion | None = None
 
     def __check_init__(self):
         for name in ("about_e1", "about_e2"):
-            must = "a schedule of its angle, such as ConstantRate(0.0, rate=0.1), or None"
-            require(name, getattr(self, name), (AbstractSchedule, type(None)), must)
+            must = "a schedule of its angle, such as ConstantRate(0.0, rate=0.1), Accelerated() for a law, or None"
+            require(name, getattr(self, name), (AbstractSchedule, Accelerated, type(None)), must)
+
+    @property
+    def driven(self) -> tuple[str, ...]:
+        return tuple(name for name in ("about_e1", "about_e2") if isinstance(getattr(self, name), Accelerated))
 
     @property
     def motion(self) -> MovingFrame:
-        """Its motion as a rigid body."""
+        """Its motion as a rigid body; angles that a law drives are those of :meth:`following`, and 0 without it."""
         angles = (((1.0, 0.0, 0.0), self.about_e1), ((0.0, 1.0, 0.0), self.about_e2))
-        turns = [Turn(axis, angle) for axis, angle in angles if angle is not None]
+        turns = [Turn(axis, angle) for axis, angle in angles if isinstance(angle, AbstractSchedule)]
         return MovingFrame(turns, self.displacement, self.pivot)
+
+    def conditions(self, planar: bool = False) -> Iterator[Condition]:
+        if planar:
+            level = not isinstance(self.about_e1, Accelerated)
+            yield Condition(namespace_of(self.pivot).asarray(level), "ground.about_e1", self.pivot, STAYS_IN_PLANE)
+        yield from AbstractSurface.conditions(self, planar)
+
+    def following(
+        self,
+        t: Time,
+        theta: Float[Array, " driven"],
+        thetadot: Float[Array, " driven"],
+        thetaddot: Float[Array, " driven"],
+    ) -> "TiltingPlane":
+        angles = {name: getattr(self, name) for name in ("about_e1", "about_e2")}
+        for k, name in enumerate(self.driven):
+            angles[name] = _Near(t, theta[k], thetadot[k], thetaddot[k])
+        return TiltingPlane(**angles, pivot=self.pivot, displacement=self.displacement)
 
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         return jnp.stack([u1, u2, jnp.zeros_like(u1)])
 
     def prepare(self) -> "TiltingPlane":
-        parts = (self.about_e1, self.about_e2, self.displacement)
-        return eqx.tree_at(
-            lambda plane: (plane.about_e1, plane.about_e2, plane.displacement),
-            self,
-            tuple(None if part is None else part.prepare() for part in parts),
-            is_leaf=lambda x: x is None,
+        angles = (
+            part.prepare() if isinstance(part, AbstractSchedule) else part for part in (self.about_e1, self.about_e2)
         )
+        displacement = None if self.displacement is None else self.displacement.prepare()
+        return TiltingPlane(*angles, pivot=self.pivot, displacement=displacement)
+
+
+class _Near(AbstractSchedule):
+    """An angle near the time ``time``, at which it has this value and these rates."""
+
+    time: Float[Array, ""]
+    theta: Float[Array, ""]
+    rate: Float[Array, ""]
+    acceleration: Float[Array, ""]
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        since = t - self.time
+        return self.theta + since * (self.rate + 0.5 * since * self.acceleration)
+
+    def advanced(self, by: Float[Array, ""]) -> "_Near":
+        return _Near(self.time, self.theta + by, self.rate, self.acceleration)
 
 
 def _of_radius(radius: Float[AnyArray, ""]) -> Condition:
