@@ -153,7 +153,7 @@ class _Coordinates:
         return self._driven(name)
 
     def _driven(self, name: str) -> tuple[Array, Array, Array]:
-        """θ, θ̇ and θ̈ of what the law drives."""
+        """θ, θ̇ and θ̈ where the law drives them."""
         slot = self._system.coordinates.index(name)
         return self._states.theta[:, slot], self._states.thetadot[:, slot], self._by_law[name]
 
