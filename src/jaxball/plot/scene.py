@@ -1,7 +1,7 @@
 """The scene of an animation, a ball or a disk on its ground, one frame at a time."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +15,7 @@ from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ..physics.body import Disk
+from ..physics.state import DiskState
 from ..physics.surfaces import AbstractSurface
 from ..simulation.trajectory import Trajectory
 from .floor import ROOM_AROUND, Floor, Placed, Setting, floor_under, ground_under, place
@@ -165,7 +166,7 @@ def _disk_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
     around = [placed.centre + aside for aside in ([-1.1 * r, 0.0, 0.0], [1.1 * r, 0.0, 0.0])]
     surface, curve = trajectory.system.ground, None
     if setting.contacts is not None and isinstance(surface, AbstractSurface):
-        z = np.asarray(trajectory.state.z)[finite_rows(trajectory)]
+        z = np.asarray(cast(DiskState, trajectory.state).z)[finite_rows(trajectory)]
         curve = curve_under(surface, placed.times, z, setting.contacts, r)
         around += [placed.centre + aside for aside in ([0.0, 0.0, -1.1 * r], [0.0, 0.0, 1.1 * r])]
     under = ground_under(path, r, setting).everywhere(setting.moved) if curve is None else curve.everywhere()

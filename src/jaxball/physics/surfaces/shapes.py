@@ -370,11 +370,13 @@ class TiltingPlane(AbstractSurface):
         return jnp.stack([u1, u2, jnp.zeros_like(u1)])
 
     def prepare(self) -> "TiltingPlane":
-        angles = (
-            part.prepare() if isinstance(part, AbstractSchedule) else part for part in (self.about_e1, self.about_e2)
+        parts = (self.about_e1, self.about_e2, self.displacement)
+        return eqx.tree_at(
+            lambda plane: (plane.about_e1, plane.about_e2, plane.displacement),
+            self,
+            tuple(part if part is None or isinstance(part, Accelerated) else part.prepare() for part in parts),
+            is_leaf=lambda x: x is None or isinstance(x, Accelerated),
         )
-        displacement = None if self.displacement is None else self.displacement.prepare()
-        return TiltingPlane(*angles, pivot=self.pivot, displacement=displacement)
 
 
 class _Near(AbstractSchedule):
