@@ -154,3 +154,26 @@ def test_the_figure_eight_fulfils_its_equation():
 def test_points_that_make_no_curve_are_told():
     with pytest.raises(design.DesignError, match="two points or more"):
         design.Through([[0.0, 0.0]])
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("system", "start"),
+    [
+        (
+            jaxball.Ball(mass=1.0, inertia=(D, D, D), radius=R, gravity=G, ground=jaxball.Bowl(3.0)),
+            jaxball.BallState(z=(3.0, -1.0)),
+        ),
+        (jaxball.Disk(mass=1.0, inertia=D, radius=R, gravity=G, ground=jaxball.Bowl(3.0)), jaxball.DiskState(z=2.0)),
+    ],
+)
+def test_places_on_a_surface_are_those_of_the_centre_in_space(system, start):
+    """In a bowl of radius 3 the centre is at (3 − R) sin φ from its axis, where the coordinates are 6 tan(φ/2)."""
+    along = run(system, start)
+    z = np.asarray(along.state.z).reshape(len(TIMES), -1)
+    size = np.linalg.norm(z, axis=1)
+    centre = (3.0 - R) * np.sin(2 * np.arctan(size / 6))[:, None] * z / size[:, None]
+    place = np.array([0.2, 0.0])
+    expected = (centre[-1, 0] - 0.2) ** 2 + (centre[-1, 1] if z.shape[1] == 2 else 0.0) ** 2
+    np.testing.assert_allclose(along.z[:, : z.shape[1]], centre, atol=1e-12)
+    np.testing.assert_allclose(design.ReachPlace(place)(along), expected / R**2, rtol=1e-10)

@@ -10,7 +10,6 @@ from jaxball import (
     ConstantRate,
     Contact,
     Cylinder,
-    Disk,
     HeightField,
     MovingFrame,
     Paraboloid,
@@ -64,7 +63,6 @@ def test_ground_that_folds_on_the_way():
 @pytest.mark.parametrize(
     ("make", "error", "says"),
     [
-        (lambda: Disk(mass=1.0, inertia=0.5, ground=Bowl(3.0)), ValueError, "a plane under a disk"),
         (lambda: simulate(rolling(), [0.0, 1.0], contact=Contact(sliding=0.3)), TypeError, "slip and flight"),
         (lambda: balance(rolling(), []), ValueError, "for `balance`"),
         (lambda: HeightField(lambda x, y: x), TypeError, "a function of (t, x, y, parameters)"),

@@ -10,6 +10,8 @@ from jaxball import (
     BallState,
     Bowl,
     Cylinder,
+    Disk,
+    DiskState,
     FunctionSchedule,
     HeightField,
     SphereOutside,
@@ -20,7 +22,7 @@ from jaxball import (
 from jaxball.plot.floor import place
 from jaxball.plot.record import record
 from jaxball.plot.scene import scene
-from jaxball.plot.surface import mesh_under
+from jaxball.plot.surface import curve_under, mesh_under
 from jaxball.plot.view.document import view_document
 from tests.plot.geometry import overlaps
 from tests.support.pages import arrays_of, unpacked
@@ -154,3 +156,48 @@ def test_several_balls_on_one_surface_and_what_is_marked_on_it(runs):
 def test_an_animation_of_a_moving_surface_is_written(runs, tmp_path):
     path = plot.animate(runs("plate"), tmp_path / "plate.gif", 5, size=(200, 150))
     assert path.stat().st_size > 1000
+
+
+CURVES = {
+    "pipe": (
+        Cylinder(R, axis=(0.0, 1.0, 0.0), centre=(0.0, 0.0, R)),
+        lambda t, p: np.hypot(p[..., 0], p[..., 2] - R) - R,
+    ),
+    "waves": (
+        HeightField(lambda t, x, y, _: 0.1 * jnp.sin(3.0 * x - 2.0 * t)),
+        lambda t, p: p[..., 2] - 0.1 * np.sin(3 * p[..., 0] - 2 * t),
+    ),
+    "plate": (
+        TiltingPlane(about_e2=FunctionSchedule(swing)),
+        lambda t, p: p[..., 2] * np.cos(0.3 * np.sin(2 * t)) + p[..., 0] * np.sin(0.3 * np.sin(2 * t)),
+    ),
+}
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", CURVES)
+def test_a_disk_is_drawn_on_its_curve(name):
+    """The curve and the trail of a scene are on the ground at each time, and the rim touches the end of the trail."""
+    ground, distance = CURVES[name]
+    disk = Disk(mass=1.0, radius=r, inertia=0.005, gravity=9.81, ground=ground)
+    run = simulate(disk, TIMES, DiskState(z=0.3, phidot=-10.0), rtol=1e-8, atol=1e-8)
+    setting = place(run, record(run)).setting
+    curve = curve_under(ground, TIMES, np.asarray(run.state.z), setting.contacts, r)
+    seen = run.observables
+    for k in (0, 7, 30):
+        assert np.max(np.abs(distance(TIMES[k], curve.at(k)))) < FACET
+        trail = curve.trail(k)
+        assert np.max(np.abs(distance(TIMES[k], trail))) < FACET
+        np.testing.assert_allclose(trail[-1], seen.contact_point[k], atol=FACET)
+        np.testing.assert_allclose(np.linalg.norm(trail[-1] - seen.geometric_centre[k]), r, atol=FACET)
+    figure, show = scene(run, record(run))
+    (ax,), drawn = figure.axes, curve.at(30)
+    show(30)
+    assert any(
+        line.get_xdata().shape == (len(drawn),) and np.allclose(line.get_ydata(), drawn[:, 2]) for line in ax.lines
+    )
+    arrays = arrays_of(view_document(run))
+    n, first = arrays["normal"], arrays["tangent"]
+    f = arrays["friction"][:, :1] * first
+    np.testing.assert_allclose(arrays["normal_force"][:, None] * n + f, seen.contact_force, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(arrays["centre"] - r * n, seen.contact_point, atol=1e-6)

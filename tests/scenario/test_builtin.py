@@ -38,7 +38,14 @@ NAMES = (
     "vibrating-plane",
     "yoke-robot",
 )
-ON_SURFACES = ("ball-in-a-bowl", "ball-off-a-sphere", "golfers-dilemma", "tilting-plate", "washboard")
+ON_SURFACES = (
+    "ball-in-a-bowl",
+    "ball-off-a-sphere",
+    "golfers-dilemma",
+    "tilting-plate",
+    "washboard",
+    "wheel-in-a-half-pipe",
+)
 RELEASED = (
     "bouncing-ball",
     "bowling-ball",

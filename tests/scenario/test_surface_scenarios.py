@@ -99,3 +99,16 @@ def test_a_ball_on_a_washboard_is_pressed_into_its_troughs():
     assert np.min(N) > 0
     assert phase[-1] > 8 * np.pi
     np.testing.assert_allclose(trajectory.state.z[:, 1], 0.0, atol=1e-12)
+
+
+@pytest.mark.thorough
+def test_a_wheel_swings_in_a_half_pipe():
+    """sin(ψ/2) = k cd(ω t), k = sin(ψ₀/2), ω² = g / (1.5 (R − r)); N = m g cos ψ + m (R − r) ψ̇²."""
+    trajectory, times, seen = run("wheel-in-a-half-pipe")
+    psi0, w = 1.2, np.sqrt(G / (1.5 * 1.7))
+    _, cn, dn, _ = ellipj(w * times, np.sin(psi0 / 2) ** 2)
+    psi = 2 * np.arcsin(np.sin(psi0 / 2) * cn / dn)
+    np.testing.assert_allclose(trajectory.state.z, 2 * psi, atol=1e-8)
+    square = 2 * w**2 * (np.cos(psi) - np.cos(psi0))
+    np.testing.assert_allclose(seen.normal_force, 2 * (G * np.cos(psi) + 1.7 * square), rtol=1e-7)
+    np.testing.assert_allclose(seen.friction[:, 0], 2 / 3 * G * np.sin(psi), atol=1e-7)

@@ -1,10 +1,11 @@
 """Surfaces in scenario files: read, written and read again, and refused by the names of keys."""
 
 import jax.numpy as jnp
+import numpy as np
 import pytest
 from jaxtyping import Array, Float
 
-from jaxball import AbstractSurface, Ball, BallState, HeightField, MovingFrame, Scenario, write_scenario
+from jaxball import AbstractSurface, Ball, BallState, Disk, HeightField, MovingFrame, Scenario, write_scenario
 from jaxball.scenario import ScenarioError, read_scenario
 from tests.support.surface_files import ON_SURFACE, ON_SURFACES
 
@@ -55,10 +56,29 @@ def test_wrong_keys(ground, sentence):
     assert sentence in str(refused.value)
 
 
+def test_ball_that_does_not_fit_its_ground():
+    """Reading a file says so, before anything is solved."""
+    with pytest.raises(ScenarioError, match=r"^Key `ground` must be curved less than the ball"):
+        read_scenario(ON_SURFACE + 'kind = "bowl"\nradius = 0.05\n')
+
+
 def test_disk_on_a_surface():
+    """It is read, written and solved; a ground that is off the plane of a disk is refused where it is."""
     text = ON_SURFACES["on a sphere"].replace('"ball"', '"disk"').replace("[0.004, 0.004, 0.004]", "0.004")
-    with pytest.raises(ScenarioError, match=r"`ground.kind` must be left out for a disk"):
-        read_scenario(text.replace("z = [0.2, 0.1]", "z = 0.2"))
+    text = text.replace("z = [0.2, 0.1]", "z = 0.2")
+    scenario = read_scenario(text)
+    assert isinstance(scenario.system, Disk)
+    again = read_scenario(write_scenario(scenario))
+    assert write_scenario(again) == write_scenario(scenario)
+    run = again.simulate(throw=True)
+    assert np.all(run.observables.contact_point[:, 1] == 0)
+    with pytest.raises(ScenarioError, match=r"^Key `ground` must be symmetric about the plane of e1 and e3"):
+        read_scenario(text.replace("[[0.2, 0.0, 0.0]]", "[[0.2, 0.1, 0.0]]"))
+    with pytest.raises(ScenarioError, match=r"^Key `ground` must be symmetric about the plane of e1 and e3"):
+        read_scenario(
+            text[: text.index("[ground]")] + '[ground]\nkind = "washboard"\namplitude = 0.1\n'
+            "wavelength = 4.0\nheading = 0.2\n"
+        )
 
 
 class Slide(AbstractSurface):

@@ -1,6 +1,7 @@
-"""The inputs of a robot: efforts of joints and accelerations of masses that a controller sets."""
+"""The inputs of a robot: efforts of joints, and accelerations of masses and of a plate's angles, that are set."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -12,10 +13,14 @@ from ..interface.wording import did_you_mean
 from ..numerics.arrays import default_dtype, is_traced
 from ..physics.body import Ball, Disk, PointMass, System
 from ..physics.feedback import AbstractLaw, FollowSchedules
+from ..physics.ground import AbstractGround
 from ..physics.mechanisms import AbstractJointForce, AbstractMechanism, Accelerated, Drive, JointForces, Motor
 from ..physics.motion import Driven, OnRail
 from ..physics.schedules import AbstractSchedule, PiecewiseAcceleration
 from ..physics.signals import PiecewiseSignal
+from ..physics.surfaces import TiltingPlane
+
+ANGLES = ("about_e1", "about_e2")  # of a TiltingPlane
 
 
 class GivenAccelerations(AbstractLaw):
@@ -28,15 +33,21 @@ class GivenAccelerations(AbstractLaw):
 
 
 class Place(NamedTuple):
-    """Where an input acts: on the mass of this number, or the joint of this number in a mechanism; and what it sets."""
+    """Where an input acts: on the mass of this number, or the joint of this number in a mechanism; and what it sets.
+
+    ``angle`` is the name of one of the ground, on which an input acts.
+    """
 
     mechanism: int | None
     number: int
     is_effort: bool
+    angle: str | None = None
 
     @property
     def name(self) -> str:
         """As in ``coordinates`` of a body."""
+        if self.angle is not None:
+            return f"ground.{self.angle}"
         on_mass = self.mechanism is None
         return f"masses[{self.number}]" if on_mass else f"mechanisms[{self.mechanism}].joints[{self.number}]"
 
@@ -94,7 +105,7 @@ def with_inputs(system: System, places: Sequence[Place]) -> System:
 
 
 def _free_inputs(system: System, places: Sequence[Place]) -> System:
-    freed = {place.number for place in places if place.mechanism is None}
+    freed = {place.number for place in places if place.mechanism is None and place.angle is None}
     masses = [
         PointMass(item.mass, Driven(item.motion.rail)) if index in freed and isinstance(item.motion, OnRail) else item
         for index, item in enumerate(system.point_masses)
@@ -108,7 +119,17 @@ def _free_inputs(system: System, places: Sequence[Place]) -> System:
             )
     accelerations = sum(not place.is_effort for place in places)
     law = GivenAccelerations(jnp.zeros(accelerations)) if accelerations else None
-    return type(system)(**{**system.arguments, "masses": masses, "mechanisms": mechanisms, "law": law})
+    tilted = {place.angle: Accelerated() for place in places if place.angle is not None}
+    parts = {"masses": masses, "mechanisms": mechanisms, "law": law, "ground": _with_angles(system.ground, tilted)}
+    return type(system)(**{**system.arguments, **parts})
+
+
+def _with_angles(ground: AbstractGround | None, angles: Mapping[str, Accelerated]) -> AbstractGround | None:
+    """The same ground with other drives of its angles."""
+    if not angles:
+        return ground
+    assert isinstance(ground, TiltingPlane)
+    return TiltingPlane(**{**{field.name: getattr(ground, field.name) for field in fields(ground)}, **angles})
 
 
 def hold_inputs(system: System, places: Sequence[Place], u: Float[Array, " m"]) -> System:
@@ -202,11 +223,14 @@ def _places(system: System) -> list[Place]:
         for index, item in enumerate(system.point_masses)
         if isinstance(item.motion, OnRail | Driven)
     ]
-    return masses + [
+    joints = [
         Place(i, a, not isinstance(drive, Accelerated))
         for i, mechanism in enumerate(system.mechanisms)
         for a, drive in enumerate(mechanism.drives)
     ]
+    plate = system.ground if isinstance(system.ground, TiltingPlane) else None
+    angles = [] if plate is None else [name for name in ANGLES if getattr(plate, name) is not None]
+    return [*masses, *joints, *(Place(None, k, False, name) for k, name in enumerate(angles))]
 
 
 def _is_moved(system: System, place: Place) -> bool:

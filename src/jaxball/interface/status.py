@@ -24,6 +24,8 @@ class Status(enum.IntEnum):
     EVENT = 8
     JAMMED = 9
     CHATTERED = 10
+    LEFT_SURFACE = 11
+    WEDGED = 12
 
     def sentence(self, reached: float, end: float, *, alone: bool = False) -> str:
         """What happened; the result is valid up to the time ``reached``.
@@ -45,9 +47,8 @@ _SENTENCES = {
     ),
     Status.NOT_FINITE: (
         "The solve stopped at t = {reached:.10g} before t = {end:.10g}, because the equations of motion are not finite "
-        "there; check the schedules, rails and forces at that time, a curved ground, which must be less curved than "
-        "the body everywhere on its path, and dry friction, which may be too large for the normal force to have a "
-        "solution (Painlevé's paradox)."
+        "there; check the schedules, rails and forces at that time, and dry friction, which may be too large for the "
+        "normal force to have a solution (Painlevé's paradox)."
     ),
     Status.IMPOSSIBLE: "The solve did not start, because no body can have these parameters or this initial state.",
     Status.SOLVER_FAILED: (
@@ -70,6 +71,16 @@ _SENTENCES = {
     Status.CHATTERED: (
         "The run ended at t = {reached:.10g} before t = {end:.10g}, because its mode switched over and over there in "
         "almost no time; with a law of contact, a coefficient `static` larger than `sliding` may prevent this."
+    ),
+    Status.LEFT_SURFACE: (
+        "The run ended at t = {reached:.10g} before t = {end:.10g}, because the body reached the edge of its ground "
+        "there, or of the part that the coordinates on it reach, as where a height field is vertical; start it slower, "
+        "or use a surface that reaches further, such as a Bowl, a Cylinder or a ParametricSurface."
+    ),
+    Status.WEDGED: (
+        "The run ended at t = {reached:.10g} before t = {end:.10g}, because the ground bends towards the body as "
+        "strongly as the body is curved there, so that it would touch the ground at a second point; make the body "
+        "smaller or the ground smoother."
     ),
     Status.EVENT: "The run ended at t = {reached:.10g} before t = {end:.10g}, where an event ended it.",
 }

@@ -19,7 +19,7 @@ from .confinement import clearance, is_confined, is_off_plane, time_of_leaving
 from .coupling import mass_conditions
 from .dynamics import accelerations, solvable_friction
 from .feedback import AbstractLaw, FollowSchedules
-from .footing import rates
+from .footing import rates, surface_under
 from .force import unknown_motion
 from .load import load
 from .locked import from_locked, locked_field, to_locked
@@ -78,11 +78,12 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
         if self.resistance is not None:
             yield from self.resistance.conditions()
 
-    def start_conditions(self, t: Float[Array, ""], state: Any) -> Iterator[Condition]:
+    def start_conditions(self, t: Float[Array, ""], state: Any) -> Iterator[Condition | ExplainedCondition]:
         if any(group.free for group in self.mechanism_groups):
             yield from mass_conditions(self.prepare(), t, state)
         if self.ground is not None:
-            yield from self.ground.start_conditions(t, self.radius, state)
+            under = surface_under(self, t, state)
+            yield from (self.ground if under is None else under).start_conditions(t, self.radius, state)
         if self._is_dry:
             yield from solvable_friction(self.prepare(), t, state)
 
@@ -91,7 +92,7 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
             yield from coverages(self.arguments, times)
 
     def default_state(self) -> State:
-        if not self.driven and not self.mechanism_order:
+        if not self.driven and not self.mechanism_order and not self.driven_ground:
             return AbstractSystem.default_state(self)  # without what is looked up below, which takes microseconds
         by_law = [self.coordinates[slot] for slot in self.accelerated]
         if by_law:
@@ -105,10 +106,12 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
 
     def require_state(self, state: Any) -> None:
         AbstractSystem.require_state(self, state)
-        theta, thetadot, count = state.theta, state.thetadot, len(self.driven) + len(self.joints)
+        theta, thetadot = state.theta, state.thetadot
+        count = len(self.driven) + len(self.joints) + len(self.driven_ground)
         if theta.shape[-1] != count or thetadot.shape[-1] != count:
             names = self.coordinates
-            which = "one for each driven mass" if not self.joints else f"those of {all_of(names)}"
+            named = self.joints or self.driven_ground
+            which = f"those of {all_of(names)}" if named else "one for each driven mass"
             raise ValueError(
                 f"Argument `state` must have {count} entries in theta and in thetadot, {which}, "
                 f"but it has {theta.shape[-1]} and {thetadot.shape[-1]}."
@@ -288,13 +291,15 @@ class Ball(AbstractBody):
 class Disk(AbstractBody):
     """A disk with point masses in its plane, rolling on a line: the ball's planar case (section 3.3).
 
+    On a surface it rolls along a curve, the section of the surface by the plane of e1 and e3.
+
     **Arguments:**
 
     - ``inertia``: the only moment d2, about the shell's own centre of mass, mass length².
     - ``offset``: as for a :class:`Ball`, length, shape (3,), in the plane of E1 and E3, as are the rails and the free
       motions of the masses.
     - ``mass``, ``radius``, ``gravity``, ``force``, ``masses``, ``law``, ``mechanisms``, ``ground``, ``resistance``: as
-      for a :class:`Ball`; no turntable.
+      for a :class:`Ball`; no turntable, and a surface must be symmetric about the plane of e1 and e3.
 
     **Raises:** as for :class:`Ball`.
 
@@ -315,8 +320,9 @@ class Disk(AbstractBody):
 
     def field(self, t: Float[Array, ""], state: DiskState) -> DiskState:
         """``eq_rdisk_dynamics``: φ̈ is −Ω̇₂ of the ball's equation."""
-        found = accelerations(self, t, state)
-        return state.rates(self.radius, found.Omegadot, found.angles)
+        acting = load(self, t, state)
+        found = accelerations(self, t, state, acting)
+        return rates(self, t, state, found.Omegadot, found.angles, acting.footing)
 
     def embedded(self) -> Ball:
         """The disk as a ball with three equal moments that rolls in the plane of e1 and e3."""

@@ -38,6 +38,7 @@ from .motion import AbstractPrescribedMotion, Driven, Fixed, OnRail, Oscillating
 from .parameters import BodyParameters
 from .rails import AbstractRail
 from .schedules import Sinusoids
+from .surfaces import AbstractSurface
 
 MOST_SAMPLES = 2**18
 SAMPLES_PER_WAVE = 64
@@ -231,3 +232,10 @@ def in_plane(system: BodyParameters, times: Float[Array, " T"]) -> Iterator[Cond
         largest = jnp.max(jnp.abs(seen), axis=0)
         holds = ~(largest[1] > rounding(seen) * jnp.max(largest))
         yield Condition(holds, name, seen[0], "in the plane of a disk, E1 and E3, at all times")
+    frame = system.ground.motion if isinstance(system.ground, AbstractSurface) else None
+    if system.planar and frame is not None:
+        corners = system.radius * jnp.asarray(((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)), times.dtype)
+        seen = jax.vmap(lambda t: jax.vmap(lambda x: frame.place(t, x))(corners))(time_samples(times))
+        aside = jnp.max(jnp.abs(seen[..., 1]))
+        holds = ~(aside > rounding(seen) * system.radius)
+        yield Condition(holds, "ground.motion", aside, "one that keeps the plane of a disk, e1 and e3, where it is")

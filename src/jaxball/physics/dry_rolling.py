@@ -24,7 +24,7 @@ from ..numerics.directions import unit
 from ..numerics.vectors import apply, root
 from ..programs.derivatives.differentiation import without_derivatives
 from .body import AbstractBody
-from .conditions import Condition, Problem
+from .conditions import Condition, ExplainedCondition, Problem
 from .contact import slip as slips
 from .contact.slip import HALFWAY, Beginning, Heading
 from .dynamics import turning
@@ -144,7 +144,7 @@ class DryRolling(AbstractSystem[DryRollingState]):
     def conditions(self) -> Iterator[Condition]:
         yield from self.body.conditions()
 
-    def start_conditions(self, t: Float[Array, ""], state: DryRollingState) -> Iterator[Condition]:
+    def start_conditions(self, t: Float[Array, ""], state: DryRollingState) -> Iterator[Condition | ExplainedCondition]:
         yield from self.body.start_conditions(t, state.body)
 
     def numbers(self) -> Iterator[tuple[str, Array]]:

@@ -16,7 +16,7 @@ from ..interface.arguments import describe, require
 from ..interface.printing import Printed
 from ..numerics.arrays import join_arrays, namespace_of, numbers
 from ..numerics.vectors import sine_cosine
-from .conditions import Condition
+from .conditions import Condition, ExplainedCondition
 from .motion import AbstractPrescribedMotion
 from .schedules import AbstractSchedule
 
@@ -29,11 +29,18 @@ class AbstractGround(Printed):
     Nothing else is known to the equations of motion; a ground of one's own is a surface.
     """
 
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """The names of its coordinates that the body's feedback law drives; they are the last ones in a state's θ."""
+        return ()
+
     @abc.abstractmethod
     def conditions(self, planar: bool = False) -> Iterator[Condition]:
         """What its numbers must be; traceable. ``planar``: for a disk, which rolls along e1."""
 
-    def start_conditions(self, t: Float[Array, ""], r: Float[Array, ""], state: Any) -> Iterator[Condition]:
+    def start_conditions(
+        self, t: Float[Array, ""], r: Float[Array, ""], state: Any
+    ) -> Iterator[Condition | ExplainedCondition]:
         """What it must be where a ball of radius ``r`` starts; traceable."""
         yield from ()
 

@@ -93,7 +93,7 @@ def load(
         applied = _external_wrench(system, t, state, slip, height, under)
         force, torque = applied
     if under is not None:
-        assert isinstance(state, BallState | RotationState)
+        assert not isinstance(state, ReducedState)
         assert system.ground is not None
         into_body, turning = state.Lambda.T, apply(state.Lambda, state.Omega)
         Gamma, normal_rate = apply(into_body, under.normal), apply(into_body, under.normal_rate)

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..interface.arguments import describe, require, require_each
+from ..interface.arguments import require, require_each
 from ..interface.printing import Printed, entry, format_fields, format_value
 from ..interface.wording import all_of
 from ..numerics.arrays import Numbers, is_traced, numbers
@@ -61,7 +61,7 @@ class BodyParameters(Printed):
     that the cost of compiling does not grow with their number. ``point_masses`` undoes it; ``order``
     holds the indices of each group's masses, and ``driven`` those whose θ and θ̇ belong to the state.
     Mechanisms are grouped likewise. The state has θ of the driven masses first, and then those of each
-    mechanism's joints that are not prescribed.
+    mechanism's joints that are not prescribed, and then those of the ground that a law drives.
 
     ``inertia_shape`` is (3,) for three principal moments, () for the one of a ``planar`` body, which lies in the plane
     of E1 and E3.
@@ -115,7 +115,7 @@ class BodyParameters(Printed):
         require("ground", ground, (AbstractGround, type(None)), "a Ground, a surface such as a HeightField, or None")
         require("resistance", resistance, (AbstractResistance, type(None)), "a Resistance or None")
         if self.planar:
-            _require_plane(ground)
+            _require_line(ground)
         has_table = isinstance(ground, Ground) and ground.turntable is not None
         if has_table and isinstance(resistance, Resistance) and resistance.dry_spinning is not None:
             raise ValueError(
@@ -155,14 +155,21 @@ class BodyParameters(Printed):
     def coordinates(self) -> tuple[str, ...]:
         """What ``theta`` and ``thetadot`` of a state hold, by name."""
         masses = (f"masses[{index}]" for index in self.driven)
-        return (*masses, *(f"mechanisms[{index}].joints[{a}]" for index, a in self.joints))
+        joints = (f"mechanisms[{index}].joints[{a}]" for index, a in self.joints)
+        return (*masses, *joints, *(f"ground.{name}" for name in self.driven_ground))
+
+    @property
+    def driven_ground(self) -> tuple[str, ...]:
+        """The coordinates of the ground that the feedback law drives."""
+        return () if self.ground is None else self.ground.driven
 
     @property
     def accelerated(self) -> tuple[int, ...]:
         """The indices in a state's ``theta`` of the coordinates that the feedback law drives."""
         free = {(i, a) for group, order in self._mechanism_items for i in order for a in group.free}
         joints = (len(self.driven) + slot for slot, joint in enumerate(self.joints) if joint not in free)
-        return (*range(len(self.driven)), *joints)
+        first = len(self.driven) + len(self.joints)
+        return (*range(len(self.driven)), *joints, *range(first, first + len(self.driven_ground)))
 
     def slots(self, order: tuple[int, ...], joints: Sequence[int]) -> Int[np.ndarray, "mechanisms joints"]:
         """The indices in a state's ``theta`` of some joints of each mechanism of a group."""
@@ -250,14 +257,9 @@ def _entry(leaf: Any, index: int) -> Any:
     return jnp.asarray(np.asarray(np.asarray(leaf)[index]), dtype=leaf.dtype) if known else leaf[index]
 
 
-def _require_plane(ground: AbstractGround | None) -> None:
+def _require_line(ground: AbstractGround | None) -> None:
     """Refuses what a disk cannot roll on."""
-    if ground is not None and not isinstance(ground, Ground):
-        raise ValueError(
-            f"Argument `ground` must be a plane under a disk, which rolls on a line, but it is {describe(ground)}; "
-            "use a Ground, or a Ball."
-        )
-    if ground is not None and ground.turntable is not None:
+    if isinstance(ground, Ground) and ground.turntable is not None:
         raise ValueError("Argument `ground` must have no turntable under a disk, which rolls on a line; use a Ball.")
 
 
@@ -286,6 +288,6 @@ def _require_law(body: "BodyParameters") -> None:
     if not driven:
         raise ValueError(
             "Argument `law` must be None, because it drives nothing; use `Driven(rail)` for a mass, or "
-            "`Accelerated()` for a joint."
+            "`Accelerated()` for a joint or an angle of a TiltingPlane."
         )
     law.require_driven(len(driven))

@@ -108,7 +108,7 @@ class StickSlip(AbstractSystem[StickSlipState]):
     def conditions(self) -> Iterator[Condition]:
         yield from self.body.conditions()
 
-    def start_conditions(self, t: Float[Array, ""], state: StickSlipState) -> Iterator[Condition]:
+    def start_conditions(self, t: Float[Array, ""], state: StickSlipState) -> Iterator[Condition | ExplainedCondition]:
         yield from self.body.start_conditions(t, state.body)
 
     def run_conditions(self, times: Float[AnyArray, " T"]) -> Iterator[Condition | ExplainedCondition]:

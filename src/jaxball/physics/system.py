@@ -186,7 +186,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
         """Every condition that the parameters must meet; traceable."""
         yield from ()
 
-    def start_conditions(self, t: Float[Array, ""], state: AnyState) -> Iterator[Condition]:
+    def start_conditions(self, t: Float[Array, ""], state: AnyState) -> Iterator[Condition | ExplainedCondition]:
         """Every condition that an initial state must meet in addition to its own; traceable."""
         yield from ()
 

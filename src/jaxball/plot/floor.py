@@ -68,7 +68,7 @@ def place(trajectory: Trajectory, run: Record) -> Placed:
     with_arms, state = system if system.mechanisms else None, jax.tree.map(lambda leaf: leaf[rows], trajectory.state)
     Lambda, arms, moved, turned = jax.tree.map(np.asarray, _evaluate(plane, with_arms, to_array(run.times), state))
     if isinstance(system.ground, AbstractSurface):
-        contacts = contacts_of(system.ground, run.times, np.asarray(state.z))
+        contacts = contacts_of(system.ground, run.times, np.asarray(state.z), np.asarray(state.theta))
         setting = Setting(np.eye(3), contacts.moved, None, np.zeros(3), contacts)
     else:
         setting = _on_plane(plane, moved, turned, len(rows))

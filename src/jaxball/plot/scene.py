@@ -1,7 +1,7 @@
 """The scene of an animation, a ball or a disk on its ground, one frame at a time."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from jaxtyping import Float
@@ -15,15 +15,16 @@ from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ..physics.body import Disk
+from ..physics.state import DiskState
 from ..physics.surfaces import AbstractSurface
 from ..simulation.trajectory import Trajectory
 from .floor import ROOM_AROUND, Floor, Placed, Setting, floor_under, ground_under, place
 from .modes import PATHS, modes_of, track_of
 from .palette import FAINT, INK, SHELL, TRAIL, mass_colour
-from .record import Record
+from .record import Record, finite_rows
 from .shapes import BREAK, looks, outline, parallel, rail_points, split, towards, wireframe
 from .style import CAPTION, SMALL_FONT, mass_line, subject
-from .surface import Mesh, mesh_under
+from .surface import Curve, Mesh, curve_under, mesh_under
 
 ELEVATION_3D, AZIMUTH_3D = 26.0, -60.0  # degrees
 SCENE_WIDTH, MARGIN, HEADER = 8.0, 0.15, 0.5  # inches
@@ -76,9 +77,9 @@ def draw_trail(ax: Axes, trajectory: Trajectory, placed: Placed, **look: Any) ->
     return show
 
 
-def _trail_on(ax: Axes, mesh: Mesh, **look: Any) -> Callable[[int], None]:
+def _trail_on(ax: Axes, ground: Mesh | Curve, **look: Any) -> Callable[[int], None]:
     trail = line(ax, color=TRAIL, **look)
-    return lambda k: move(trail, mesh.trail(k))
+    return lambda k: move(trail, ground.trail(k))
 
 
 class Scene(NamedTuple):
@@ -163,16 +164,25 @@ def _stage(content: Float[np.ndarray, "points 3"], azimuth: float) -> tuple[Figu
 def _disk_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
     setting, path, r = placed.setting, run.observables.contact_point, float(trajectory.system.radius)
     around = [placed.centre + aside for aside in ([-1.1 * r, 0.0, 0.0], [1.1 * r, 0.0, 0.0])]
-    content = np.concatenate([ground_under(path, r, setting).everywhere(setting.moved), *around])
+    surface, curve = trajectory.system.ground, None
+    if setting.contacts is not None and isinstance(surface, AbstractSurface):
+        z = np.asarray(cast(DiskState, trajectory.state).z)[finite_rows(trajectory)]
+        curve = curve_under(surface, placed.times, z, setting.contacts, r)
+        around += [placed.centre + aside for aside in ([0.0, 0.0, -1.1 * r], [0.0, 0.0, 1.1 * r])]
+    under = ground_under(path, r, setting).everywhere(setting.moved) if curve is None else curve.everywhere()
+    content = np.concatenate([under, *around])
     (left, _, low), (right, _, high) = content.min(axis=0), content.max(axis=0)
-    bottom, top = low - 0.25 * r, high + 1.55 * r
+    bottom, top = low - 0.25 * r, high + (1.55 * r if curve is None else 0.45 * r)
     height = np.clip(SCENE_WIDTH * (top - bottom) / (right - left), 2.0, 6.0)
     figure = Figure(figsize=(SCENE_WIDTH, round(10 * float(height)) / 10))
     ax = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(left, right), ylim=(bottom, top), aspect="equal")
     ax.set_axis_off()
-    show_ground = draw_ground(ax, path, r, setting)
-
-    show_trail = draw_trail(ax, trajectory, placed, linewidth=3.0, zorder=2, solid_capstyle="butt")
+    look: dict[str, Any] = {"linewidth": 3.0, "zorder": 2, "solid_capstyle": "butt"}
+    if curve is None:
+        show_ground = draw_ground(ax, path, r, setting)
+        show_trail = draw_trail(ax, trajectory, placed, **look)
+    else:
+        show_ground, show_trail = draw_curve(ax, curve), _trail_on(ax, curve, **look)
     shell = Ring((0.0, 0.0), r, facecolor="0.985", edgecolor=SHELL, linewidth=1.4, zorder=3, animated=True)
     ax.add_patch(shell)
     spokes = line(ax, color="0.75", linewidth=0.8, zorder=3)
@@ -361,3 +371,9 @@ def draw_ground(ax: Axes, path: Float[np.ndarray, "T 3"], r: float, setting: Set
         move(marks, np.concatenate(ticks) + setting.moved[k])
 
     return show
+
+
+def draw_curve(ax: Axes, curve: Curve) -> Callable[[int], None]:
+    """Draws the curve under a disk, and returns a function that moves it to the k-th saved time."""
+    drawn = line(ax, color=SHELL, linewidth=1.2, zorder=1, animated=curve.contacts.moves)
+    return lambda k: move(drawn, curve.at(k))

@@ -19,18 +19,19 @@ from ..physics.surfaces import AbstractSurface, Bowl, Cylinder, MovingFrame, Sph
 
 ROOM = 1.6  # from the path to the edge of the mesh, in radii
 CLOSE = 0.02  # radii, the allowed distance of the surface from the lines of the mesh
+POINTS_OF_CURVE = 721  # points of the section under a disk
 FINEST, COARSEST = 120, 12  # cells of the mesh in each direction
 BEND = 1.5  # rad from the lowest or highest point of a sphere, beyond which a mesh of it need not go
 TOP = 0.98 * np.pi  # rad, where the coordinates of a sphere are not yet too large
 
 
 class Contacts(NamedTuple):
-    """Where a ball touches a surface at the saved times, and where the surface is."""
+    """Where a body touches a surface at the saved times, and where the surface is."""
 
     coordinates: Float[np.ndarray, "T 2"]
     points: Float[np.ndarray, "T 3"]  # axes that move with the surface
     normals: Float[np.ndarray, "T 3"]  # space axes
-    slopes: Float[np.ndarray, "T 2 3"]  # ∂p/∂u1 and ∂p/∂u2, space axes
+    slopes: Float[np.ndarray, "T 2 3"]  # ∂p/∂u1 and ∂p/∂u2, of a disk along its section and across, space axes
     turns: Float[np.ndarray, "T 3 3"]  # from axes that move with the surface to those of space
     moved: Float[np.ndarray, "T 3"]  # of their origin
     deforms: bool
@@ -46,7 +47,7 @@ class Contacts(NamedTuple):
 
     @property
     def tangents(self) -> Float[np.ndarray, "T 3"]:
-        """The unit vectors along ∂p/∂u1."""
+        """The unit vectors along ∂p/∂u1, or along the section of a disk."""
         return self.slopes[:, 0] / self.lengths[:, :1]
 
     @property
@@ -86,39 +87,83 @@ class Mesh(NamedTuple):
 
     def everywhere(self) -> Float[np.ndarray, "points 3"]:
         """Where the nodes come during the run; of a long one, at some of its times."""
-        times = np.unique(np.linspace(0, len(self.contacts.moved) - 1, 40 if self.contacts.moves else 1).astype(int))
-        return np.concatenate([self.at(int(k)).reshape(-1, 3) for k in times])
+        return np.concatenate([self.at(k).reshape(-1, 3) for k in _some_times(self.contacts)])
+
+
+class Curve(NamedTuple):
+    """Points of the section of a surface along which a disk rolls, in axes that move with it, at one time or at each.
+
+    ``along`` are the coordinates of the points, and ``z`` those of the disk.
+    """
+
+    points: Float[np.ndarray, "S points 3"]
+    along: Float[np.ndarray, " points"]
+    z: Float[np.ndarray, " T"]
+    contacts: Contacts
+
+    def at(self, k: int) -> Float[np.ndarray, "points 3"]:
+        """Where the points are at the k-th time, space axes."""
+        return self.contacts.carry(self.points[k if len(self.points) > 1 else 0], k)
+
+    def trail(self, k: int) -> Float[np.ndarray, "points 3"]:
+        """The pieces of the ground that the disk has touched until the k-th time, where they are then, space axes."""
+        points = self.at(k)
+        return np.stack([np.interp(self.z[: k + 1], self.along, column) for column in points.T], axis=1)
+
+    def everywhere(self) -> Float[np.ndarray, "points 3"]:
+        """Where the points come during the run; of a long one, at some of its times."""
+        return np.concatenate([self.at(k) for k in _some_times(self.contacts)])
+
+
+def _some_times(contacts: Contacts) -> list[int]:
+    """The indices of a few saved times, of one where the ground is at rest."""
+    return np.unique(np.linspace(0, len(contacts.moved) - 1, 40 if contacts.moves else 1).astype(int)).tolist()
 
 
 def contacts_of(
-    surface: AbstractSurface, times: Float[np.ndarray, " T"], coordinates: Float[np.ndarray, "T 2"]
+    surface: AbstractSurface,
+    times: Float[np.ndarray, " T"],
+    coordinates: Float[np.ndarray, "T *two"],
+    theta: Float[np.ndarray, "T coordinates"] | None = None,
 ) -> Contacts:
-    """The contact points with these coordinates at the saved times."""
-    given = surface, to_array(times), to_array(coordinates)
+    """The contact points with these coordinates at the saved times, both of a ball or the one of a disk.
+
+    ``theta`` is that of the states, for a ground that a law drives; without it the ground is not driven.
+    """
+    theta = np.zeros((len(times), len(surface.driven))) if theta is None else theta
+    given = surface, to_array(times), to_array(coordinates), to_array(theta)
     *found, rate = map(np.asarray, _compute_contacts(*given))
-    return Contacts(np.asarray(coordinates), *found, deforms=bool(np.any(rate != 0)))
+    return Contacts(*found, deforms=bool(np.any(rate != 0)))
 
 
 @programs.filter_jit
-def _compute_contacts(surface: AbstractSurface, times: Any, coordinates: Any) -> tuple[Any, ...]:
+def _compute_contacts(surface: AbstractSurface, times: Any, coordinates: Any, theta: Any) -> tuple[Any, ...]:
     """Computes the arrays of :class:`Contacts` after the coordinates, and the matter's speed in the surface's axes."""
-    surface = surface.prepare()
-    frame = MovingFrame() if surface.motion is None else surface.motion
+    prepared = surface.prepare()
 
-    def at_time(t, u):
+    def at_time(t, u, theta):
+        angles = theta[theta.shape[0] - len(prepared.driven) :]
+        surface = prepared.following(t, angles, 0.0 * angles, 0.0 * angles)
+        frame = MovingFrame() if surface.motion is None else surface.motion
+
         def rates(function, x):
             return jax.jvp(function, (x,), (jnp.ones_like(x),))
 
-        point, rate = rates(lambda x: surface.point(x, u[0], u[1]), t)
-        _, first = rates(lambda x: surface.point(t, x, u[1]), u[0])
-        _, second = rates(lambda x: surface.point(t, u[0], x), u[1])
+        both = surface.coordinates(u)
+        point, rate = rates(lambda x: surface.point(x, both[0], both[1]), t)
+        _, first = rates(lambda x: surface.point(t, x, both[1]), both[0])
+        _, second = rates(lambda x: surface.point(t, both[0], x), both[1])
+        normal = unit_vector(cross(first, second))
+        if not u.ndim:
+            _, first = rates(lambda x: surface.point(t, *surface.section(x)), u)
+            second = cross(normal, first)
         corners = jnp.concatenate([jnp.zeros((1, 3), t.dtype), jnp.eye(3, dtype=t.dtype)])
         corners = jax.vmap(lambda x: frame.place(t, x))(corners)
         turn = (corners[1:] - corners[:1]).T
         slopes = jnp.stack([apply(turn, first), apply(turn, second)])
-        return point, unit_vector(cross(*slopes)), slopes, turn, corners[0], rate
+        return both, point, apply(turn, normal), slopes, turn, corners[0], rate
 
-    return jax.vmap(at_time)(times, coordinates)
+    return jax.vmap(at_time)(times, coordinates, theta)
 
 
 def nodes(grid: Float[np.ndarray, "rows columns 2"], coordinates: Float[np.ndarray, "T 2"]) -> Float[np.ndarray, "T 2"]:
@@ -163,6 +208,21 @@ def _points(surface: AbstractSurface, times: Any, grid: Any) -> Any:
         return nodes.reshape((*grid.shape[:2], 3))
 
     return jax.vmap(at_time)(times)
+
+
+def curve_under(
+    surface: AbstractSurface, times: Float[np.ndarray, " T"], z: Float[np.ndarray, " T"], contacts: Contacts, r: float
+) -> Curve:
+    """The curve under the path of a disk of radius ``r``."""
+    room = ROOM * r / contacts.lengths[:, 0].min()
+    low, high = float(np.min(z)) - room, float(np.max(z)) + room
+    if isinstance(surface, Cylinder):
+        middle, half = (low + high) / 2, np.pi * float(surface.radius)
+        low, high = max(low, middle - half), min(high, middle + half)
+    along = np.linspace(low, high, POINTS_OF_CURVE)
+    grid = np.stack([np.asarray(u) for u in surface.section(to_array(along))], axis=-1)[:, None]
+    points = mesh_points(surface, times if contacts.deforms else times[:1], grid)
+    return Curve(points[:, :, 0], along, z, contacts)
 
 
 def _part(surface: AbstractSurface, every: Sequence[Contacts], r: float) -> Float[np.ndarray, "rows columns 2"]:

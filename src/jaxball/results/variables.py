@@ -137,7 +137,9 @@ def labels(system: Any, sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
     if "coordinate" in sizes:
         coordinates["coordinate"] = np.asarray(system.coordinates)
     if "driven" in sizes:
-        coordinates["driven"] = np.asarray(system.coordinates if system.joints else system.driven)
+        coordinates["driven"] = np.asarray(
+            system.driven if len(system.driven) == len(system.coordinates) else system.coordinates
+        )
     if "joint" in sizes:
         coordinates["joint"] = np.asarray(
             [f"mechanisms[{k}].joints[{a}]" for k, item in enumerate(system.mechanisms) for a in range(item.n_joints)]

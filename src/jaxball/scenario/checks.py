@@ -1,6 +1,7 @@
 """What is impossible about a scenario, in the words of its file."""
 
 import re
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -13,10 +14,11 @@ from ..interface.printing import is_array
 from ..numerics.arrays import to_array
 from ..physics.body import System
 from ..physics.breaches import breaches
-from ..physics.conditions import Problem, all_hold
+from ..physics.conditions import Condition, ExplainedCondition, Problem, all_hold
 from ..physics.confinement import is_confined, surely_stay
 from ..physics.coupling import mass_conditions
 from ..physics.dynamics import solvable_friction
+from ..physics.footing import has_end, surface_under
 from ..physics.state import BallState, DiskState
 from ..physics.validity import beyond_arithmetic
 from .errors import raise_first
@@ -60,8 +62,9 @@ def check_start(system: System, start: Any, state: BallState | DiskState) -> Non
     """Raises a :class:`ScenarioError` where the body's initial accelerations are not determined.
 
     That is, for the first free joint that moves no mass, for dry friction with which the normal force has no solution,
-    and for numbers so far from 1 that what a solve advances is not finite. Checks that depend on traced numbers become
-    conditions; whether numbers are too far from 1 is left undecided for those that may be.
+    for a surface that does not fit the body there, and for numbers so far from 1 that what a solve advances is not
+    finite. Checks that depend on traced numbers become conditions; whether numbers are too far from 1 is left undecided
+    for those that may be.
     """
     if any_traced((system, start, state)):
         leave_open("body", lambda: jnp.asarray(True), lambda: jnp.asarray(~_has_extremes((system, state))))
@@ -73,6 +76,8 @@ def check_start(system: System, start: Any, state: BallState | DiskState) -> Non
         rules.append(("mechanisms", mass_conditions, decisive))
     if system.resistance is not None and system.resistance.is_dry:
         rules.append(("resistance.dry", solvable_friction, (system, start, state)))
+    if has_end(system):
+        rules.append(("ground", _on_ground, (system.ground, system.radius, start, state)))
     for path, rule, decisive in rules:
         if any_traced(decisive):
             leave_open(path, lambda rule=rule: all_hold(rule(system.prepare(), to_array(start), state)))
@@ -81,6 +86,15 @@ def check_start(system: System, start: Any, state: BallState | DiskState) -> Non
     if not bool(_can_start(system, to_array(start), state)):
         conditions = system.start_conditions(to_array(start), state)
         raise_first([_in_keys(problem) for condition in conditions for problem in condition.problems()][:1])
+
+
+def _on_ground(
+    system: System, t: Float[Array, ""], state: BallState | DiskState
+) -> Iterator[Condition | ExplainedCondition]:
+    """The conditions on the surface under a body where it starts."""
+    ground = surface_under(system, t, state)
+    assert ground is not None
+    yield from ground.start_conditions(t, system.radius, state)
 
 
 def _in_keys(problem: Problem) -> ScenarioError:
@@ -117,4 +131,4 @@ def key_of(name: str) -> str:
         return name
     if name.startswith("law."):  # whose schedules are those of the coordinates that it drives
         return name.replace("law.", "actuation.") if name.startswith("law.signals") else "actuation"
-    return {"force": "force", "law": "actuation"}.get(name, join("body", name))
+    return {"force": "force", "ground": "ground", "law": "actuation"}.get(name, join("body", name))

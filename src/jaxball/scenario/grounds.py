@@ -107,7 +107,7 @@ GROUNDS = Open(
 
 
 def read_ground(values: Any, path: str, kind: str) -> AbstractGround:
-    """The ground; under a disk it is a plane without a turntable."""
+    """The ground; under a disk it has no turntable."""
     if names_own(values):
         ground = read_own(values, path, GROUNDS)
     elif isinstance(values, dict) and "kind" in values:
@@ -115,9 +115,7 @@ def read_ground(values: Any, path: str, kind: str) -> AbstractGround:
             ground = read_family(values, path, GROUNDS)
     else:
         ground = GROUND.read(values, path)
-    if kind == "disk" and not isinstance(ground, Ground):
-        raise ScenarioError(f"Key `{path}.kind` must be left out for a disk, which rolls on a plane; use a ball.")
-    if kind == "disk" and ground.turntable is not None:
+    if kind == "disk" and isinstance(ground, Ground) and ground.turntable is not None:
         raise ScenarioError(f"Key `{path}.turntable` must be left out for a disk, which rolls on a line; use a ball.")
     require_conditions(ground)
     return ground

@@ -49,8 +49,9 @@ class SavedStates(NamedTuple):
 class SolveLoop(diffrax.AbstractAdjoint):
     """The loop of a solve that saves the vectors at ``times``, infinite at times that it does not reach.
 
-    What ``switching`` and ``watch`` carried to the end is among the statistics, as ``switching`` and ``watched``; with
-    ``observers``, so is what they ``found``.
+    What ``switching`` and ``watch`` carried to the end is among the statistics, as ``switching`` and ``watched``, and
+    the vector at the ``end``; with ``observers``, so is what they ``found``. A step to where the equations no longer
+    hold, as ``is_over`` tells, is the last.
 
     diffrax calls a loop after the way in which it is differentiated. ``kind`` is "checkpointed" for reverse mode, with
     ``checkpoints`` of them, and "lax" for forward mode or none.
@@ -60,6 +61,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
     switching: AbstractSwitching
     observers: Callable[[Any], Observers] | None = eqx.field(static=True)  # a function of the terms' arguments
     watch: Watch | None = eqx.field(static=True)
+    is_over: Callable[..., Bool[Array, ""]] | None = eqx.field(static=True)  # of t, a vector and the terms' arguments
     kind: Literal["checkpointed", "lax"] = eqx.field(static=True)
     parameters: list[Array]
     join: Callable[[list[Array]], Array] = eqx.field(static=True)
@@ -73,14 +75,15 @@ class SolveLoop(diffrax.AbstractAdjoint):
         switching: AbstractSwitching,
         observers: Callable[[Any], Observers] | None = None,
         watch: Watch | None = None,
+        is_over: Callable[..., Bool[Array, ""]] | None = None,
         *,
         parameters: list[Array],
         join: Callable[[list[Array]], Array],
     ) -> "SolveLoop":
         """The loop for the differentiation that ``adjoint`` stands for."""
         if isinstance(adjoint, diffrax.ForwardMode):
-            return cls(times, switching, observers, watch, "lax", parameters, join)
-        return cls(times, switching, observers, watch, "checkpointed", parameters, join, adjoint.checkpoints)
+            return cls(times, switching, observers, watch, is_over, "lax", parameters, join)
+        return cls(times, switching, observers, watch, is_over, "checkpointed", parameters, join, adjoint.checkpoints)
 
     def loop(
         self,
@@ -127,6 +130,9 @@ class SolveLoop(diffrax.AbstractAdjoint):
             before, saved, hybrid, seen, watched = carry
             state, until, hybrid = solve.after_reset(before, switching.with_event_if(counts, hybrid))
             new, info, keep, hybrid = solve.advance(state, hybrid)
+            if self.is_over is not None:
+                over = self.is_over(*jax.lax.stop_gradient((new.tprev, new.y)), args)
+                new = dataclasses.replace(new, result=RESULTS.where(keep & over, RESULTS.nonfinite, new.result))
             pause = Pause(before.y, until, state.tprev)
             new, *recorded = recorder.record(before.tprev, pause, state, new, info, keep & counts, saved, seen, watched)
             return new, recorded[0], hybrid, *recorded[1:]
@@ -156,7 +162,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
             num_rejected_steps=state.num_steps - state.num_accepted_steps,
             result=RESULTS.where(is_unfinished((state, saved, hybrid)), RESULTS.max_steps_reached, state.result),
         )
-        statistics = {"switching": hybrid, "watched": watched}
+        statistics = {"switching": hybrid, "watched": watched, "end": state.y}
         if observers is not None:
             solve = solve._replace(stepper=stepper_of(Recorded("stages")))
             statistics["found"] = observers.results(seen, t0, first, functools.partial(solve.again, output))

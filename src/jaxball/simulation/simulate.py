@@ -19,6 +19,7 @@ from ..physics.body import System
 from ..physics.confinement import until_left
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
+from ..physics.footing import end_of_ground, has_end
 from ..physics.hybrid import Accuracy
 from ..physics.packing import Packing, ravel_state
 from ..physics.state import State
@@ -56,6 +57,8 @@ from .trajectory import Interpolant, Trajectory
 from .watch import Watch, end_by_events, occurrences_of, values_of
 
 FEW_STEPS = (256, 2048)
+# Where steps are tried into what the equations are not for.
+BROKEN = (int(Status.NOT_FINITE), int(Status.LEFT_SURFACE), int(Status.WEDGED))
 LEAVING = "(something leaves)"  # the name of an event among those of a solve, and not of its result
 
 
@@ -269,6 +272,7 @@ def solve(
             switching,
             functions.observers if method.observation else None,
             Watch(events, functions.event_values, functions.field, functions.event_state) if events else None,
+            functions.is_over if has_end(packing.system.shown) else None,
             parameters=functions.leaves,
             join=lambda leaves: ravel_pytree(leaves)[0],
         ),
@@ -281,7 +285,7 @@ def solve(
     states, ended = cast(Array, solution.ys), cast(Array, solution.ts)
     finite = startable & jnp.all(jnp.isfinite(states), axis=1)
     saved = _unpack(packing, finite, times, states, functions.projects)
-    reached, status, occurrences = ended[0], status_of(solution.result), {}
+    reached, status, occurrences = ended[0], _status(solution, packing), {}
     if events:
         unravel_shown = ravel_state(system.shown_state(packing.unpack(times[0], initial)))[1]
         occurrences = occurrences_of(cast(Any, solution.stats["watched"]), events, unravel_shown, startable)
@@ -293,7 +297,8 @@ def solve(
         reached, status = until_left(packing.system, times, saved, reached, status, left)
     status = jnp.where(startable, status, Status.IMPOSSIBLE)
     # Reverse mode goes through the steps that were tried beyond that, too.
-    spoilt = (status == int(Status.NOT_FINITE)) & isinstance(adjoint, diffrax.RecursiveCheckpointAdjoint)
+    broken = jnp.any(status == jnp.asarray(BROKEN))
+    spoilt = broken & isinstance(adjoint, diffrax.RecursiveCheckpointAdjoint)
     saved, record, occurrences = with_unknown_derivatives((saved, record, occurrences), given, spoilt)
     interpolant = None
     if method.dense:
@@ -344,6 +349,10 @@ class _Functions:
     def _event_values(self, times, vectors, parameters):
         packing, events = self.unpack(parameters)
         return jax.vmap(functools.partial(values_of, packing, events))(times, vectors)
+
+    def is_over(self, t, x, parameters):
+        """Whether the ground ends at a vector."""
+        return _cause_of_end(self.unpack(parameters)[0], t, x) != int(Status.SUCCESS)
 
     def observers(self, parameters: Array) -> Observers:
         """The observers of quantities along the run."""
@@ -406,6 +415,23 @@ def _controller(
     if method.step_to_times:
         controller = diffrax.ClipStepSizeController(controller, step_ts=times)
     return to_kinks(controller, kinks_of(system))
+
+
+def _status(solution: diffrax.Solution, packing: Packing[Any, Any]) -> Array:
+    """The status of a solution by :class:`SolveLoop`, which tells the end of a ground from other failures."""
+    status = status_of(solution.result)
+    if not has_end(packing.system.shown):
+        return status
+    end = jax.lax.stop_gradient((cast(Array, solution.ts)[0], cast(Array, solution.stats["end"])))
+    cause = _cause_of_end(packing, *end)
+    failed = (status == int(Status.NOT_FINITE)) | (status == int(Status.SOLVER_FAILED))
+    return jnp.where(failed & (cause != int(Status.SUCCESS)), cause, status)
+
+
+def _cause_of_end(packing: Packing[Any, Any], t: Array, x: Array) -> Array:
+    """Whether the ground lets a body not go on from a vector: a status, or SUCCESS if it does."""
+    system = packing.system
+    return end_of_ground(system.shown, t, system.shown_state(packing.unpack(t, x)))
 
 
 def status_of(result: diffrax.RESULTS) -> Array:

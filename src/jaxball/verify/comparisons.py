@@ -12,6 +12,7 @@ import numpy as np
 from ..classical import NonholonomicParticle
 from ..physics.body import Disk
 from ..physics.dae import WITH_UNIT
+from ..physics.footing import in_space
 from ..physics.state import DiskState
 from ..scenario.solvers import SOLVERS
 from ..simulation.trajectory import Trajectory
@@ -94,11 +95,12 @@ def embedding(case: Case) -> Row:
     system, state = case.scenario.system, case.state
     if not isinstance(system, Disk) or not isinstance(state, DiskState):
         return Row("embedding", reason="it is for disks")
-    embedded = case.other(diffrax.Dopri8(), system=system.embedded(), state=state.in_space())
+    embedded = case.other(diffrax.Dopri8(), system=system.embedded(), state=in_space(system, state))
     if not embedded.ok:
         return Row("embedding", note=f"the run of the ball failed: {embedded.message}")
     # Relative to 1 + |x|, for each part of the state.
-    pairs = zip(jax.tree.leaves(case.run.state.in_space()), jax.tree.leaves(embedded.state), strict=True)
+    states = jax.vmap(lambda x: in_space(system, x))(case.run.state)
+    pairs = zip(jax.tree.leaves(states), jax.tree.leaves(embedded.state), strict=True)
     parts = [np.abs(np.asarray(x) - np.asarray(y)) / (1 + np.max(np.abs(y), initial=0.0)) for x, y in pairs]
     return Row("embedding", max(float(np.max(part, initial=0.0)) for part in parts), 2 * case.expected)
 

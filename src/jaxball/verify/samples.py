@@ -79,18 +79,19 @@ def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
         "jellett": _constant(axial.jellett),
         "routh": _constant(axial.routh),
         "norm": _constant(jnp.sqrt(jnp.sum(in_space.q**2))),
-        "rolling": rolling_balance(system, t, in_space),
+        "rolling": rolling_balance(system, t, state),
     }
     if isinstance(system.ground, Ground) and system.ground.turntable is not None:
         balances["moving-energy"] = moving_energy_balance(system, t, in_space, observables)
     return Quantities(balances, at, axis)
 
 
-def rolling_balance(system: AbstractBody, t: Float[Array, ""], state: BallState) -> Balance:
+def rolling_balance(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskState) -> Balance:
     """The position of the geometric centre, on the plane or over a surface, and its velocity by the constraint."""
     under = footing(system, t, state)
     if under is None:
-        return Balance(state.z, _centre_velocity(system, t, state)[:2])
+        in_space = state.in_space()
+        return Balance(in_space.z, _centre_velocity(system, t, in_space)[:2])
     return Balance(under.centre, under.centre_velocity)
 
 

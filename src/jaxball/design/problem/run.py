@@ -14,6 +14,7 @@ from ...physics.body import System
 from ...physics.coupling import join_coordinates, joint_forces
 from ...physics.dynamics import accelerations, angles_in_state
 from ...physics.energy import accelerations_of_masses
+from ...physics.footing import has_end, surface_under
 from ...physics.linkage import linkages
 from ...physics.load import load
 from ...physics.mechanisms import AbstractMechanism, Mechanism, Slider
@@ -89,7 +90,12 @@ class Run(eqx.Module):
 
     @property
     def z(self) -> Float[Array, "t 2"]:
-        """The path of the geometric centre; for a disk it lies on the first axis."""
+        """The path of the geometric centre, along e1 and e2; for a disk it lies on the first axis.
+
+        On a surface it is that of the centre in space, not of the coordinates on the ground.
+        """
+        if has_end(self.system):
+            return self._each(_place_over_surface)
         return self.state.in_space().z
 
     @property
@@ -186,6 +192,13 @@ def run_of(candidate: Candidate, solve: Solve, rail_samples: int = RAIL_SAMPLES)
     # A search may pass through bodies that do not contain their masses.
     trajectory = simulate(system, times, state, **solve._asdict(), inside=False)
     return Run(system, times, trajectory.state, trajectory.status, rail_samples)
+
+
+def _place_over_surface(system: System, t: Float[Array, ""], state: BallState | DiskState) -> Float[Array, "2"]:
+    """The horizontal place of the geometric centre of a body on a surface."""
+    surface = surface_under(system, t, state)
+    assert surface is not None
+    return surface.place_of_centre(t, system.radius, state.z)[:2]
 
 
 def _on_rails(system: System, t: Float[Array, ""], state: BallState | DiskState) -> OnRails:

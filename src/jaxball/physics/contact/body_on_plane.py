@@ -66,7 +66,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         yield from self.body.conditions()
         yield from self.contact.conditions()
 
-    def start_conditions(self, t: Float[Array, ""], state: ContactState) -> Iterator[Condition]:
+    def start_conditions(self, t: Float[Array, ""], state: ContactState) -> Iterator[Condition | ExplainedCondition]:
         yield from self.body.start_conditions(t, state.body)
         if self.body.planar:
             holds = state.V[1] == 0

@@ -15,12 +15,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Float, Int
 
 from ...interface.arguments import require
+from ...interface.status import Status
 from ...numerics.arrays import join_arrays
 from ...numerics.vectors import cross, dot, root, unit_vector
-from ..conditions import Condition
+from ..conditions import Condition, ExplainedCondition, Problem
 from ..ground import AbstractGround
 from .moving_frame import MovingFrame
 
@@ -28,7 +30,19 @@ CURVED = (
     "curved less than the ball where it starts, on the side of the ball, because a ball that is more curved than its "
     "ground touches it in one point"
 )
+ON_CHART = "coordinates of a place on the ground, away from its edge and from where they end"
+# What must be left of a chart, and of a fit, so that the equations can be evaluated, and so that a solve goes on, in
+# units of the square root of the rounding: a place is known that well where its coordinates have a turning point.
+LEAST_MARGIN, END_MARGIN = 4.0, 40.0
+SYMMETRIC = Problem(
+    "ground",
+    "be symmetric about the plane of e1 and e3, at e2 = 0, in which a disk rolls, near its start and as it moves",
+    "it is not; use a Ball",
+)
+SECTION_SAMPLES = np.linspace(-4.0, 4.0, 17)  # radii from the start of a disk at which its ground is looked at
+SYMMETRY = 1e-6
 Time = Float[Array, ""]
+Coordinates = Float[Array, "*two"]  # those of a ball's contact point, or the one of a disk's along its section
 Coordinate = Float[Array, ""]
 
 
@@ -50,7 +64,7 @@ class Footing(NamedTuple):
     velocity: Float[Array, "3"]
     spin: Float[Array, "3"]
     centre_velocity: Float[Array, "3"]
-    coordinate_rates: Float[Array, "2"]
+    coordinate_rates: Coordinates
     normal_rate: Float[Array, "3"]
     acceleration: Float[Array, "3"]
 
@@ -64,15 +78,19 @@ class _Contact(NamedTuple):
 
 
 class AbstractSurface(AbstractGround):
-    """A smooth ground of any form, which may move and deform, for a ball.
+    """A smooth ground of any form, which may move and deform, for a ball, or for a disk where it is symmetric.
 
     An implementer supplies ``point(t, u1, u2)``, traced with ``jax.numpy``: where the piece of the ground with the
     coordinates u = (u1, u2) is at a time, as ∂p/∂u1 × ∂p/∂u2 points towards the ball. A piece keeps its coordinates:
     the velocity of the ground's matter is ∂p/∂t. And a field ``motion``, a :class:`~jaxball.MovingFrame` that moves
-    it as a rigid body, or None.
+    it as a rigid body, or None. Where the ground has an edge, or its coordinates do not reach all of it, also
+    ``reach(t, u1, u2)``; a run ends there with the status ``LEFT_SURFACE``.
 
-    The coordinates of the contact point are the ``z`` of a ball's state. Space axes are at rest, and gravity is −g e3.
-    That the ground is touched in one point only is checked where a run starts, and only near that point.
+    The coordinates of the contact point are the ``z`` of a ball's state. A disk rolls along the ``section`` of the
+    ground by the plane of e1 and e3, about which the ground must be symmetric, and its ``z`` is the coordinate along
+    that. Methods take either as ``u``, coordinates of shape (2,) of a ball, and one number of a disk. Space axes are at
+    rest, and gravity is −g e3. That the ground is touched in one point only is checked near that point alone: where it
+    bends towards the ball as strongly as the ball is curved, a run ends with the status ``WEDGED``.
     """
 
     if TYPE_CHECKING:  # to a type checker, a field declared here would come first among the arguments
@@ -87,14 +105,67 @@ class AbstractSurface(AbstractGround):
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         """Where the piece with these coordinates is before ``motion`` moves it, length."""
 
+    def reach(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, ""]:
+        """How much of the ground is left ahead: 0 at its edge, or where its coordinates end, and positive inside.
+
+        A number without a unit, of the order of 1 far from there; 1 everywhere if not supplied.
+        """
+        return jnp.ones_like(u1)
+
+    def following(
+        self,
+        t: Time,
+        theta: Float[Array, " driven"],
+        thetadot: Float[Array, " driven"],
+        thetaddot: Float[Array, " driven"],
+    ) -> "AbstractSurface":
+        """The ground near the time ``t``, where its ``driven`` coordinates and their rates are these."""
+        return self
+
+    def section(self, z: Coordinate) -> tuple[Coordinate, Coordinate]:
+        """The coordinates of the point at ``z`` of the section along which a disk rolls: u1 = z and u2 = 0 at first."""
+        return z, jnp.zeros_like(z)
+
+    def coordinates(self, u: Coordinates) -> Float[Array, "2"]:
+        """Both coordinates of the contact point, of a ball or of a disk."""
+        return u if u.ndim else jnp.stack(self.section(u))
+
     def conditions(self, planar: bool = False) -> Iterator[Condition]:
         if self.motion is not None:
             yield from self.motion.conditions("ground.motion")
 
-    def start_conditions(self, t: Time, r: Float[Array, ""], state: Any) -> Iterator[Condition]:
-        """A ball must be more curved than the ground is towards it; r is its radius."""
-        fits = self.fit(t, r, state.z)
+    def start_conditions(self, t: Time, r: Float[Array, ""], state: Any) -> Iterator[Condition | ExplainedCondition]:
+        """A ball must be on the ground, and more curved than it is towards the ball; r is the ball's radius."""
+        on_chart = self._left(t, state.z) > _margin(END_MARGIN, r)
+        yield Condition(on_chart, "state.z", state.z, ON_CHART)
+        fits = jnp.where(on_chart, self.fit(t, r, state.z), 1.0)
         yield Condition(fits > 0, "ground", fits, CURVED)
+        if not state.z.ndim:
+            aside = self._aside(t, r, state.z)
+            yield ExplainedCondition(~(aside > SYMMETRY), lambda: SYMMETRIC)
+
+    def _left(self, t: Time, u: Coordinates) -> Float[Array, ""]:
+        """What is left of the ground ahead."""
+        both = self.coordinates(u)
+        return self.reach(t, both[0], both[1])
+
+    def _aside(self, t: Time, r: Float[Array, ""], z: Coordinate) -> Float[Array, ""]:
+        """How far the ground is from being symmetric about the plane of e1 and e3, near the ``z`` of a disk.
+
+        These are components along e2, of places relative to ``r``, and of rates relative to whole vectors.
+        """
+        _, by_z, _ = self._slopes_along(t, z)
+        scale = r / _length(by_z.p)
+
+        def aside(share: Float[Array, ""]) -> Float[Array, ""]:
+            contact, by_z, by_t = self._slopes_along(t, z + share * scale)
+            rates = (by_z.p, by_z.n, by_t.p, by_t.w)
+            whole = [_length(v) + 1e-3 * (_length(by_z.p) if k < 2 else r) for k, v in enumerate(rates)]
+            turned = [jnp.abs(v[1]) / size for v, size in zip(rates, whole, strict=True)]
+            return jnp.max(jnp.stack([jnp.abs(contact.p[1]) / r, jnp.abs(contact.n[1]), *turned]))
+
+        found = jax.vmap(aside)(jnp.asarray(SECTION_SAMPLES, z.dtype))
+        return jnp.max(jnp.where(jnp.isnan(found), 0.0, found))
 
     def up(self) -> Float[Array, "3"]:
         return jnp.zeros((3,)).at[2].set(1.0)
@@ -116,32 +187,47 @@ class AbstractSurface(AbstractGround):
         own = self.point(t, u1, u2)
         return own if self.motion is None else self.motion.place(t, own)
 
-    def normal(self, t: Time, u: Float[Array, "2"]) -> Float[Array, "3"]:
+    def normal(self, t: Time, u: Coordinates) -> Float[Array, "3"]:
         """n at the coordinates ``u``, towards the ball, space axes."""
-        return self._contact(t, u[0], u[1]).n
+        return self._contact_at(t, u).n
 
-    def place_of_centre(self, t: Time, r: Float[Array, ""], u: Float[Array, "2"]) -> Float[Array, "3"]:
+    def place_of_centre(self, t: Time, r: Float[Array, ""], u: Coordinates) -> Float[Array, "3"]:
         """c = p + r n of a ball of radius ``r`` that touches it at the coordinates ``u``, space axes, length."""
-        contact = self._contact(t, u[0], u[1])
+        contact = self._contact_at(t, u)
         return contact.p + r * contact.n
 
-    def fit(self, t: Time, r: Float[Array, ""], u: Float[Array, "2"]) -> Float[Array, ""]:
+    def fit(self, t: Time, r: Float[Array, ""], u: Coordinates) -> Float[Array, ""]:
         """The lesser of 1 − r κ over both principal curvatures κ, positive where the ground bends towards the ball.
 
-        Positive where a ball of radius ``r`` fits the ground near the coordinates ``u``.
+        Positive where a ball of radius ``r`` fits the ground near the coordinates ``u``. For a disk, κ is the curvature
+        of the section along which it rolls.
         """
+        if not u.ndim:
+            contact, by_z, _ = self._slopes_along(t, u)
+            return _stretch(by_z, r)
         contact, (by_u1, by_u2, _) = self._slopes(t, u)
         return _Chart.of(contact.n, by_u1, by_u2, r).fit
 
-    def footing(self, t: Time, r: Float[Array, ""], u: Float[Array, "2"], omega: Float[Array, "3"]) -> Footing:
+    def end(self, t: Time, r: Float[Array, ""], u: Coordinates) -> Int[Array, ""]:
+        """Whether a ball of radius ``r`` cannot go on from the coordinates ``u``: a status, or SUCCESS if it can."""
+        least = _margin(END_MARGIN, r)
+        wedged, left = self.fit(t, r, u) < least, self._left(t, u) < least
+        status = jnp.where(wedged, int(Status.WEDGED), int(Status.SUCCESS))
+        return jnp.where(left, int(Status.LEFT_SURFACE), status)
+
+    def footing(self, t: Time, r: Float[Array, ""], u: Coordinates, omega: Float[Array, "3"]) -> Footing:
         """How it holds a ball of radius ``r`` that turns at ``omega``, space axes, where its coordinates are ``u``.
 
-        Where the ball is not more curved than the ground, u̇ is NaN, which ends a solve with a status.
+        Where the ball is not more curved than the ground, or the ground ends, u̇ is NaN, which ends a solve with a
+        status.
         """
+        if not u.ndim:
+            return self._footing_along(t, r, u, omega)
         contact, (by_u1, by_u2, by_t) = self._slopes(t, u)
         chart = _Chart.of(contact.n, by_u1, by_u2, r)
         rolling = r * cross(omega, contact.n)
         rates = chart.coordinates(rolling - r * by_t.n)
+        rates = jnp.where(self._left(t, u) > _margin(LEAST_MARGIN, r), rates, jnp.nan)
         # The gradient of w along both tangents, of which the antisymmetric part is the turning of the ground's matter.
         (a, b), tangents = chart.inverse.T, chart.tangents
         along_1, along_2 = by_u1.w * a[0] + by_u2.w * a[1], by_u1.w * b[0] + by_u2.w * b[1]
@@ -160,6 +246,32 @@ class AbstractSurface(AbstractGround):
             acceleration=by_t.w + by_u1.w * rates[0] + by_u2.w * rates[1],
         )
 
+    def _footing_along(self, t: Time, r: Float[Array, ""], z: Coordinate, omega: Float[Array, "3"]) -> Footing:
+        """How it holds a disk that turns at ``omega``, about e2, where its coordinate along the section is ``z``."""
+        contact, by_z, by_t = self._slopes_along(t, z)
+        length, fit = _length(by_z.p), _stretch(by_z, r)
+        along = by_z.p / length
+        tangents = jnp.stack([along, cross(contact.n, along)])
+        rolling = r * cross(omega, contact.n)
+        holds = (fit > _margin(LEAST_MARGIN, r)) & (self._left(t, z) > _margin(LEAST_MARGIN, r))
+        rate = jnp.where(holds, dot(along, rolling - r * by_t.n) / (length * fit), jnp.nan)
+        return Footing(
+            centre=contact.p + r * contact.n,
+            foot=contact.p,
+            normal=contact.n,
+            tangents=tangents,
+            velocity=contact.w,
+            spin=-dot(contact.n, by_z.w) / length * tangents[1],
+            centre_velocity=contact.w + rolling,
+            coordinate_rates=rate,
+            normal_rate=by_t.n + by_z.n * rate,
+            acceleration=by_t.w + by_z.w * rate,
+        )
+
+    def _contact_at(self, t: Time, u: Coordinates) -> _Contact:
+        both = self.coordinates(u)
+        return self._contact(t, both[0], both[1])
+
     def _contact(self, t: Time, u1: Coordinate, u2: Coordinate) -> _Contact:
         p, along_1 = _derivative(lambda x: self.placed(t, x, u2), u1)
         _, along_2 = _derivative(lambda x: self.placed(t, u1, x), u2)
@@ -172,6 +284,12 @@ class AbstractSurface(AbstractGround):
         _, by_u2 = _derivative(lambda x: self._contact(t, u[0], x), u[1])
         _, by_t = _derivative(lambda x: self._contact(x, u[0], u[1]), t)
         return contact, (by_u1, by_u2, by_t)
+
+    def _slopes_along(self, t: Time, z: Coordinate) -> tuple[_Contact, _Contact, _Contact]:
+        """p, n and w at the ``z`` of a disk, and their derivatives by z and t."""
+        contact, by_z = _derivative(lambda x: self._contact_at(t, x), z)
+        _, by_t = _derivative(lambda x: self._contact_at(x, z), t)
+        return contact, by_z, by_t
 
 
 class _Chart(NamedTuple):
@@ -205,10 +323,24 @@ class _Chart(NamedTuple):
         NaN where the ball does not fit the ground.
         """
         S = self.stretch
-        fits = (S[0, 0] + S[1, 1] > 0) & (_determinant(S) > 0)
+        fits = self.fit > _margin(LEAST_MARGIN, S)
         steps = _product(_inverse(S), jnp.sum(self.tangents * v[None], axis=1, keepdims=True))
         rates = _product(self.inverse, steps)[:, 0]
         return jnp.where(fits, rates, jnp.nan)
+
+
+def _length(v: Float[Array, "3"]) -> Float[Array, ""]:
+    return jnp.sqrt(jnp.sum(v**2))
+
+
+def _stretch(by_z: _Contact, r: Float[Array, ""]) -> Float[Array, ""]:
+    """1 − r κ of the section: how far the centre of a disk moves for a step of its foot."""
+    return 1 + r * dot(by_z.n, by_z.p) / jnp.sum(by_z.p**2)
+
+
+def _margin(size: float, x: Float[Array, "..."]) -> float:
+    """A margin in the precision of ``x``."""
+    return size * float(jnp.finfo(x.dtype).eps) ** 0.5
 
 
 def _derivative(function: Any, x: Float[Array, ""]) -> tuple[Any, Any]:

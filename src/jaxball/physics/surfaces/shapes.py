@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -12,10 +13,13 @@ from ...numerics.arrays import AnyArray, a_number, join_arrays, namespace_of, nu
 from ...numerics.functions import OfKinkedFunctionOfState
 from ...numerics.vectors import cross, dot, sine_cosine, unit_vector
 from ..conditions import Condition, a_direction, positive
+from ..mechanisms.joints import Accelerated
 from ..motion import AbstractPrescribedMotion
 from ..schedules import AbstractSchedule
 from .contract import AbstractSurface, Coordinate, Time
 from .moving_frame import MovingFrame, Turn
+
+STAYS_IN_PLANE = "None or a schedule under a disk, which a law may only tilt about e2"
 
 
 class HeightField(OfKinkedFunctionOfState, AbstractSurface):
@@ -51,7 +55,16 @@ class HeightField(OfKinkedFunctionOfState, AbstractSurface):
         require_function("function", self.function, (), t=number, x=number, y=number, parameters=self.parameters)
 
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
-        return jnp.stack([u1, u2, jnp.asarray(self.function(t, u1, u2, self.parameters), u1.dtype)])
+        return jnp.stack([u1, u2, self._height(t, u1, u2)])
+
+    def reach(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, ""]:
+        """The upward component of the normal, which is 0 where the ground is vertical."""
+        _, along_x = jax.jvp(lambda x: self._height(t, x, u2), (u1,), (jnp.ones_like(u1),))
+        _, along_y = jax.jvp(lambda y: self._height(t, u1, y), (u2,), (jnp.ones_like(u2),))
+        return 1 / jnp.sqrt(1 + along_x**2 + along_y**2)
+
+    def _height(self, t: Time, x: Coordinate, y: Coordinate) -> Float[Array, ""]:
+        return jnp.asarray(self.function(t, x, y, self.parameters), x.dtype)
 
     def kinks(self) -> Float[Array, " kinks"]:
         return join_arrays([self.kink_times, AbstractSurface.kinks(self)])
@@ -127,6 +140,9 @@ class Bowl(AbstractSurface):
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         return _on_sphere(self.radius, u1, u2, 1.0)
 
+    def reach(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, ""]:
+        return _to_pole(self.radius, u1, u2)
+
 
 class SphereOutside(AbstractSurface):
     """The outside of a sphere, whose highest point is the origin.
@@ -156,6 +172,9 @@ class SphereOutside(AbstractSurface):
 
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         return _on_sphere(self.radius, u1, u2, -1.0)
+
+    def reach(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, ""]:
+        return _to_pole(self.radius, u1, u2)
 
 
 class Cylinder(AbstractSurface):
@@ -201,6 +220,12 @@ class Cylinder(AbstractSurface):
         holds = (across**2).sum() > 1e-12 * (a**2).sum() * (b**2).sum()
         yield Condition(holds, "ground.start", b, "a direction that is not along the axis of the cylinder")
         yield from AbstractSurface.conditions(self, planar)
+
+    def section(self, z: Coordinate) -> tuple[Coordinate, Coordinate]:
+        """Along the axis, or around one along e2: from e1 upwards at the lowest line of the inside."""
+        along = unit_vector(self.axis)[1]
+        across, zero = jnp.abs(along) > 0.5, jnp.zeros_like(z)
+        return jnp.where(across, zero, z), jnp.where(across, -jnp.sign(along) * z, zero)
 
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         axis = unit_vector(self.axis)
@@ -286,7 +311,8 @@ class TiltingPlane(AbstractSurface):
 
     **Arguments:**
 
-    - ``about_e1``, ``about_e2``: the angles, rad, as schedules; None for none.
+    - ``about_e1``, ``about_e2``: the angles, rad, as schedules; None for none; ``Accelerated()`` for one whose θ̈ is
+      given by the body's feedback law, and which is in the state's ``theta`` after those of masses and joints.
     - ``pivot``: the point about which it tilts, length, shape (3,); the origin if not given. It need not be in the
       plane.
     - ``displacement``: X(t), a motion such as an :class:`~jaxball.Oscillating` of sinusoids, length; None for none.
@@ -301,22 +327,44 @@ class TiltingPlane(AbstractSurface):
     [0.142619 0.      ]
     """
 
-    about_e1: AbstractSchedule | None = None
-    about_e2: AbstractSchedule | None = None
+    about_e1: AbstractSchedule | Accelerated | None = None
+    about_e2: AbstractSchedule | Accelerated | None = None
     pivot: Float[Array, "*group 3"] = eqx.field(converter=numbers("pivot", (3,)), default=(0.0, 0.0, 0.0))
     displacement: AbstractPrescribedMotion | None = None
 
     def __check_init__(self):
         for name in ("about_e1", "about_e2"):
-            must = "a schedule of its angle, such as ConstantRate(0.0, rate=0.1), or None"
-            require(name, getattr(self, name), (AbstractSchedule, type(None)), must)
+            must = "a schedule of its angle, such as ConstantRate(0.0, rate=0.1), Accelerated() for a law, or None"
+            require(name, getattr(self, name), (AbstractSchedule, Accelerated, type(None)), must)
+
+    @property
+    def driven(self) -> tuple[str, ...]:
+        return tuple(name for name in ("about_e1", "about_e2") if isinstance(getattr(self, name), Accelerated))
 
     @property
     def motion(self) -> MovingFrame:
-        """Its motion as a rigid body."""
+        """Its motion as a rigid body; angles that a law drives are those of :meth:`following`, and 0 without it."""
         angles = (((1.0, 0.0, 0.0), self.about_e1), ((0.0, 1.0, 0.0), self.about_e2))
-        turns = [Turn(axis, angle) for axis, angle in angles if angle is not None]
+        turns = [Turn(axis, angle) for axis, angle in angles if isinstance(angle, AbstractSchedule)]
         return MovingFrame(turns, self.displacement, self.pivot)
+
+    def conditions(self, planar: bool = False) -> Iterator[Condition]:
+        if planar:
+            level = not isinstance(self.about_e1, Accelerated)
+            yield Condition(namespace_of(self.pivot).asarray(level), "ground.about_e1", self.pivot, STAYS_IN_PLANE)
+        yield from AbstractSurface.conditions(self, planar)
+
+    def following(
+        self,
+        t: Time,
+        theta: Float[Array, " driven"],
+        thetadot: Float[Array, " driven"],
+        thetaddot: Float[Array, " driven"],
+    ) -> "TiltingPlane":
+        angles = {name: getattr(self, name) for name in ("about_e1", "about_e2")}
+        for k, name in enumerate(self.driven):
+            angles[name] = _Near(t, theta[k], thetadot[k], thetaddot[k])
+        return TiltingPlane(**angles, pivot=self.pivot, displacement=self.displacement)
 
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         return jnp.stack([u1, u2, jnp.zeros_like(u1)])
@@ -326,9 +374,25 @@ class TiltingPlane(AbstractSurface):
         return eqx.tree_at(
             lambda plane: (plane.about_e1, plane.about_e2, plane.displacement),
             self,
-            tuple(None if part is None else part.prepare() for part in parts),
-            is_leaf=lambda x: x is None,
+            tuple(part if part is None or isinstance(part, Accelerated) else part.prepare() for part in parts),
+            is_leaf=lambda x: x is None or isinstance(x, Accelerated),
         )
+
+
+class _Near(AbstractSchedule):
+    """An angle near the time ``time``, at which it has this value and these rates."""
+
+    time: Float[Array, ""]
+    theta: Float[Array, ""]
+    rate: Float[Array, ""]
+    acceleration: Float[Array, ""]
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        since = t - self.time
+        return self.theta + since * (self.rate + 0.5 * since * self.acceleration)
+
+    def advanced(self, by: Float[Array, ""]) -> "_Near":
+        return _Near(self.time, self.theta + by, self.rate, self.acceleration)
 
 
 def _of_radius(radius: Float[AnyArray, ""]) -> Condition:
@@ -342,3 +406,11 @@ def _on_sphere(R: Float[Array, ""], u1: Coordinate, u2: Coordinate, up: float) -
     """
     square = (u1**2 + u2**2) / (4 * R**2)
     return jnp.stack([u1, u2, up * 2 * R * square]) / (1 + square)
+
+
+def _to_pole(R: Float[Array, ""], u1: Coordinate, u2: Coordinate) -> Float[Array, ""]:
+    """The height below the point of a sphere that the coordinates do not reach, divided by its diameter.
+
+    It is small already where rounding spoils the normal, 1e-3 radians from there.
+    """
+    return 1 / (1 + (u1**2 + u2**2) / (4 * R**2))

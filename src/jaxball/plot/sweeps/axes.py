@@ -103,6 +103,8 @@ LOOKS = {
     Status.EVENT: Look("0.3", "d", "**"),
     Status.JAMMED: Look("#009E73", "P", "xx"),
     Status.CHATTERED: Look("#0072B2", "*", "\\\\||"),
+    Status.LEFT_SURFACE: Look("#88CCEE", ">", "//.."),
+    Status.WEDGED: Look("#DDCC77", "<", "--.."),
 }
 
 

@@ -45,7 +45,7 @@ def feedback_numbers(
         return {}
     rows = finite_rows(trajectory)
     nominal = setting.page @ np.asarray(history.nominal.Lambda)[rows]
-    held = _lying(trajectory, setting, np.asarray(history.nominal.z)[rows], lift)
+    held = _lying(trajectory, setting, history.nominal, rows, lift)
     found = {
         "nominal_centre": Numbers(held.centres, radius),
         "nominal_quaternion": Numbers(continuous(Rotation.from_matrix(nominal).as_quat()), 1.0),
@@ -58,7 +58,7 @@ def feedback_numbers(
         return found
     known = np.flatnonzero(np.isfinite(np.asarray(estimate.covariance)[:, 0, 0]))
     last = np.minimum(rows, known[-1])
-    there = _lying(trajectory, setting, np.asarray(estimate.state.z)[last], lift)
+    there = _lying(trajectory, setting, estimate.state, last, lift)
     planes = [k for k, name in enumerate(estimate.directions) if name.partition("[")[0] == "z"]
     axes = half_axes(np.asarray(estimate.covariance)[last][:, planes][:, :, planes])
     return found | {
@@ -76,14 +76,15 @@ class Lying(NamedTuple):
     axes: Float[np.ndarray, "*T 3 3"]  # the first two rows say where the coordinates lead, the third is normal
 
 
-def _lying(trajectory: Trajectory[Any, Any], setting: Setting, z: np.ndarray, lift: float) -> Lying:
+def _lying(trajectory: Trajectory[Any, Any], setting: Setting, states: Any, rows: np.ndarray, lift: float) -> Lying:
+    z, theta = np.asarray(states.z)[rows], np.asarray(states.theta)[rows]
     if setting.contacts is None:
         z = z[:, None] if z.ndim == 1 else z
         normal = setting.page[:, 2]
         centres = np.pad(z, ((0, 0), (0, 3 - z.shape[1]))) @ setting.page.T + setting.moved + lift * normal
         return Lying(centres, normal, setting.page.T)
     system, times = trajectory.system, np.asarray(trajectory.times)[finite_rows(trajectory)]
-    touched = contacts_of(system.ground, times, z)
+    touched = contacts_of(system.ground, times, z, theta)
     axes = np.concatenate([touched.slopes, touched.normals[:, None]], axis=1)
     return Lying(touched.feet + float(system.radius) * touched.normals, touched.normals, axes)
 

@@ -225,7 +225,7 @@ def _on_plane(bodies: Sequence[Shown], wanted: Float[np.ndarray, "k 2"] | None, 
 
 
 def _on_surface(bodies: Sequence[Shown], wanted: Float[np.ndarray, "k 2"] | None, discs: Discs) -> Stand:
-    """The stand of balls on a surface, the desired path, and the grid of the mesh.
+    """The stand of balls or disks on a surface, the desired path, and the grid of the mesh.
 
     The path and the edges of discs are on the pieces of the ground with their coordinates, where they are at the start.
     """
@@ -246,7 +246,7 @@ def _on_surface(bodies: Sequence[Shown], wanted: Float[np.ndarray, "k 2"] | None
         "axes": np.eye(3).tolist(),
         "floor": {"height": 0.0, "mesh": list(grid.shape[:2]), "corners": corners.tolist()},
         "obstacles": [ring.points.ravel().tolist() for ring in rings],
-        "camera": {"elevation": ELEVATION_ON_SURFACES, "azimuth": AZIMUTH[False]},
+        "camera": {"elevation": ELEVATION_ON_SURFACES, "azimuth": AZIMUTH[isinstance(first.system, Disk)]},
     }
     return stand, goal, grid
 
