@@ -173,7 +173,9 @@ def speed(system: System | BodyOnPlane, t: Float[Array, ""], state: State | Cont
     On a surface |ċ|, how fast the geometric centre moves in space.
     """
     if isinstance(system, BodyOnPlane) or isinstance(state, ContactState):
-        return root(jnp.sum(state.V[:2] ** 2))  # pyright: ignore
+        V: Any = state.V  # pyright: ignore
+        curved = isinstance(system, BodyOnPlane) and system.surface is not None
+        return root(jnp.sum((V if curved else V[:2]) ** 2))
     under = footing(system, t, state)
     if under is not None:
         return root(jnp.sum(under.centre_velocity**2))

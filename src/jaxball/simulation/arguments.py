@@ -18,7 +18,6 @@ from ..physics.contact.law import COEFFICIENTS, Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.dae import WITH_UNIT
 from ..physics.dry_rolling import DryRolling
-from ..physics.ground import require_plane
 from ..physics.stick_slip import StickSlip
 from ..physics.system import AbstractState, AbstractSystem, require_one, require_state, shapes_of_state
 from ..solvers import NDF, TRBDF2, RadauIIA, Trapezoidal
@@ -250,7 +249,6 @@ def system_to_solve(system: AbstractSystem, contact: Contact | None) -> Abstract
             f"Argument `contact` must be None for a {type(system).__name__}, which is neither a Ball nor a Disk, but "
             f"it is {described(contact)}."
         )
-    require_plane(system.ground, "a law of contact, with slip and flight", TypeError)
     if system.sticking:
         have = "has" if len(system.sticking) == 1 else "have"
         raise TypeError(

@@ -1,4 +1,4 @@
-"""A body on a plane that rolls, slides or flies, as one hybrid system with a mode for each.
+"""A body on its ground that rolls, slides or flies, as one hybrid system with a mode for each.
 
 Within a mode, the motion follows a smooth field, and guard functions are positive. Where one of them falls to zero, the
 mode ends, and the next one is decided there:
@@ -7,8 +7,11 @@ mode ends, and the next one is decided there:
 - sliding ends where the slip velocity vanishes, or where the normal force falls to zero;
 - flight ends where the body lands, with an impact.
 
-On the plane, a body that does not slip rolls if friction can hold it, and otherwise begins to slip as
+On the ground, a body that does not slip rolls if friction can hold it, and otherwise begins to slip as
 ``friction.first_slip`` determines.
+
+The ground is a plane or a surface. What differs is in few places: the contact axes, in which slip and reaction have
+their components (``released``), and how the height in flight follows from the place of the body (``_landed``).
 """
 
 import dataclasses
@@ -23,20 +26,35 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...interface.printing import is_single, shown
 from ...numerics.arrays import AnyArray
-from ...numerics.vectors import root
+from ...numerics.differentiation import without_derivatives
+from ...numerics.vectors import dot, root
 from ..body import AbstractBody
 from ..conditions import Condition, ExplainedCondition, Problem
 from ..hybrid import NONE, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
 from ..state import ReducedState
+from ..surfaces import AbstractSurface
 from ..system import AbstractSystem
 from . import friction, slip as slips
 from .law import Contact
 from .modes import Cause, ContactState, ContactSwitches, Mode, cause_of
-from .released import PlacedState, ReleasedState, Response, rates, released, response, slip_velocity
+from .released import (
+    PlacedState,
+    ReleasedState,
+    Response,
+    in_space,
+    position,
+    rates,
+    released,
+    response,
+    rolling_contact,
+    slip_velocity,
+)
 from .transition import transition
 
 ROUNDING_OF_VELOCITY = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none
 FORCES = 32  # of the reaction, in units of rounding of a force that compares with it: what is smaller is none
+HEIGHTS = 32  # of a height over a surface, in units of rounding of the place of the body: the same
+NEARER = 0.5  # of the distance between the centre and a surface: as far may a step in flight go
 RISEN = 1e-6  # of √(r/g): the time in which a body that lifts has left the plane
 SLOW_DISK = 0.55  # as slip.SLOW, for a disk, whose slip does not turn; more than the error of the time of a mode's end
 NOWHERE = -1  # the mode at times to which a solve did not come
@@ -44,7 +62,7 @@ NOTHING = 1e-9  # a normal force below this part of its size in a step counts as
 
 
 class BodyOnPlane(AbstractSystem[ContactState]):
-    """A ball or a disk with a law of contact."""
+    """A ball or a disk with a law of contact, on a plane, or a ball on a surface."""
 
     body: AbstractBody
     contact: Contact
@@ -106,11 +124,18 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         stopped = self.slips_end & self.is_still(slip, state)
         slip = slip.at[:2].set(jnp.where(stopped, 0.0, slip[:2]))
         slip = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip)
-        return eqx.tree_at(lambda x: x.V, state, jnp.where(state.is_in(Mode.FLIGHT), state.V, slip))
+        packed = eqx.tree_at(lambda x: x.V, state, jnp.where(state.is_in(Mode.FLIGHT), state.V, slip))
+        if self.surface is None:
+            return packed
+        c = position(self.body, t, state.released)
+        return self._placed(packed, jnp.where(state.is_in(Mode.FLIGHT), c, _place(state)), state.body.z)
 
     def from_packed(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
         packed = packed.projected()
-        V = packed.V + released(self.body, t, packed.body).V
+        if self.surface is not None:
+            packed = self._over_surface(t, packed)
+        rolling, axes = rolling_contact(self.body, t, packed.body)
+        V = in_space(axes, packed.V) + rolling
         return eqx.tree_at(lambda x: x.V, packed, jnp.where(packed.is_in(Mode.FLIGHT), packed.V, V))
 
     def packed_field(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
@@ -127,8 +152,11 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         # The rate of the slip velocity, without the rounding of a difference.
         acting = self.interaction(t, state, found)
         slipping = jnp.where(rolls, 0.0, acting.slip_acceleration)
-        V = jnp.where(packed.is_in(Mode.FLIGHT), moved.V, slipping)
-        return eqx.tree_at(lambda x: x.V, moved, V)
+        flies = packed.is_in(Mode.FLIGHT)
+        changed = eqx.tree_at(lambda x: x.V, moved, jnp.where(flies, moved.V, slipping))
+        if self.surface is None:
+            return changed
+        return self._placed(changed, jnp.where(flies, state.V, _place(moved)), moved.near)
 
     def field(self, t: Float[Array, ""], state: ContactState, found: Response | None = None) -> ContactState:
         """ẋ; ``found`` is the response, if it is known."""
@@ -139,7 +167,46 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         rates_of_all = jax.tree.map(jnp.zeros_like, state).moved(moved)
         return eqx.tree_at(lambda x: x.friction_loss, rates_of_all, -jnp.sum(acting.R[:2] * slip[:2]))
 
-    # The plane.
+    # A surface, and the piece of it that is nearest in flight.
+
+    @property
+    def surface(self) -> AbstractSurface | None:
+        """The ground, if it is not a plane."""
+        ground = self.body.ground
+        return ground if isinstance(ground, AbstractSurface) else None
+
+    def projected(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
+        packed = packed.projected()
+        if not self.always_projected:
+            return packed
+        known = without_derivatives(self._over_surface(t, packed)).body.z
+        near = jnp.where(packed.is_in(Mode.FLIGHT) & jnp.all(jnp.isfinite(known)), known, packed.near)
+        return eqx.tree_at(lambda x: x.near, packed, near)
+
+    @property
+    def always_projected(self) -> bool:
+        """Whether each step ends with the nearest piece of a surface, from which the next ones are sought."""
+        return self.surface is not None and self.surface.follows_foot
+
+    def _over_surface(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
+        """With the coordinates of the nearest piece and the height over it in place of where the centre is in flight."""
+        assert self.surface is not None
+        surface, r = self.surface, self.body.radius
+
+        def landed(packed: ContactState) -> Float[Array, "3"]:
+            c = _place(packed)
+            u = surface.foot(t, c, packed.near)
+            touch = surface.touch(t, u[0], u[1])
+            return jnp.append(u, dot(touch.n, c - touch.p) - r)
+
+        place = jax.lax.cond(packed.is_in(Mode.FLIGHT), landed, _place, packed)
+        return self._placed(packed, place, packed.near)
+
+    @staticmethod
+    def _placed(state: ContactState, place: Float[Array, "3"], near: Float[Array, "2"]) -> ContactState:
+        return eqx.tree_at(lambda x: (x.body.z, x.height, x.near), state, (place[:2], place[2], near))
+
+    # The contact.
 
     def response(self, t: Float[Array, ""], state: ContactState) -> Response:
         """How the body moves under each reaction."""
@@ -199,7 +266,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         forward = jnp.where(self.slips_end, forward, one)
         # A body that rises does not land, where rounding takes its height below zero as it lifts.
         above = jnp.maximum(
-            state.height, jnp.where(slip[2] > 0, RISEN * slips.unit_of_time(self.body) * slip[2], -jnp.inf)
+            state.height + self.rounding_of_height(t, state), jnp.where(slip[2] > 0, RISEN * slips.unit_of_time(self.body) * slip[2], -jnp.inf)
         )
         rolls, slides = state.is_in(Mode.ROLLING), state.is_in(Mode.SLIDING)
         return jnp.stack(
@@ -235,7 +302,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         stops = slows_down & slow & slips.nears_its_end(before, after, least)
         otherwise = jnp.where(step.timed, slips.WINDOW, jnp.where(stops, int(Cause.STOPS), NONE))
         longest = slips.longest_step(before, after, least, step.end - step.start, accuracy)
-        longest = jnp.where(slows_down & ~ends, longest, jnp.inf)
+        longest = jnp.where(slows_down & ~ends, longest, self.longest_flight(step.end, state))
         return Assessment(jnp.where(ends, cause, otherwise), longest)
 
     def is_still(self, slip: Float[Array, "3"], state: ContactState | ReleasedState) -> Bool[Array, ""]:
@@ -253,6 +320,34 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         g, r = jax.lax.stop_gradient((jnp.abs(self.body.gravity), self.body.radius))
         scale, limits = root(jnp.sum(R**2)) + m * (g + r * jnp.sum(Omega**2)), jnp.finfo(R.dtype)
         return FORCES * float(limits.eps) * scale + float(limits.tiny) ** 0.5
+
+    def rounding_of_height(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
+        """What rounding may make of the height over a surface, which is that of a difference of places."""
+        if self.surface is None:
+            return jnp.zeros_like(state.height)
+        c = jax.lax.stop_gradient(position(self.body, t, state.released))
+        return HEIGHTS * float(jnp.finfo(c.dtype).eps) * (root(dot(c, c)) + jax.lax.stop_gradient(self.body.radius))
+
+    def rise(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
+        """The rate at which a body leaves its ground; 0 where it is rounding, as of one that rolls on a surface."""
+        rate = slip_velocity(self.body, t, state.released)[2]
+        if self.surface is None:
+            return rate
+        least = ROUNDING_OF_VELOCITY * float(jnp.finfo(rate.dtype).eps) * self.speed_of(state)
+        return jnp.where(jnp.abs(rate) > least, rate, 0.0)
+
+    def longest_flight(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
+        """The longest step in flight over a surface, in which the body cannot come far nearer to a part of it.
+
+        A step that goes beyond a hill shows nothing of it at the few times at which its guards are evaluated.
+        """
+        if self.surface is None:
+            return jnp.full_like(t, jnp.inf)
+        touch = self.surface.touch(t, state.body.z[0], state.body.z[1])
+        v, g = state.V - touch.w, jnp.abs(self.body.gravity)
+        far = NEARER * (self.body.radius + jnp.maximum(state.height, 0.0))
+        longest = far / (root(dot(v, v)) + root(2 * g * far))
+        return jnp.where(state.is_in(Mode.FLIGHT), longest, jnp.inf)
 
     def unit_of_speed(self, found: Response) -> Float[Array, ""]:
         """√(g r); without gravity, the acceleration by which the body would fall takes the place of g."""
@@ -273,8 +368,9 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         rolls = not isinstance(state, ReleasedState)
         given = released(self.body.prepare(), t, state) if rolls else state
         zero = jnp.zeros_like(given.height)
-        mode = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT)
-        return ContactState(given.body, given.V, given.height, zero, zero, mode, slips.Beginning.none(zero))
+        mode, begun = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT), slips.Beginning.none(zero)
+        near = near_to(self.body, given.body.z, zero)
+        return ContactState(given.body, given.V, given.height, zero, zero, mode, begun, near)
 
     def transition(
         self, t: Float[Array, ""], state: ContactState, event: Int[Array, ""], accuracy: Accuracy
@@ -327,9 +423,9 @@ class ContactHistory(AbstractHistory):
     - ``law``: the :class:`~jaxball.Contact`.
     - ``mode``: the :class:`~jaxball.Mode` at each time, shape (T,); −1 at times that the solve did not reach.
     - ``V``: the velocity of the geometric centre, space axes, length/time, shape (T, 3).
-    - ``height``: of the body above the plane, length, shape (T,).
-    - ``slip``: v_s, the velocity of the body's lowest point relative to the plane, space axes, length/time,
-      shape (T, 3).
+    - ``height``: of the body above the ground, length, shape (T,).
+    - ``slip``: v_s, the velocity of the body's lowest point relative to the ground, length/time, shape (T, 3), in space
+      axes; on a surface p along ∂p/∂u1, across, and along the normal.
     - ``sigma``: the direction of the slip, a unit vector, shape (T, 2), also where the slip begins; 0 before the first.
     - ``friction_loss``, ``impact_loss``: the energy dissipated so far by sliding friction and by impacts,
       mass length²/time², shape (T,) each.
@@ -394,9 +490,20 @@ class ContactHistory(AbstractHistory):
         """The body on its plane, with its states, of whose bodies these are the ``states``."""
         mode, ever = self.mode.astype(self.height.dtype), jnp.full_like(self.height, jnp.finfo(self.height.dtype).max)
         begun = slips.Beginning.along(ever, self.sigma)
+        near = near_to(system, states.z, self.height)
         return BodyOnPlane(system, self.law), ContactState(
-            states, self.V, self.height, self.friction_loss, self.impact_loss, mode, begun
+            states, self.V, self.height, self.friction_loss, self.impact_loss, mode, begun, near
         )
+
+
+def near_to(system: AbstractBody, z: Array, height: Float[Array, "*batch"]) -> Float[Array, "*batch coordinates"]:
+    """``near`` of states of a body that is next to its ground, at ``z``."""
+    return z if isinstance(system.ground, AbstractSurface) else jnp.zeros((*height.shape, 0), height.dtype)
+
+
+def _place(state: ContactState) -> Float[Array, "3"]:
+    """``z`` and ``height``."""
+    return jnp.append(state.body.z, state.height)
 
 
 def _whole(mode: Float[Array, "*rows"]) -> Int[Array, "*rows"]:

@@ -1,4 +1,4 @@
-"""What follows the end of a mode of a body on its plane: the next mode, and the state with which it begins."""
+"""What follows the end of a mode of a body on its ground: the next mode, and the state with which it begins."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,7 +15,7 @@ from ..hybrid import START, Accuracy, Transition, at_zero
 from . import friction, slip as slips
 from .impact import impact
 from .modes import CAUSES, Cause, ContactState, Mode
-from .released import ReleasedState, Response, rates, slip_velocity, with_slip
+from .released import ReleasedState, Response, rates, slip_velocity, with_rise, with_slip
 
 if TYPE_CHECKING:
     from .body_on_plane import BodyOnPlane
@@ -63,10 +63,10 @@ def _next_mode(
     velocities after it, and then the direction in which a slip begins. A negative cause means none, and the mode
     continues, with the direction of its velocity.
     """
-    starts = cause == int(Cause.START)
-    lands = (cause == int(Cause.LANDS)) | starts & (state.height <= 0) & (state.V[2] < 0)
+    starts, rise = cause == int(Cause.START), plane.rise(t, state)
+    lands = (cause == int(Cause.LANDS)) | starts & (state.height <= 0) & (rise < 0)
     still = (cause == int(Cause.GIVES_WAY)) | state.is_in(Mode.ROLLING)
-    flies = (cause == int(Cause.LIFTS)) | starts & ((state.height > 0) | (state.V[2] > 0))
+    flies = (cause == int(Cause.LIFTS)) | starts & ((state.height > 0) | (rise > 0))
     height, begun = jnp.where(starts, state.height, 0.0), slips.Beginning.none(state.height)
     now = eqx.tree_at(lambda x: (x.height, x.begun), state, (height, begun))
     done = _Progress(t, state, now, still, flies, lands, cause >= int(Cause.START), jnp.asarray(False))
@@ -124,10 +124,11 @@ def _with_impact(plane: "BodyOnPlane", done: "_Progress") -> "_Progress":
     rebounds = contact.restitution * -slip[2] > contact.slowest * plane.unit_of_speed(found)
     e = jnp.where(rebounds, contact.restitution, 0.0)
     after = impact(plane.body, t, state.released, found, plane.coefficient(slip), e)
-    V = after.state.V.at[2].set(jnp.where(rebounds, after.state.V[2], 0.0))
+    rise = jnp.where(rebounds, slip_velocity(plane.body, t, after.state)[2], 0.0)
+    V = with_rise(plane.body, t, after.state, rise)
     bounced = state.moved(ReleasedState(after.state.body, V, state.height))
     bounced = eqx.tree_at(lambda x: x.impact_loss, bounced, state.impact_loss - after.work)
-    flies = done.flies | (bounced.V[2] > 0)
+    flies = done.flies | (rise > 0)
     return done._replace(state=bounced, still=done.still | after.collision.sticks, flies=flies)
 
 
@@ -151,7 +152,8 @@ def _decided(plane: "BodyOnPlane", done: "_Progress", cause: Int[Array, ""]) -> 
     # The rest of a slip that ends is dissipated by friction; one without an end continues.
     stopped = with_slip(body, given, found, slip, jnp.zeros_like(slip))
     state = selected(still & ~flies & (rolls | plane.slips_end), state.moved(stopped), state)
-    V = state.V.at[2].set(jnp.where(flies & (cause != int(Cause.LIFTS)), state.V[2], 0.0))
+    rise = slip_velocity(body, t, state.released)[2]
+    V = with_rise(body, t, state.released, jnp.where(flies & (cause != int(Cause.LIFTS)), rise, 0.0))
     begins = (mode == int(Mode.SLIDING)) & still
     begun = slips.Beginning.along(t, sigma)
     after = eqx.tree_at(lambda x: (x.V, x.mode, x.begun), state, (V, mode.astype(V.dtype), begun))

@@ -23,6 +23,7 @@ from ...numerics.vectors import cross, dot, root, unit_vector
 from ..conditions import Condition
 from ..ground import AbstractGround
 from .moving_frame import MovingFrame
+from .nearest import nearest
 
 CURVED = (
     "curved less than the ball where it starts, on the side of the ball, because a ball that is more curved than its "
@@ -39,8 +40,9 @@ class Footing(NamedTuple):
     - ``normal``: n, a unit vector towards the ball.
     - ``tangents``: unit vectors along ∂p/∂u1 and across, which with n are right-handed.
     - ``velocity``: w of the ground's matter at the contact; ``spin`` is the angular velocity of that matter.
-    - ``centre_velocity``, ``coordinate_rates``: ċ and u̇.
+    - ``centre_velocity``, ``coordinate_rates``: w + r ω × n, which is ċ of a ball that rolls, and u̇.
     - ``normal_rate``: ṅ along the motion of the contact point; ``acceleration`` is ẇ, likewise.
+    - ``turning``: the angular velocity of the tangents and the normal, likewise.
     """
 
     centre: Float[Array, "3"]
@@ -53,14 +55,26 @@ class Footing(NamedTuple):
     coordinate_rates: Float[Array, "2"]
     normal_rate: Float[Array, "3"]
     acceleration: Float[Array, "3"]
+    turning: Float[Array, "3"]
+
+    @property
+    def axes(self) -> Float[Array, "3 3"]:
+        """The contact axes: the tangents and the normal, as rows."""
+        return jnp.concatenate([self.tangents, self.normal[None]])
 
 
-class _Contact(NamedTuple):
-    """p, n and w, or their derivatives."""
+class Touch(NamedTuple):
+    """p, n and w, and a unit vector e along ∂p/∂u1, or their derivatives."""
 
     p: Float[Array, "3"]
     n: Float[Array, "3"]
     w: Float[Array, "3"]
+    e: Float[Array, "3"]
+
+    @property
+    def axes(self) -> Float[Array, "3 3"]:
+        """The contact axes: the tangents and the normal, as rows."""
+        return jnp.stack([self.e, cross(self.n, self.e), self.n])
 
 
 class AbstractSurface(AbstractGround):
@@ -111,6 +125,29 @@ class AbstractSurface(AbstractGround):
             return self
         return eqx.tree_at(lambda surface: surface.motion, self, self.motion.prepare())
 
+    def nearest(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
+        """The coordinates of the piece that is nearest to the point ``x``, before ``motion`` moves both, length.
+
+        It is where ``x`` is on the normal. By default it is sought from ``over`` on, by Newton's method, so that it is
+        the nearest piece thereabouts. Where a surface knows it in closed form, this is overridden; for one on which
+        different coordinates belong to one place, ``near`` are those of a piece that was nearest before.
+        """
+        return nearest(self, t, x, self.over(t, x, near))
+
+    def over(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
+        """The coordinates from which ``nearest`` is sought; by default ``near``."""
+        return near
+
+    @property
+    def follows_foot(self) -> bool:
+        """Whether ``nearest`` has to be sought from pieces that were the nearest before."""
+        kind = type(self)
+        return kind.nearest is AbstractSurface.nearest and kind.over is AbstractSurface.over
+
+    def foot(self, t: Time, c: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
+        """The coordinates of the piece that is nearest to the point ``c``, space axes, length."""
+        return self.nearest(t, c if self.motion is None else self.motion.undo(t, c), near)
+
     def placed(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         """p, where the piece with these coordinates is in space."""
         own = self.point(t, u1, u2)
@@ -118,11 +155,11 @@ class AbstractSurface(AbstractGround):
 
     def normal(self, t: Time, u: Float[Array, "2"]) -> Float[Array, "3"]:
         """n at the coordinates ``u``, towards the ball, space axes."""
-        return self._contact(t, u[0], u[1]).n
+        return self.touch(t, u[0], u[1]).n
 
     def place_of_centre(self, t: Time, r: Float[Array, ""], u: Float[Array, "2"]) -> Float[Array, "3"]:
         """c = p + r n of a ball of radius ``r`` that touches it at the coordinates ``u``, space axes, length."""
-        contact = self._contact(t, u[0], u[1])
+        contact = self.touch(t, u[0], u[1])
         return contact.p + r * contact.n
 
     def fit(self, t: Time, r: Float[Array, ""], u: Float[Array, "2"]) -> Float[Array, ""]:
@@ -133,22 +170,37 @@ class AbstractSurface(AbstractGround):
         contact, (by_u1, by_u2, _) = self._slopes(t, u)
         return _Chart.of(contact.n, by_u1, by_u2, r).fit
 
-    def footing(self, t: Time, r: Float[Array, ""], u: Float[Array, "2"], omega: Float[Array, "3"]) -> Footing:
+    def footing(
+        self,
+        t: Time,
+        r: Float[Array, ""],
+        u: Float[Array, "2"],
+        omega: Float[Array, "3"],
+        V: Float[Array, "3"] | None = None,
+        height: Float[Array, ""] | None = None,
+    ) -> Footing:
         """How it holds a ball of radius ``r`` that turns at ``omega``, space axes, where its coordinates are ``u``.
 
-        Where the ball is not more curved than the ground, u̇ is NaN, which ends a solve with a status.
+        ``V`` is the velocity of its centre, that of rolling if not given, and ``height`` how far it is above the ground
+        there. Where the ball is not more curved than the ground, u̇ is NaN, which ends a solve with a status.
         """
         contact, (by_u1, by_u2, by_t) = self._slopes(t, u)
-        chart = _Chart.of(contact.n, by_u1, by_u2, r)
+        reach = r if height is None else r + height
+        chart = _Chart.of(contact.n, by_u1, by_u2, reach)
         rolling = r * cross(omega, contact.n)
-        rates = chart.coordinates(rolling - r * by_t.n)
+        over = rolling if V is None else V - contact.w
+        rates = chart.coordinates(over - reach * by_t.n)
         # The gradient of w along both tangents, of which the antisymmetric part is the turning of the ground's matter.
         (a, b), tangents = chart.inverse.T, chart.tangents
         along_1, along_2 = by_u1.w * a[0] + by_u2.w * a[1], by_u1.w * b[0] + by_u2.w * b[1]
         about_normal = 0.5 * (dot(tangents[1], along_1) - dot(tangents[0], along_2))
         spin = dot(contact.n, along_2) * tangents[0] - dot(contact.n, along_1) * tangents[1] + about_normal * contact.n
+        normal_rate, tangent_rate = (
+            from_t + from_u1 * rates[0] + from_u2 * rates[1]
+            for from_t, from_u1, from_u2 in ((by_t.n, by_u1.n, by_u2.n), (by_t.e, by_u1.e, by_u2.e))
+        )
         return Footing(
-            centre=contact.p + r * contact.n,
+            centre=contact.p + reach * contact.n,
             foot=contact.p,
             normal=contact.n,
             tangents=tangents,
@@ -156,21 +208,23 @@ class AbstractSurface(AbstractGround):
             spin=spin,
             centre_velocity=contact.w + rolling,
             coordinate_rates=rates,
-            normal_rate=by_t.n + by_u1.n * rates[0] + by_u2.n * rates[1],
+            normal_rate=normal_rate,
             acceleration=by_t.w + by_u1.w * rates[0] + by_u2.w * rates[1],
+            turning=cross(contact.n, normal_rate) + dot(tangents[1], tangent_rate) * contact.n,
         )
 
-    def _contact(self, t: Time, u1: Coordinate, u2: Coordinate) -> _Contact:
+    def touch(self, t: Time, u1: Coordinate, u2: Coordinate) -> Touch:
+        """The place of a piece, its normal, its velocity and the direction in which u1 grows, space axes."""
         p, along_1 = _derivative(lambda x: self.placed(t, x, u2), u1)
         _, along_2 = _derivative(lambda x: self.placed(t, u1, x), u2)
         _, w = _derivative(lambda x: self.placed(x, u1, u2), t)
-        return _Contact(p, unit_vector(cross(along_1, along_2)), w)
+        return Touch(p, unit_vector(cross(along_1, along_2)), w, unit_vector(along_1))
 
-    def _slopes(self, t: Time, u: Float[Array, "2"]) -> tuple[_Contact, tuple[_Contact, _Contact, _Contact]]:
+    def _slopes(self, t: Time, u: Float[Array, "2"]) -> tuple[Touch, tuple[Touch, Touch, Touch]]:
         """p, n and w, and their derivatives by u1, u2 and t."""
-        contact, by_u1 = _derivative(lambda x: self._contact(t, x, u[1]), u[0])
-        _, by_u2 = _derivative(lambda x: self._contact(t, u[0], x), u[1])
-        _, by_t = _derivative(lambda x: self._contact(x, u[0], u[1]), t)
+        contact, by_u1 = _derivative(lambda x: self.touch(t, x, u[1]), u[0])
+        _, by_u2 = _derivative(lambda x: self.touch(t, u[0], x), u[1])
+        _, by_t = _derivative(lambda x: self.touch(x, u[0], u[1]), t)
         return contact, (by_u1, by_u2, by_t)
 
 
@@ -185,7 +239,7 @@ class _Chart(NamedTuple):
     stretch: Float[Array, "2 2"]
 
     @staticmethod
-    def of(n: Float[Array, "3"], by_u1: _Contact, by_u2: _Contact, r: Float[Array, ""]) -> "_Chart":
+    def of(n: Float[Array, "3"], by_u1: Touch, by_u2: Touch, r: Float[Array, ""]) -> "_Chart":
         first = unit_vector(by_u1.p)
         tangents = jnp.stack([first, cross(n, first)])
         inverse = _inverse(_components(tangents, by_u1.p, by_u2.p))
