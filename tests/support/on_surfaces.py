@@ -11,6 +11,7 @@ import jax.numpy as jnp
 
 from jaxball import observe, vector_field
 from jaxball.physics.moments import kinematics, point_mass_values
+from jaxball.physics.observables import movement, observed
 
 
 def directional(function, t, state, rates):
@@ -72,5 +73,85 @@ def residuals(ball, t, state, place, torque=None):
         P - seen.contact_force - force - jnp.sum(m) * weight,
         L - turning,
         seen.normal_force - n @ seen.contact_force,
+        power - seen.power,
+    )
+
+
+class ReleasedResiduals(NamedTuple):
+    """What is left of each law of a ball that may slip and fly: all are zero."""
+
+    momentum: jax.Array
+    angular_momentum: jax.Array
+    gap: jax.Array
+    rise: jax.Array
+    friction: jax.Array
+    power: jax.Array
+
+
+def released_residuals(plane, t, state, place, nearest):
+    """The laws of a ball on its ground in the mode that a ``ContactState`` is in.
+
+    Masses are at c + Λχ with ċ = V, so nothing is taken from the contact but R; ``nearest(t, x, u)`` are the
+    coordinates of the foot of a point, near u, of which two derivatives are right.
+    """
+    ball, mu = plane.body, plane.contact.sliding
+    r, g = ball.radius, ball.gravity
+
+    def normal(t, u):
+        along = [jax.jvp(lambda x, k=k: place(t, *u.at[k].set(x)), (u[k],), (1.0,))[1] for k in (0, 1)]
+        n = jnp.cross(*along)
+        return n / jnp.linalg.norm(n)
+
+    def places(c, state):
+        chi = kinematics(ball, t, (state.body.theta, state.body.thetadot, state.body.thetadot)).chi
+        return c[None] + jnp.concatenate([ball.offset[None], chi]) @ state.body.Lambda.T
+
+    m = jnp.concatenate([ball.mass[None], point_mass_values(ball)])[:, None]
+
+    def moving(t, c, state, rates):
+        """P, L about the origin of space, and the energy, with the rate of Λ from Ω."""
+
+        def at(t, c, state):
+            chi = kinematics(ball, t, (state.body.theta, state.body.thetadot, state.body.thetadot)).chi
+            return c[None] + jnp.concatenate([ball.offset[None], chi]) @ state.body.Lambda.T
+
+        x, v = jax.jvp(at, (t, c, state), (jnp.ones_like(t), state.V, rates))
+        body = ball.inertia * state.body.Omega
+        energy = 0.5 * (state.body.Omega @ body + jnp.sum(m * v**2)) + g * jnp.sum(m[:, 0] * x[:, 2])
+        return jnp.sum(m * v, axis=0), state.body.Lambda @ body + jnp.sum(jnp.cross(x, m * v), axis=0), energy
+
+    def along(t, c, state):
+        return moving(t, c, state, plane.field(t, state))
+
+    u = state.body.z
+    foot, n = place(t, *u), normal(t, u)
+    c, rates = foot + (r + state.height) * n, plane.field(t, state)
+    _, (P, L, power) = jax.jvp(along, (t, c, state), (jnp.ones_like(t), state.V, rates))
+    seen = observed(ball, t, movement(plane, t, state))
+    R, weight = seen.contact_force, jnp.array([0.0, 0.0, -1.0]) * g
+    turning = jnp.cross(foot, R) + jnp.sum(jnp.cross(places(c, state), m * weight[None]), axis=0)
+
+    def gap(s):
+        """The height while the centre goes on with V and V̇."""
+        x = c + s * state.V + 0.5 * s**2 * rates.V
+        near = nearest(t + s, x, u)
+        return normal(t + s, near) @ (x - place(t + s, *near)) - r
+
+    zero = jnp.zeros_like(t)
+    (height, rise), (_, curved) = jax.jvp(
+        lambda s: jax.jvp(gap, (s,), (jnp.ones_like(s),)), (zero,), (jnp.ones_like(zero),)
+    )
+    omega = state.body.Lambda @ state.body.Omega
+    slip = state.V - r * jnp.cross(omega, n) - jax.jvp(lambda t: place(t, *u), (t,), (1.0,))[1]
+    across = slip - (slip @ n) * n
+    N = R @ n
+    touching = state.mode < 2
+    slides = -mu * N * across / jnp.where(state.mode == 1, jnp.linalg.norm(across), 1.0)
+    return ReleasedResiduals(
+        P - R - jnp.sum(m) * weight,
+        L - turning,
+        jnp.stack([height - state.height, jnp.where(touching, curved, 0.0)]),
+        rise - rates.height,
+        jnp.where(state.mode == 1, R - N * n - slides, 0.0),
         power - seen.power,
     )

@@ -53,7 +53,7 @@ from .transition import transition
 
 ROUNDING_OF_VELOCITY = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none
 FORCES = 32  # of the reaction, in units of rounding of a force that compares with it: what is smaller is none
-HEIGHTS = 32  # of a height over a surface, in units of rounding of the place of the body: the same
+HEIGHTS = 4  # of a height over a surface, in units of rounding of the place of the body: the same
 NEARER = 0.5  # of the distance between the centre and a surface: as far may a step in flight go
 RISEN = 1e-6  # of √(r/g): the time in which a body that lifts has left the plane
 SLOW_DISK = 0.55  # as slip.SLOW, for a disk, whose slip does not turn; more than the error of the time of a mode's end
