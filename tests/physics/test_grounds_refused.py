@@ -8,7 +8,6 @@ from jaxball import (
     BallState,
     Bowl,
     ConstantRate,
-    Contact,
     Cylinder,
     Disk,
     HeightField,
@@ -65,7 +64,6 @@ def test_ground_that_folds_on_the_way():
     ("make", "error", "says"),
     [
         (lambda: Disk(mass=1.0, inertia=0.5, ground=Bowl(3.0)), ValueError, "a plane under a disk"),
-        (lambda: simulate(rolling(), [0.0, 1.0], contact=Contact(sliding=0.3)), TypeError, "slip and flight"),
         (lambda: balance(rolling(), []), ValueError, "for `balance`"),
         (lambda: HeightField(lambda x, y: x), TypeError, "a function of (t, x, y, parameters)"),
         (lambda: ParametricSurface(lambda t, u1, u2, _: u1), TypeError, "an array of shape (3,)"),

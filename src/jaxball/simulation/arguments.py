@@ -19,6 +19,7 @@ from ..physics.contact.released import ReleasedState
 from ..physics.dae import WITH_UNIT
 from ..physics.dry_rolling import DryRolling
 from ..physics.stick_slip import StickSlip
+from ..physics.surfaces import AbstractSurface
 from ..physics.system import AbstractState, AbstractSystem, require_one, require_state, shapes_of_state
 from ..solvers import NDF, TRBDF2, RadauIIA, Trapezoidal
 from . import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
@@ -248,6 +249,11 @@ def system_to_solve(system: AbstractSystem, contact: Contact | None) -> Abstract
         raise TypeError(
             f"Argument `contact` must be None for a {type(system).__name__}, which is neither a Ball nor a Disk, but "
             f"it is {described(contact)}."
+        )
+    if system.planar and isinstance(system.ground, AbstractSurface):
+        raise TypeError(
+            "Argument `contact` must be None for a disk on a surface, which is known to roll only; use a Ball, or a "
+            "Ground."
         )
     if system.sticking:
         have = "has" if len(system.sticking) == 1 else "have"

@@ -146,7 +146,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         gains = jnp.concatenate([moved.body.Omega, moved.body.thetadot])
         g, r = self.body.gravity, self.body.radius
         least = ROUNDING_OF_VELOCITY * float(jnp.finfo(g.dtype).eps) * jnp.minimum(g, g / r)
-        rests = rolls & jnp.all(speeds == 0) & jnp.all(jnp.abs(gains) <= least)
+        stays = jnp.all(speeds == 0) & jnp.all(moved.body.z == 0)
+        rests = rolls & stays & jnp.all(jnp.abs(gains) <= least)
         # Rounding must not set in motion a body that friction holds; its derivatives are unchanged.
         moved = jax.tree.map(lambda x: x - jnp.where(rests, jax.lax.stop_gradient(x), 0.0), moved)
         # The rate of the slip velocity, without the rounding of a difference.
@@ -278,8 +279,9 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         )
 
     def time_event(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
-        """The end of the window in which the direction of a slip is known beforehand."""
-        return jnp.where(state.is_in(Mode.SLIDING), state.begun.until, jnp.inf)
+        """The end of the window in which the direction of a slip is known beforehand, or of a step in flight."""
+        until = jnp.where(state.is_in(Mode.SLIDING), state.begun.until, jnp.inf)
+        return until if self.surface is None else jnp.minimum(until, t + self.longest_step(t, state))
 
     def assess(self, step: GuardedStep, accuracy: Accuracy) -> Assessment:
         """The cause that the guard which is zero stands for, or that a slip has ended although none is.
@@ -300,9 +302,9 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         slides = state.is_in(Mode.SLIDING)
         slows_down = slides & self.slips_end
         stops = slows_down & slow & slips.nears_its_end(before, after, least)
-        otherwise = jnp.where(step.timed, slips.WINDOW, jnp.where(stops, int(Cause.STOPS), NONE))
+        otherwise = jnp.where(step.timed & slides, slips.WINDOW, jnp.where(stops, int(Cause.STOPS), NONE))
         longest = slips.longest_step(before, after, least, step.end - step.start, accuracy)
-        longest = jnp.where(slows_down & ~ends, longest, self.longest_flight(step.end, state))
+        longest = jnp.where(slows_down & ~ends, longest, jnp.inf)
         return Assessment(jnp.where(ends, cause, otherwise), longest)
 
     def is_still(self, slip: Float[Array, "3"], state: ContactState | ReleasedState) -> Bool[Array, ""]:
@@ -336,18 +338,18 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         least = ROUNDING_OF_VELOCITY * float(jnp.finfo(rate.dtype).eps) * self.speed_of(state)
         return jnp.where(jnp.abs(rate) > least, rate, 0.0)
 
-    def longest_flight(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
-        """The longest step in flight over a surface, in which the body cannot come far nearer to a part of it.
+    def longest_step(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
+        """In flight over a surface, a step in which the body cannot come far nearer to any part of it.
 
-        A step that goes beyond a hill shows nothing of it at the few times at which its guards are evaluated.
+        The flight itself is a parabola, which a step of any length has; but one that goes beyond a hill shows nothing
+        of it at the few times at which its guards are evaluated.
         """
-        if self.surface is None:
-            return jnp.full_like(t, jnp.inf)
+        assert self.surface is not None
         touch = self.surface.touch(t, state.body.z[0], state.body.z[1])
         v, g = state.V - touch.w, jnp.abs(self.body.gravity)
         far = NEARER * (self.body.radius + jnp.maximum(state.height, 0.0))
         longest = far / (root(dot(v, v)) + root(2 * g * far))
-        return jnp.where(state.is_in(Mode.FLIGHT), longest, jnp.inf)
+        return jax.lax.stop_gradient(jnp.where(state.is_in(Mode.FLIGHT), longest, jnp.inf))
 
     def unit_of_speed(self, found: Response) -> Float[Array, ""]:
         """√(g r); without gravity, the acceleration by which the body would fall takes the place of g."""
