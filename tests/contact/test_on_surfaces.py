@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.optimize import brentq, minimize_scalar
+from scipy.optimize import brentq
 
 import jaxball
 from jaxball import (
@@ -35,6 +35,7 @@ from jaxball import (
     simulate,
 )
 from jaxball.ensemble import simulate_ensemble
+from tests.support.on_surfaces import time_of_landing
 
 G = 9.81
 SOLID = {"mass": 1.0, "radius": 0.1, "inertia": (0.004, 0.004, 0.004), "gravity": G}
@@ -198,26 +199,6 @@ def ramp(t, x, y, _):
     return -0.25 * (x + jnp.sqrt(x**2 + 0.3)) + 0.4 * jnp.exp(-(x**2) * 2.0)
 
 
-def after_jump(c, V):
-    """When a ball that flies from c with V is next as near to the curve of the ramp as its radius, by SciPy."""
-
-    def gap(s):
-        x, z = c[0] + V[0] * s, c[2] + V[2] * s - 0.5 * G * s**2
-
-        def apart(u):
-            return np.hypot(u - x, float(ramp(0.0, u, 0.0, None)) - z)
-
-        near = min(np.linspace(x - 0.6, x + 0.6, 61), key=apart)
-        return (
-            minimize_scalar(apart, bounds=(near - 0.02, near + 0.02), method="bounded", options={"xatol": 1e-12}).fun
-            - 0.1
-        )
-
-    later = np.linspace(0.02, 1.5, 75)
-    first = next(s for s in later if gap(s) < 0)
-    return brentq(gap, first - 0.02, first, xtol=1e-13)
-
-
 @pytest.mark.long
 def test_a_ball_jumps_from_a_ramp_and_lands_on_a_slope():
     ball = Ball(**SOLID, ground=HeightField(ramp))
@@ -235,7 +216,11 @@ def test_a_ball_jumps_from_a_ramp_and_lands_on_a_slope():
     # N = 0 where gravity alone bends the path of the centre as the hill does.
     bend = jax.grad(jax.grad(lambda x: ramp(0.0, x, 0.0, None)))(u[0]) / np.hypot(slope, 1.0) ** 3
     np.testing.assert_allclose(V @ V * bend / (1 - 0.1 * bend), -G * n[2], rtol=1e-7)
-    np.testing.assert_allclose(switches.times[lifts + 1] - t, after_jump(c, V), atol=1e-8)
+    np.testing.assert_allclose(
+        switches.times[lifts + 1] - t,
+        time_of_landing(lambda x: float(ramp(0.0, x, 0.0, None)), c, V, 0.1, G),
+        atol=1e-8,
+    )
     later = np.asarray(run.times)
     flies = (later > t) & (later < float(switches.times[lifts + 1]))
     s = (later - t)[flies][:, None]

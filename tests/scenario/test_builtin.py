@@ -38,7 +38,7 @@ NAMES = (
     "vibrating-plane",
     "yoke-robot",
 )
-ON_SURFACES = ("ball-in-a-bowl", "ball-off-a-sphere", "golfers-dilemma", "tilting-plate", "washboard")
+ON_SURFACES = ("ball-in-a-bowl", "ball-off-a-sphere", "golfers-dilemma", "jumping-ball", "tilting-plate", "washboard")
 RELEASED = (
     "bouncing-ball",
     "bowling-ball",

@@ -18,9 +18,9 @@ from ..physics.body import Disk
 from ..physics.surfaces import AbstractSurface
 from ..simulation.trajectory import Trajectory
 from .floor import ROOM_AROUND, Floor, Placed, Setting, floor_under, ground_under, place
-from .modes import PATHS, modes_of, track_of
+from .modes import PATHS, Track, modes_of, track_of
 from .palette import FAINT, INK, SHELL, TRAIL, mass_colour
-from .record import Record
+from .record import Record, finite_rows
 from .shapes import BREAK, looks, outline, parallel, rail_points, split, towards, wireframe
 from .style import CAPTION, SMALL_FONT, mass_line, subject
 from .surface import Mesh, mesh_under
@@ -76,9 +76,24 @@ def draw_trail(ax: Axes, trajectory: Trajectory, placed: Placed, **look: Any) ->
     return show
 
 
-def _trail_on(ax: Axes, mesh: Mesh, **look: Any) -> Callable[[int], None]:
-    trail = line(ax, color=TRAIL, **look)
-    return lambda k: move(trail, mesh.trail(k))
+def _trail_on(ax: Axes, mesh: Mesh, trajectory: Trajectory, **look: Any) -> Callable[[int], None]:
+    """Draws the trail over a surface: on the pieces that the ball has touched, and above it where the ball flew."""
+    modes, rows = modes_of(trajectory), finite_rows(trajectory)
+    if not modes.spells:
+        trail = line(ax, color=TRAIL, **look)
+        return lambda k: move(trail, mesh.trail(k))
+    times, height = np.asarray(trajectory.times)[rows], np.asarray(trajectory.history.over_time["height"])[rows]
+    between, lifted = modes.at((times[1:] + times[:-1]) / 2), mesh.contacts.lifted(height)
+    lines = {mode: line(ax, color=TRAIL, **look, **dashes) for mode, dashes in PATHS.items()}
+
+    def show(k: int) -> None:
+        flown = mesh.contacts.carry(lifted[: k + 1], k)
+        points = np.where(height[: k + 1, None] > 0, flown, mesh.trail(k))
+        track = Track(times[: k + 1], points, between[:k])
+        for mode, artist in lines.items():
+            move(artist, track.pieces(mode)[1])
+
+    return show
 
 
 class Scene(NamedTuple):
@@ -115,7 +130,10 @@ def _ball_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
     # A shadow below a ball that may leave the plane makes its height visible.
     shadow = face(ax, facecolor=SHADOW, zorder=1.5) if modes_of(trajectory).spells else None
     look: dict[str, Any] = {"linewidth": 1.8, "zorder": 2}
-    show_trail = draw_trail(ax, trajectory, placed, **look) if mesh is None else _trail_on(ax, mesh, **look)
+    if mesh is None:
+        show_trail = draw_trail(ax, trajectory, placed, **look)
+    else:
+        show_trail = _trail_on(ax, mesh, trajectory, **look)
     shade = face(ax, facecolor="white", alpha=0.7, zorder=3)
     back = line(ax, color=FAINT, linewidth=0.6, zorder=4)
     front = line(ax, color="0.6", linewidth=0.6, zorder=7)
@@ -128,7 +146,9 @@ def _ball_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
             move(artist, placed.centre[k] + points)
         shade.set_verts([placed.centre[k] + silhouette])
         if shadow is not None:
-            shadow.set_verts([placed.path[k] + setting.moved[k] + r * parallel(0.0) @ setting.page.T])
+            rim = r * parallel(0.0)
+            under = placed.path[k] + setting.moved[k] + rim @ setting.page.T
+            shadow.set_verts([under if setting.contacts is None else setting.contacts.laid(rim, k)])
         show_trail(k)
         show_floor(k)
         show_contents(k)

@@ -267,7 +267,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         forward = jnp.where(self.slips_end, forward, one)
         # A body that rises does not land, where rounding takes its height below zero as it lifts.
         above = jnp.maximum(
-            state.height + self.rounding_of_height(t, state), jnp.where(slip[2] > 0, RISEN * slips.unit_of_time(self.body) * slip[2], -jnp.inf)
+            state.height + self.rounding_of_height(t, state),
+            jnp.where(slip[2] > 0, RISEN * slips.unit_of_time(self.body) * slip[2], -jnp.inf),
         )
         rolls, slides = state.is_in(Mode.ROLLING), state.is_in(Mode.SLIDING)
         return jnp.stack(

@@ -319,9 +319,7 @@ def position(system: AbstractBody, t: Float[Array, ""], state: ReleasedState) ->
     return surface.place_of_centre(t, system.radius + state.height, body.z)
 
 
-def _turning(
-    body: PlacedState, r: Float[Array, ""], Omega: Float[Array, "3"], found: Response
-) -> Float[Array, "3"]:
+def _turning(body: PlacedState, r: Float[Array, ""], Omega: Float[Array, "3"], found: Response) -> Float[Array, "3"]:
     """r ω × n, space axes, where ``Omega`` is Ω, or a rate or a change of it, body axes."""
     if found.footing is None:
         return in_three(centre_velocity(body.Lambda, Omega, r, None))
