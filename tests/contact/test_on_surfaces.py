@@ -350,3 +350,30 @@ def test_members_of_an_ensemble_jump_as_they_do_alone():
         run = simulate(ball(amplitude), [0.0, 1.0], start, contact=law)
         assert int(run.contact.switches.count) == int(many.contact.switches.count[k]) > 2
         np.testing.assert_allclose(run.state.z[-1], many.state.z[k, -1], atol=1e-10)
+
+
+@pytest.mark.thorough
+def test_a_run_comes_back_from_a_file(tmp_path):
+    ball, start = Ball(**SOLID, ground=Washboard(**WAVES)), BallState(z=(-1.2, 0.0), Omega=(0.0, 45.0, 1.0))
+    run = simulate(ball, np.linspace(0.0, 1.0, 21), start, contact=Contact(0.3, restitution=0.5))
+    jaxball.save(run, tmp_path / "run.nc")
+    back = jaxball.load_run(tmp_path / "run.nc")
+    for field in ("mode", "V", "height", "slip", "sigma"):
+        np.testing.assert_array_equal(getattr(back.contact, field), getattr(run.contact, field), err_msg=field)
+    for field in ("contact_force", "geometric_centre", "contact_point", "power", "energy"):
+        np.testing.assert_allclose(
+            getattr(back.observables, field), getattr(run.observables, field), atol=1e-12, err_msg=field
+        )
+
+
+@pytest.mark.thorough
+def test_accelerometer_of_a_ball_that_flies_over_hills():
+    """It reads nothing at the centre of a ball in flight, and the reaction over the mass where that touches."""
+    ball, start = Ball(**SOLID, ground=Washboard(**WAVES)), BallState(z=(-1.2, 0.0), Omega=(0.0, 45.0, 1.0))
+    run = simulate(ball, np.linspace(0.0, 1.0, 21), start, contact=Contact(0.3, restitution=0.5))
+    read = run.measured({"a": jaxball.sensors.Accelerometer()})["a"]
+    seen, flies = run.observables, np.asarray(run.contact.mode) == Mode.FLIGHT
+    assert 3 < flies.sum() < 18
+    np.testing.assert_allclose(np.asarray(read)[flies], 0.0, atol=1e-12)
+    force = np.linalg.norm(np.asarray(seen.contact_force), axis=1)
+    np.testing.assert_allclose(np.linalg.norm(read, axis=1), force, atol=1e-12)

@@ -9,17 +9,23 @@ from jaxball import (
     Ball,
     BallState,
     Bowl,
+    Contact,
     Cylinder,
     FunctionSchedule,
     HeightField,
+    Mode,
+    MovingFrame,
     SphereOutside,
     TiltingPlane,
+    Turn,
+    Washboard,
     plot,
     simulate,
 )
 from jaxball.plot.floor import place
+from jaxball.plot.palette import TRAIL
 from jaxball.plot.record import record
-from jaxball.plot.scene import scene
+from jaxball.plot.scene import SHADOW, scene
 from jaxball.plot.surface import mesh_under
 from jaxball.plot.view.document import view_document
 from tests.plot.geometry import overlaps
@@ -154,3 +160,53 @@ def test_several_balls_on_one_surface_and_what_is_marked_on_it(runs):
 def test_an_animation_of_a_moving_surface_is_written(runs, tmp_path):
     path = plot.animate(runs("plate"), tmp_path / "plate.gif", 5, size=(200, 150))
     assert path.stat().st_size > 1000
+
+
+@pytest.fixture(scope="module")
+def jump():
+    """A marble that comes off a hill that moves and tilts, and lands on a part of it."""
+    tilts = MovingFrame([Turn((0.0, 1.0, 0.0), FunctionSchedule(swing))])
+    ground, start = Washboard(0.1, wavelength=1.5, motion=tilts), BallState(Omega=(0.0, 45.0, 3.0))
+    times = np.linspace(0.0, 0.8, 41)
+    return simulate(marble(ground), times, start, contact=Contact(0.4, restitution=0.5), rtol=1e-8, atol=1e-8)
+
+
+def in_axes_of_hill(t, points):
+    return Rotation.from_rotvec([0.0, float(swing(t, None)), 0.0]).inv().apply(points)
+
+
+@pytest.mark.thorough
+def test_the_trail_of_a_ball_that_flies_is_over_the_surface(jump):
+    """Where it touches, the trail is on the ground; in flight one radius from the centre, in the ground's axes."""
+    modes, seen = np.asarray(jump.contact.mode), jump.observables
+    assert {Mode.ROLLING, Mode.FLIGHT} <= {Mode(int(mode)) for mode in modes}
+    figure, show = scene(jump, record(jump))
+    k = 40
+    show(k)
+    ax = figure.axes[0]
+    looks = {line.get_linestyle(): line for line in ax.lines if line.get_color() == TRAIL}
+    flown = np.column_stack(looks[":"].get_data_3d())
+    flown = in_axes_of_hill(jump.times[k], flown[np.isfinite(flown[:, 0])])
+    centres = [in_axes_of_hill(jump.times[i], seen.geometric_centre[i]) for i in np.flatnonzero(modes == Mode.FLIGHT)]
+    for centre in centres:
+        assert np.min(np.abs(np.linalg.norm(flown - centre, axis=1) - r)) < 1e-6
+    height = flown[:, 2] - 0.1 * np.sin(2 * np.pi * flown[:, 0] / 1.5)
+    assert np.max(height) > 0.5 * r
+    np.testing.assert_array_less(-1e-6, height)
+    touched = np.column_stack(looks["-"].get_data_3d())
+    touched = in_axes_of_hill(jump.times[k], touched[np.isfinite(touched[:, 0])])
+    np.testing.assert_allclose(touched[:, 2], 0.1 * np.sin(2 * np.pi * touched[:, 0] / 1.5), atol=1e-6)
+    shadow = next(one for one in ax.collections if np.allclose(one.get_facecolor()[0, :3], float(SHADOW)))
+    rim = np.asarray(shadow._vec)[:3].T
+    np.testing.assert_allclose(rim[:-1].mean(axis=0), seen.contact_point[k], atol=1e-6)
+
+
+@pytest.mark.thorough
+def test_the_view_of_a_ball_that_flies_has_its_height_and_its_modes(jump):
+    document = view_document(jump)
+    arrays, seen = arrays_of(document), record(jump).observables
+    gap = np.linalg.norm(arrays["centre"] - seen.contact_point, axis=1) - r
+    np.testing.assert_allclose(arrays["height"].ravel(), gap, atol=1e-6)
+    assert [spell[0] for spell in document["bodies"][0]["spells"]][:3] == ["rolling", "sliding", "flight"]
+    slip = np.asarray(jump.contact.slip)
+    np.testing.assert_allclose(arrays["slip"], slip[:, :2], atol=1e-6)

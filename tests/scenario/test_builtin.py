@@ -38,13 +38,14 @@ NAMES = (
     "vibrating-plane",
     "yoke-robot",
 )
-ON_SURFACES = ("ball-in-a-bowl", "ball-off-a-sphere", "golfers-dilemma", "jumping-ball", "tilting-plate", "washboard")
+ON_SURFACES = ("ball-in-a-bowl", "ball-off-a-sphere", "golfers-dilemma", "tilting-plate", "washboard")
 RELEASED = (
     "bouncing-ball",
     "bowling-ball",
     "draw-shot",
     "hoop-with-backspin",
     "hopping-hoop",
+    "jumping-ball",
     "masse-shot",
     "slipping-ball",
     "tippe-top",

@@ -59,8 +59,12 @@ def face(ax: Axes3D, edgecolor: str = "none", animated: bool = True, **look) -> 
     return polygon
 
 
-def draw_trail(ax: Axes, trajectory: Trajectory, placed: Placed, **look: Any) -> Callable[[int], None]:
-    """Draws the trail, and returns a function that shows it up to the k-th saved time."""
+def draw_trail(
+    ax: Axes, trajectory: Trajectory, placed: Placed, mesh: Mesh | None = None, **look: Any
+) -> Callable[[int], None]:
+    """Draws the trail, on a mesh if there is one, and returns a function that shows it up to the k-th saved time."""
+    if mesh is not None:
+        return _trail_on(ax, mesh, trajectory, **look)
     track, setting = track_of(trajectory), placed.setting
     if track is None:
         trail = line(ax, color=TRAIL, **look)
@@ -130,10 +134,7 @@ def _ball_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
     # A shadow below a ball that may leave the plane makes its height visible.
     shadow = face(ax, facecolor=SHADOW, zorder=1.5) if modes_of(trajectory).spells else None
     look: dict[str, Any] = {"linewidth": 1.8, "zorder": 2}
-    if mesh is None:
-        show_trail = draw_trail(ax, trajectory, placed, **look)
-    else:
-        show_trail = _trail_on(ax, mesh, trajectory, **look)
+    show_trail = draw_trail(ax, trajectory, placed, mesh, **look)
     shade = face(ax, facecolor="white", alpha=0.7, zorder=3)
     back = line(ax, color=FAINT, linewidth=0.6, zorder=4)
     front = line(ax, color="0.6", linewidth=0.6, zorder=7)

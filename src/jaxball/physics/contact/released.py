@@ -7,7 +7,7 @@ turntable. With v_s in place of V,
 
 - the accelerations of all masses are those of the rolling body on a plane that has the acceleration v̇_s besides its
   own, so that Ω̇ and θ̈ of free joints follow from the equations of rolling with γ + Λ⁻¹v̇_s for γ;
-- the reaction R of the plane does work only on v_s, and follows from Newton's law for the whole.
+- the reaction R of the ground does work only on v_s, and follows from Newton's law for the whole.
 
 So everything is the sum of the rolling motion, with its reaction R₀, and a part linear in v̇_s:
 
@@ -46,7 +46,7 @@ from ..surfaces import AbstractSurface, Footing
 
 
 class ReleasedState(Printed):
-    """The state of a body that need not roll: it may slip on the plane or be above it.
+    """The state of a body that need not roll: it may slip on the ground or be above it.
 
     **Arguments:**
 
@@ -137,7 +137,7 @@ class Motion(NamedTuple):
 
 
 class Response(NamedTuple):
-    """The response of a released body to the reaction of the plane, in which all formulas of this module are linear.
+    """The response of a released body to the reaction of the ground, in which all formulas of this module are linear.
 
     ``rolling`` is the motion with v̇_s = 0 and without dry rolling friction, and its reaction R₀. ``yielding`` is what a
     unit of v̇_s along each contact axis adds, one row for each, so that its reactions are D⁻¹; ``delassus`` is
@@ -189,9 +189,9 @@ class Response(NamedTuple):
 def response(
     system: AbstractBody, t: Float[Array, ""], state: ReleasedState, touching: Bool[Array, ""] | None = None
 ) -> Response:
-    """The response of the body to each reaction of the plane.
+    """The response of the body to each reaction of the ground.
 
-    ``touching`` is False in flight, where the plane does not resist the body's turning; True if not given. A disk is
+    ``touching`` is False in flight, where the ground does not resist the body's turning; True if not given. A disk is
     held upright by a constraint that takes up all forces along e2, none of which belong to the reaction.
     """
     body, r, touches = state.body, system.radius, True if touching is None else touching

@@ -155,7 +155,7 @@ class OnPlane(NamedTuple):
         prepared: tuple[Response, Float[Array, ""]],
         sigma: Float[Array, "2"],
     ) -> tuple[Float[Array, "2"], ReleasedState]:
-        """The slip acceleration along the plane, and ẋ."""
+        """The slip acceleration along the ground, and ẋ."""
         found, mu = prepared
         acting = sliding(found, mu, sigma)
         moved = rates(self.body, state, found, acting.slip_acceleration, acting.normal)

@@ -82,7 +82,7 @@ def _only_if(happens: Bool[Array, ""], stage: Callable[..., "_Progress"], plane:
 
 
 def _response(plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState) -> Response:
-    """The response of a body that touches the plane."""
+    """The response of a body that touches the ground."""
     return plane.response(t, eqx.tree_at(lambda x: x.mode, state, jnp.full_like(state.mode, int(Mode.SLIDING))))
 
 
@@ -180,7 +180,7 @@ def _begun(plane: "BodyOnPlane", done: "_Progress") -> ContactState:
 class _Progress(NamedTuple):
     """A transition in progress: time, the state at the mode's end, and the current one.
 
-    ``still`` says that it does not slip, ``flies`` that it leaves the plane, ``lands`` that it comes down, ``decides``
+    ``still`` says that it does not slip, ``flies`` that it leaves the ground, ``lands`` that it comes down, ``decides``
     that the mode has ended, and ``begins`` that a slip begins.
     """
 
