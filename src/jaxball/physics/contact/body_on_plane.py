@@ -190,7 +190,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         return self.surface is not None and self.surface.follows_foot
 
     def _over_surface(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
-        """With the coordinates of the nearest piece and the height over it, in flight in place of where the centre is."""
+        """With the nearest piece and the height over it, in flight in place of where the centre is."""
         assert self.surface is not None
         surface, r = self.surface, self.body.radius
 

@@ -143,7 +143,7 @@ class Response(NamedTuple):
     unit of v̇_s along each contact axis adds, one row for each, so that its reactions are D⁻¹; ``delassus`` is
     the Delassus operator D. ``rubbing`` is what the dry torque of a unit of normal force adds while v̇_s = 0, None
     without dry friction. ``convected`` is V̇ without v̇_s and r ω̇ × n, space axes: that of the turntable, u̇, and on a
-    surface what it is by the ``footing``, which is None on a plane. ``rise`` is the rate of the height.
+    surface what it is by the ``footing``, which is None on a plane. ``rise`` is the rate of the height there.
     """
 
     rolling: Motion
@@ -151,8 +151,8 @@ class Response(NamedTuple):
     delassus: Float[Array, "3 3"]
     rubbing: Motion | None
     convected: Float[Array, "3"]
-    footing: Footing | None
-    rise: Float[Array, ""]
+    footing: Footing | None = None
+    rise: Float[Array, ""] | None = None
 
     @property
     def axes(self) -> Float[Array, "3 3"] | None:
@@ -242,7 +242,7 @@ def response(
         rubbing=None if dry is None else change(dry, idle, jnp.zeros_like(dry)),
         convected=convected,
         footing=under,
-        rise=state.V[2] if under is None else slip_velocity(system, t, state)[2],
+        rise=None if under is None else slip_velocity(system, t, state)[2],
     )
 
 
@@ -273,7 +273,8 @@ def rates(
     Omegadot, thetaddot = found.accelerations(slip_acceleration, N)
     moved = body.rates(r, Omegadot, (body.theta, body.thetadot, thetaddot))
     V = _turning(body, r, Omegadot, found) + in_space(found.axes, slip_acceleration) + found.convected
-    return ReleasedState(_placed(moved, state.V, found.footing), V, found.rise)
+    rise = state.V[2] if found.rise is None else found.rise
+    return ReleasedState(_placed(moved, state.V, found.footing), V, rise)
 
 
 def with_slip(

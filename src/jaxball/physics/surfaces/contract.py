@@ -85,8 +85,8 @@ class AbstractSurface(AbstractGround):
     the velocity of the ground's matter is ∂p/∂t. And a field ``motion``, a :class:`~jaxball.MovingFrame` that moves
     it as a rigid body, or None.
 
-    With a law of contact the ball may fly, and the piece that is nearest to it is sought: ``nearest`` gives it in closed
-    form, or else ``over`` says where to begin. Both have a default, which begins at the piece that was nearest before.
+    With a law of contact the ball may fly, and the piece that is nearest to it is sought: ``nearest`` gives it in
+    closed form, or else ``over`` says where to begin; by default, at the piece that was nearest before.
 
     The coordinates of the contact point are the ``z`` of a ball's state. Space axes are at rest, and gravity is −g e3.
     That the ground is touched in one point only is checked where a run starts, and only near that point.
