@@ -198,6 +198,7 @@ def test_the_trail_of_a_ball_that_flies_is_over_the_surface(jump):
     touched = in_axes_of_hill(jump.times[k], touched[np.isfinite(touched[:, 0])])
     np.testing.assert_allclose(touched[:, 2], 0.1 * np.sin(2 * np.pi * touched[:, 0] / 1.5), atol=1e-6)
     shadow = next(one for one in ax.collections if one.get_zorder() == 1.5)
+    ax.M = ax.get_proj()
     shadow.do_3d_projection()
     corners = shadow.get_paths()[0].vertices
     below = proj3d.proj_transform(*seen.contact_point[k], ax.get_proj())[:2]
