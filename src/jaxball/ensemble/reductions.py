@@ -14,6 +14,7 @@ from ..numerics.vectors import cross, root
 from ..physics.body import AbstractBody, System
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.modes import ContactState, Mode
+from ..physics.contact.over_surface import surface_under
 from ..physics.contact.released import released_energy
 from ..physics.footing import footing
 from ..physics.observables import observe
@@ -174,7 +175,7 @@ def speed(system: System | BodyOnPlane, t: Float[Array, ""], state: State | Cont
     """
     if isinstance(system, BodyOnPlane) or isinstance(state, ContactState):
         V: Any = state.V  # pyright: ignore
-        curved = isinstance(system, BodyOnPlane) and system.surface is not None
+        curved = isinstance(system, BodyOnPlane) and surface_under(system.body) is not None
         return root(jnp.sum((V if curved else V[:2]) ** 2))
     under = footing(system, t, state)
     if under is not None:

@@ -11,8 +11,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics import programs
 from ..physics.contact import friction
-from ..physics.contact.body_on_plane import BodyOnPlane, ContactHistory, near_to
+from ..physics.contact.body_on_plane import BodyOnPlane, ContactHistory
 from ..physics.contact.modes import ContactState, Mode
+from ..physics.contact.over_surface import near_to
 from ..physics.contact.released import ReleasedState
 from ..physics.contact.slip import Beginning
 from ..physics.hybrid import AbstractHistory

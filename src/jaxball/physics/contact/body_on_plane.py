@@ -11,7 +11,7 @@ On the ground, a body that does not slip rolls if friction can hold it, and othe
 ``friction.first_slip`` determines.
 
 The ground is a plane or a surface. What differs is in few places: the contact axes, in which slip and reaction have
-their components (``released``), and how the height in flight follows from the place of the body (``_landed``).
+their components (``released``), and how the height in flight follows from the place of the body (``over_surface``).
 """
 
 import dataclasses
@@ -26,15 +26,13 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...interface.printing import is_single, shown
 from ...numerics.arrays import AnyArray
-from ...numerics.differentiation import without_derivatives
-from ...numerics.vectors import dot, root
+from ...numerics.vectors import root
 from ..body import AbstractBody
 from ..conditions import Condition, ExplainedCondition, Problem
 from ..hybrid import NONE, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
 from ..state import ReducedState
-from ..surfaces import AbstractSurface
 from ..system import AbstractSystem
-from . import friction, slip as slips
+from . import friction, over_surface as over, slip as slips
 from .law import Contact
 from .modes import Cause, ContactState, ContactSwitches, Mode, cause_of
 from .released import (
@@ -42,7 +40,6 @@ from .released import (
     ReleasedState,
     Response,
     in_space,
-    position,
     rates,
     released,
     response,
@@ -53,8 +50,6 @@ from .transition import transition
 
 ROUNDING_OF_VELOCITY = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none
 FORCES = 32  # of the reaction, in units of rounding of a force that compares with it: what is smaller is none
-HEIGHTS = 4  # of a height over a surface, in units of rounding of the place of the body: the same
-NEARER = 0.5  # of the distance between the centre and a surface: as far may a step in flight go
 RISEN = 1e-6  # of √(r/g): the time in which a body that lifts has left the plane
 SLOW_DISK = 0.55  # as slip.SLOW, for a disk, whose slip does not turn; more than the error of the time of a mode's end
 NOWHERE = -1  # the mode at times to which a solve did not come
@@ -125,15 +120,10 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         slip = slip.at[:2].set(jnp.where(stopped, 0.0, slip[:2]))
         slip = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip)
         packed = eqx.tree_at(lambda x: x.V, state, jnp.where(state.is_in(Mode.FLIGHT), state.V, slip))
-        if self.surface is None:
-            return packed
-        c = position(self.body, t, state.released)
-        return self._placed(packed, jnp.where(state.is_in(Mode.FLIGHT), c, _place(state)), state.body.z)
+        return over.with_place(self.body, t, state, packed)
 
     def from_packed(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
-        packed = packed.projected()
-        if self.surface is not None:
-            packed = self._over_surface(t, packed)
+        packed = over.with_nearest_piece(self.body, t, packed.projected())
         rolling, axes = rolling_contact(self.body, t, packed.body)
         V = in_space(axes, packed.V) + rolling
         return eqx.tree_at(lambda x: x.V, packed, jnp.where(packed.is_in(Mode.FLIGHT), packed.V, V))
@@ -153,11 +143,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         # The rate of the slip velocity, without the rounding of a difference.
         acting = self.interaction(t, state, found)
         slipping = jnp.where(rolls, 0.0, acting.slip_acceleration)
-        flies = packed.is_in(Mode.FLIGHT)
-        changed = eqx.tree_at(lambda x: x.V, moved, jnp.where(flies, moved.V, slipping))
-        if self.surface is None:
-            return changed
-        return self._placed(changed, jnp.where(flies, state.V, _place(moved)), moved.near)
+        V = jnp.where(packed.is_in(Mode.FLIGHT), moved.V, slipping)
+        return over.with_rates_of_place(self.body, state, eqx.tree_at(lambda x: x.V, moved, V))
 
     def field(self, t: Float[Array, ""], state: ContactState, found: Response | None = None) -> ContactState:
         """ẋ; ``found`` is the response, if it is known."""
@@ -168,44 +155,15 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         rates_of_all = jax.tree.map(jnp.zeros_like, state).moved(moved)
         return eqx.tree_at(lambda x: x.friction_loss, rates_of_all, -jnp.sum(acting.R[:2] * slip[:2]))
 
-    # A surface, and the piece of it that is nearest in flight.
-
-    @property
-    def surface(self) -> AbstractSurface | None:
-        """The ground, if it is not a plane."""
-        ground = self.body.ground
-        return ground if isinstance(ground, AbstractSurface) else None
-
     def projected(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
         packed = packed.projected()
-        if not self.always_projected:
-            return packed
-        known = without_derivatives(self._over_surface(t, packed)).body.z
-        near = jnp.where(packed.is_in(Mode.FLIGHT) & jnp.all(jnp.isfinite(known)), known, packed.near)
-        return eqx.tree_at(lambda x: x.near, packed, near)
+        return over.with_piece_remembered(self.body, t, packed) if self.always_projected else packed
 
     @property
     def always_projected(self) -> bool:
         """Whether each step ends with the nearest piece of a surface, from which the next ones are sought."""
-        return self.surface is not None and self.surface.follows_foot
-
-    def _over_surface(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
-        """With the nearest piece and the height over it, in flight in place of where the centre is."""
-        assert self.surface is not None
-        surface, r = self.surface, self.body.radius
-
-        def landed(packed: ContactState) -> Float[Array, "3"]:
-            c = _place(packed)
-            u = surface.foot(t, c, packed.near)
-            touch = surface.touch(t, u[0], u[1])
-            return jnp.append(u, dot(touch.n, c - touch.p) - r)
-
-        place = jax.lax.cond(packed.is_in(Mode.FLIGHT), landed, _place, packed)
-        return self._placed(packed, place, packed.near)
-
-    @staticmethod
-    def _placed(state: ContactState, place: Float[Array, "3"], near: Float[Array, "2"]) -> ContactState:
-        return eqx.tree_at(lambda x: (x.body.z, x.height, x.near), state, (place[:2], place[2], near))
+        surface = over.surface_under(self.body)
+        return surface is not None and surface.follows_foot
 
     # The contact.
 
@@ -267,7 +225,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         forward = jnp.where(self.slips_end, forward, one)
         # A body that rises does not land, where rounding takes its height below zero as it lifts.
         above = jnp.maximum(
-            state.height + self.rounding_of_height(t, state),
+            state.height + over.rounding_of_height(self.body, t, state),
             jnp.where(slip[2] > 0, RISEN * slips.unit_of_time(self.body) * slip[2], -jnp.inf),
         )
         rolls, slides = state.is_in(Mode.ROLLING), state.is_in(Mode.SLIDING)
@@ -282,7 +240,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
     def time_event(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
         """The end of the window in which the direction of a slip is known beforehand, or of a step in flight."""
         until = jnp.where(state.is_in(Mode.SLIDING), state.begun.until, jnp.inf)
-        return until if self.surface is None else jnp.minimum(until, t + self.longest_step(t, state))
+        return jnp.minimum(until, t + over.longest_flight(self.body, t, state))
 
     def assess(self, step: GuardedStep, accuracy: Accuracy) -> Assessment:
         """The cause that the guard which is zero stands for, or that a slip has ended although none is.
@@ -324,33 +282,13 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         scale, limits = root(jnp.sum(R**2)) + m * (g + r * jnp.sum(Omega**2)), jnp.finfo(R.dtype)
         return FORCES * float(limits.eps) * scale + float(limits.tiny) ** 0.5
 
-    def rounding_of_height(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
-        """What rounding may make of the height over a surface, which is that of a difference of places."""
-        if self.surface is None:
-            return jnp.zeros_like(state.height)
-        c = jax.lax.stop_gradient(position(self.body, t, state.released))
-        return HEIGHTS * float(jnp.finfo(c.dtype).eps) * (root(dot(c, c)) + jax.lax.stop_gradient(self.body.radius))
-
     def rise(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
-        """The rate at which a body leaves its ground; 0 where it is rounding, as of one that rolls on a surface."""
+        """The rate at which a body leaves its ground; on a surface 0 where it is rounding."""
         rate = slip_velocity(self.body, t, state.released)[2]
-        if self.surface is None:
+        if over.surface_under(self.body) is None:
             return rate
         least = ROUNDING_OF_VELOCITY * float(jnp.finfo(rate.dtype).eps) * self.speed_of(state)
         return jnp.where(jnp.abs(rate) > least, rate, 0.0)
-
-    def longest_step(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
-        """In flight over a surface, a step in which the body cannot come far nearer to any part of it.
-
-        The flight itself is a parabola, which a step of any length has; but one that goes beyond a hill shows nothing
-        of it at the few times at which its guards are evaluated.
-        """
-        assert self.surface is not None
-        touch = self.surface.touch(t, state.body.z[0], state.body.z[1])
-        v, g = state.V - touch.w, jnp.abs(self.body.gravity)
-        far = NEARER * (self.body.radius + jnp.maximum(state.height, 0.0))
-        longest = far / (root(dot(v, v)) + root(2 * g * far))
-        return jax.lax.stop_gradient(jnp.where(state.is_in(Mode.FLIGHT), longest, jnp.inf))
 
     def unit_of_speed(self, found: Response) -> Float[Array, ""]:
         """√(g r); without gravity, the acceleration by which the body would fall takes the place of g."""
@@ -372,7 +310,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         given = released(self.body.prepare(), t, state) if rolls else state
         zero = jnp.zeros_like(given.height)
         mode, begun = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT), slips.Beginning.none(zero)
-        near = near_to(self.body, given.body.z, zero)
+        near = over.near_to(self.body, given.body.z, zero)
         return ContactState(given.body, given.V, given.height, zero, zero, mode, begun, near)
 
     def transition(
@@ -493,20 +431,10 @@ class ContactHistory(AbstractHistory):
         """The body on its plane, with its states, of whose bodies these are the ``states``."""
         mode, ever = self.mode.astype(self.height.dtype), jnp.full_like(self.height, jnp.finfo(self.height.dtype).max)
         begun = slips.Beginning.along(ever, self.sigma)
-        near = near_to(system, states.z, self.height)
+        near = over.near_to(system, states.z, self.height)
         return BodyOnPlane(system, self.law), ContactState(
             states, self.V, self.height, self.friction_loss, self.impact_loss, mode, begun, near
         )
-
-
-def near_to(system: AbstractBody, z: Array, height: Float[Array, "*batch"]) -> Float[Array, "*batch coordinates"]:
-    """``near`` of states of a body that is next to its ground, at ``z``."""
-    return z if isinstance(system.ground, AbstractSurface) else jnp.zeros((*height.shape, 0), height.dtype)
-
-
-def _place(state: ContactState) -> Float[Array, "3"]:
-    """``z`` and ``height``."""
-    return jnp.append(state.body.z, state.height)
 
 
 def _whole(mode: Float[Array, "*rows"]) -> Int[Array, "*rows"]:

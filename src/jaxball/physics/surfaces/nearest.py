@@ -15,8 +15,8 @@ MOST_TRIALS = 40  # of steps to the nearest piece
 STRONGEST_DAMPING = 1e-2  # the first, relative to the metric, after a step that led away
 DAMPED_LESS, DAMPED_MORE = 0.1, 10.0  # the damping after a step that led nearer, and after one that led away
 UNDAMPED = 1e-6  # a damping below this is none
-NEAREST = 1e-8  # of the distance: after a step of Newton's method that is shorter, the next one would be rounding
-ROUNDED = 8  # of half the square of the distance, in units of rounding: what may be added by it
+ARRIVED = 1e-8  # of the distance: after a step of Newton's method that is shorter, the next one would be rounding
+ROUNDING_OF_DISTANCE = 8  # of half the square of the distance, in units of rounding: what may be added by it
 
 
 def nearest(surface: Any, t: Float[Array, ""], x: Float[Array, "3"], start: Float[Array, "2"]) -> Float[Array, "2"]:
@@ -28,8 +28,8 @@ def nearest(surface: Any, t: Float[Array, ""], x: Float[Array, "3"], start: Floa
     search = _Search(surface, t, x)
     still = without_derivatives(search)
     first = _Trial.begin(still, jax.lax.stop_gradient(start))
-    found = jax.lax.while_loop(lambda trial: trial.goes_on, lambda trial: trial.next(still), first).u
-    return with_derivatives(found, _refined, search, found)
+    u = jax.lax.while_loop(lambda trial: trial.goes_on, lambda trial: trial.next(still), first).u
+    return with_derivatives(u, _refined, search, u)
 
 
 class _Search(NamedTuple):
@@ -67,7 +67,7 @@ class _Trial(NamedTuple):
     u: Float[Array, "2"]
     value: Float[Array, ""]
     damping: Float[Array, ""]
-    count: Array
+    trials: Array
     done: Bool[Array, ""]
 
     @classmethod
@@ -78,7 +78,7 @@ class _Trial(NamedTuple):
 
     @property
     def goes_on(self) -> Bool[Array, ""]:
-        return ~self.done & (self.count < MOST_TRIALS)
+        return ~self.done & (self.trials < MOST_TRIALS)
 
     def next(self, search: _Search) -> "_Trial":
         """After one more step, unless that leads away."""
@@ -90,12 +90,12 @@ class _Trial(NamedTuple):
         d = search.away(u)
         there = 0.5 * dot(d, d)
         length = root(jnp.sum(step[:, None] * metric * step[None]))
-        arrives = convex & (self.damping == 0) & (length <= NEAREST * root(2 * value))
-        nearer = (there <= value * (1 + ROUNDED * float(jnp.finfo(value.dtype).eps))) | arrives
+        arrives = convex & (self.damping == 0) & (length <= ARRIVED * root(2 * value))
+        nearer = (there <= value * (1 + ROUNDING_OF_DISTANCE * float(jnp.finfo(value.dtype).eps))) | arrives
         less = jnp.where(self.damping > UNDAMPED, DAMPED_LESS * self.damping, 0.0)
         more = jnp.maximum(DAMPED_MORE * self.damping, STRONGEST_DAMPING)
-        after = _Trial(u, there, less, self.count + 1, arrives)
-        return selected(nearer, after, self._replace(damping=more, count=self.count + 1))
+        after = _Trial(u, there, less, self.trials + 1, arrives)
+        return selected(nearer, after, self._replace(damping=more, trials=self.trials + 1))
 
 
 def _refined(search: _Search, u: Float[Array, "2"]) -> Float[Array, "2"]:
