@@ -25,7 +25,7 @@ CLEAN = (
     ),
 )
 # How many such names the others have at most. One that has none left moves up.
-REMAINING = {"physics": 74}
+REMAINING = {"physics": 50}
 IRREGULAR = (
     "begun|bent|bought|broken|brought|built|caught|chosen|done|drawn|driven|fallen|fed|felt|flown|forgotten|found|"
     "frozen|given|gone|grown|held|hidden|hung|kept|known|laid|led|left|lent|lost|made|meant|met|outgrown|overdrawn|"

@@ -3,23 +3,30 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from mpl_toolkits.mplot3d import proj3d
 from scipy.spatial.transform import Rotation
 
 from jaxball import (
     Ball,
     BallState,
     Bowl,
+    Contact,
     Cylinder,
     Disk,
     DiskState,
     FunctionSchedule,
     HeightField,
+    Mode,
+    MovingFrame,
     SphereOutside,
     TiltingPlane,
+    Turn,
+    Washboard,
     plot,
     simulate,
 )
 from jaxball.plot.floor import place
+from jaxball.plot.palette import TRAIL
 from jaxball.plot.record import record
 from jaxball.plot.scene import scene
 from jaxball.plot.surface import curve_under, mesh_under
@@ -201,3 +208,56 @@ def test_a_disk_is_drawn_on_its_curve(name):
     f = arrays["friction"][:, :1] * first
     np.testing.assert_allclose(arrays["normal_force"][:, None] * n + f, seen.contact_force, rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(arrays["centre"] - r * n, seen.contact_point, atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def jump():
+    """A marble that comes off a hill that moves and tilts, and lands on a part of it."""
+    tilts = MovingFrame([Turn((0.0, 1.0, 0.0), FunctionSchedule(swing))])
+    ground, start = Washboard(0.1, wavelength=1.5, motion=tilts), BallState(Omega=(0.0, 45.0, 3.0))
+    times = np.linspace(0.0, 0.8, 41)
+    return simulate(marble(ground), times, start, contact=Contact(0.4, restitution=0.5), rtol=1e-8, atol=1e-8)
+
+
+def in_axes_of_hill(t, points):
+    return Rotation.from_rotvec([0.0, float(swing(t, None)), 0.0]).inv().apply(np.array(points))
+
+
+@pytest.mark.thorough
+def test_the_trail_of_a_ball_that_flies_is_over_the_surface(jump):
+    """Where it touches, the trail is on the ground; in flight one radius from the centre, in the ground's axes."""
+    modes, seen = np.asarray(jump.contact.mode), jump.observables
+    assert {Mode.ROLLING, Mode.FLIGHT} <= {Mode(int(mode)) for mode in modes}
+    figure, show = scene(jump, record(jump))
+    k = 40
+    show(k)
+    ax = figure.axes[0]
+    rolled, _, flew = (line for line in ax.lines if line.get_color() == TRAIL)  # in the order of modes
+    flown = np.column_stack(flew.get_data_3d())
+    flown = in_axes_of_hill(jump.times[k], flown[np.isfinite(flown[:, 0])])
+    centres = [in_axes_of_hill(jump.times[i], seen.geometric_centre[i]) for i in np.flatnonzero(modes == Mode.FLIGHT)]
+    for centre in centres:
+        assert np.min(np.abs(np.linalg.norm(flown - centre, axis=1) - r)) < 1e-6
+    height = flown[:, 2] - 0.1 * np.sin(2 * np.pi * flown[:, 0] / 1.5)
+    assert np.max(height) > 0.5 * r
+    np.testing.assert_array_less(-1e-6, height)
+    touched = np.column_stack(rolled.get_data_3d())
+    touched = in_axes_of_hill(jump.times[k], touched[np.isfinite(touched[:, 0])])
+    np.testing.assert_allclose(touched[:, 2], 0.1 * np.sin(2 * np.pi * touched[:, 0] / 1.5), atol=1e-6)
+    shadow = next(one for one in ax.collections if one.get_zorder() == 1.5)
+    ax.M = ax.get_proj()
+    shadow.do_3d_projection()
+    corners = shadow.get_paths()[0].vertices
+    below = proj3d.proj_transform(*seen.contact_point[k], ax.get_proj())[:2]
+    np.testing.assert_allclose((corners.min(axis=0) + corners.max(axis=0)) / 2, below, atol=1e-6)
+
+
+@pytest.mark.thorough
+def test_the_view_of_a_ball_that_flies_has_its_height_and_its_modes(jump):
+    document = view_document(jump)
+    arrays = arrays_of(document)
+    feet = arrays["centre"] - (r + arrays["height"].reshape(-1, 1)) * arrays["normal"]
+    feet = np.stack([in_axes_of_hill(float(t), foot) for t, foot in zip(arrays["time"].ravel(), feet, strict=True)])
+    np.testing.assert_allclose(feet[:, 2], 0.1 * np.sin(2 * np.pi * feet[:, 0] / 1.5), atol=1e-6)
+    assert np.max(arrays["height"]) > 0.5 * r
+    assert [spell[0] for spell in document["bodies"][0]["spells"]][:3] == ["rolling", "sliding", "flight"]

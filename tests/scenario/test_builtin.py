@@ -52,6 +52,7 @@ RELEASED = (
     "draw-shot",
     "hoop-with-backspin",
     "hopping-hoop",
+    "jumping-ball",
     "masse-shot",
     "slipping-ball",
     "tippe-top",

@@ -4,10 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from scipy.special import ellipj, ellipk
 
-from jaxball import Detachment
+from jaxball import Cause, Detachment
 from jaxball.scenario import load_scenario
+from tests.support.on_surfaces import time_of_landing
 
 G = 9.81
 
@@ -112,3 +114,43 @@ def test_a_wheel_swings_in_a_half_pipe():
     square = 2 * w**2 * (np.cos(psi) - np.cos(psi0))
     np.testing.assert_allclose(seen.normal_force, 2 * (G * np.cos(psi) + 1.7 * square), rtol=1e-7)
     np.testing.assert_allclose(seen.friction[:, 0], 2 / 3 * G * np.sin(psi), atol=1e-7)
+
+
+def test_a_ball_jumps_over_a_wave():
+    """It rolls up with 7/10 v² + g z constant, N = 0 where v² k/(1 + r k) = g cos a, and flies on a parabola.
+
+    Just before, friction gives way, which changes v little; where it does is where 2/7 mg sin a is 0.4 N.
+    """
+    trajectory, times, seen = run("jumping-ball")
+    r, A, k = 0.02, 0.04, 2 * np.pi / 0.8
+    switches = trajectory.contact.switches
+    assert [int(x) for x in switches.cause[:3]] == [Cause.GIVES_WAY, Cause.LIFTS, Cause.LANDS]
+
+    def wave(x):
+        return -A * np.cos(k * x)
+
+    def rolling(x):
+        """v², the curvature of the centre's path, downwards, and sine and cosine of the slope."""
+        slope, bend = A * k * np.sin(k * x), A * k**2 * np.cos(k * x)
+        cosine = 1 / np.hypot(slope, 1.0)
+        kappa = -bend * cosine**3
+        height = wave(x) + r * cosine - (r - A)
+        return 3.0**2 - 10 / 7 * G * height, kappa / (1 + r * kappa), slope * cosine, cosine
+
+    def spare(x):
+        v2, bend, sine, cosine = rolling(x)
+        return 0.4 * (G * cosine - v2 * bend) - 2 / 7 * G * sine
+
+    slips, lifts = np.asarray(switches.before.body.z)[:2, 0]
+    assert slips == pytest.approx(brentq(spare, 0.1, 0.35), abs=1e-8)
+    t, V = (np.asarray(x)[1] for x in (switches.times, switches.after.V))
+    _, bend, sine, cosine = rolling(lifts)
+    assert V @ V * bend == pytest.approx(G * cosine, rel=1e-7)
+    c = np.array([lifts - r * sine, 0.0, wave(lifts) + r * cosine])
+    lands = time_of_landing(wave, c, V, r, G)
+    assert float(switches.times[2]) - t == pytest.approx(lands, abs=1e-8)
+    s = times[(times > t) & (times < t + lands)][:, None] - t
+    path = c + V * s + 0.5 * s**2 * np.array([0.0, 0.0, -G])
+    np.testing.assert_allclose(np.asarray(seen.geometric_centre)[(times > t) & (times < t + lands)], path, atol=1e-9)
+    total = np.asarray(seen.energy + trajectory.contact.friction_loss + trajectory.contact.impact_loss)
+    np.testing.assert_allclose(total, total[0], rtol=1e-8)

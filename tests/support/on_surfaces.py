@@ -8,9 +8,12 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import brentq, minimize_scalar
 
 from jaxball import observe, vector_field
 from jaxball.physics.moments import kinematics, point_mass_values
+from jaxball.physics.observables import compute_observables, movement
 
 
 def directional(function, t, state, rates):
@@ -74,3 +77,107 @@ def residuals(ball, t, state, place, torque=None):
         seen.normal_force - n @ seen.contact_force,
         power - seen.power,
     )
+
+
+class ReleasedResiduals(NamedTuple):
+    """What is left of each law of a ball that may slip and fly: all are zero."""
+
+    momentum: jax.Array
+    angular_momentum: jax.Array
+    gap: jax.Array
+    rise: jax.Array
+    friction: jax.Array
+    power: jax.Array
+
+
+def released_residuals(plane, t, state, place, torque=None):
+    """The laws of a ball on its ground in the mode that a ``ContactState`` is in.
+
+    Masses are at c + Λχ with ċ = V, so nothing is taken from the contact but R. ``place(t, u1, u2)`` is the foot, and
+    ``torque(t, state, N)`` is on the ball while it touches the ground, in space.
+    """
+    ball, mu = plane.body, plane.contact.sliding
+    r, g = ball.radius, ball.gravity
+
+    def normal(t, u):
+        along = [jax.jvp(lambda x, k=k: place(t, *u.at[k].set(x)), (u[k],), (1.0,))[1] for k in (0, 1)]
+        n = jnp.cross(*along)
+        return n / jnp.linalg.norm(n)
+
+    def places(c, state):
+        chi = kinematics(ball, t, (state.body.theta, state.body.thetadot, state.body.thetadot)).chi
+        return c[None] + jnp.concatenate([ball.offset[None], chi]) @ state.body.Lambda.T
+
+    m = jnp.concatenate([ball.mass[None], point_mass_values(ball)])[:, None]
+
+    def moving(t, c, state, rates):
+        """P, L about the origin of space, and the energy, with the rate of Λ from Ω."""
+
+        def at(t, c, state):
+            chi = kinematics(ball, t, (state.body.theta, state.body.thetadot, state.body.thetadot)).chi
+            return c[None] + jnp.concatenate([ball.offset[None], chi]) @ state.body.Lambda.T
+
+        x, v = jax.jvp(at, (t, c, state), (jnp.ones_like(t), state.V, rates))
+        body = ball.inertia * state.body.Omega
+        energy = 0.5 * (state.body.Omega @ body + jnp.sum(m * v**2)) + g * jnp.sum(m[:, 0] * x[:, 2])
+        return jnp.sum(m * v, axis=0), state.body.Lambda @ body + jnp.sum(jnp.cross(x, m * v), axis=0), energy
+
+    def along(t, c, state):
+        return moving(t, c, state, plane.field(t, state))
+
+    u = state.body.z
+    foot, n = place(t, *u), normal(t, u)
+    c, rates = foot + (r + state.height) * n, plane.field(t, state)
+    _, (P, L, power) = jax.jvp(along, (t, c, state), (jnp.ones_like(t), state.V, rates))
+    seen = compute_observables(ball, t, movement(plane, t, state))
+    R, weight = seen.contact_force, jnp.array([0.0, 0.0, -1.0]) * g
+    turning = jnp.cross(foot, R) + jnp.sum(jnp.cross(places(c, state), m * weight[None]), axis=0)
+    if torque is not None:
+        turning = turning + jnp.where(state.mode < 2, torque(t, state.body, seen.normal_force), 0.0)
+
+    def apart(u, s):
+        x = c + s * state.V + 0.5 * s**2 * rates.V
+        return x - place(t + s, *u)
+
+    def gap(s):
+        """The height while the centre goes on with V and V̇, by Newton's method for the foot, which is u at s = 0."""
+        near = u
+        for _ in range(2):
+            slope = jax.grad(lambda u: 0.5 * jnp.sum(apart(u, s) ** 2))
+            near = near - jnp.linalg.solve(jax.hessian(lambda u: 0.5 * jnp.sum(apart(u, s) ** 2))(near), slope(near))
+        return normal(t + s, near) @ apart(near, s) - r
+
+    zero = jnp.zeros_like(t)
+    (height, rise), (_, curved) = jax.jvp(
+        lambda s: jax.jvp(gap, (s,), (jnp.ones_like(s),)), (zero,), (jnp.ones_like(zero),)
+    )
+    omega = state.body.Lambda @ state.body.Omega
+    slip = state.V - r * jnp.cross(omega, n) - jax.jvp(lambda t: place(t, *u), (t,), (1.0,))[1]
+    across = slip - (slip @ n) * n
+    N = R @ n
+    slides = -mu * N * across / jnp.where(state.mode == 1, jnp.linalg.norm(across), 1.0)
+    return ReleasedResiduals(
+        P - R - jnp.sum(m) * weight,
+        L - turning,
+        jnp.stack([height - state.height, jnp.where(state.mode < 2, curved, 0.0)]),
+        rise - rates.height,
+        jnp.where(state.mode == 1, R - N * n - slides, 0.0),
+        power - seen.power,
+    )
+
+
+def time_of_landing(curve, c, V, r, g):
+    """When a ball that flies from c with V is next as near as its radius to a curve z = curve(x), by SciPy."""
+
+    def gap(s):
+        x, z = c[0] + V[0] * s, c[2] + V[2] * s - 0.5 * g * s**2
+
+        def apart(u):
+            return np.hypot(u - x, curve(u) - z)
+
+        near, step = min(np.linspace(x - 5 * r, x + 5 * r, 101), key=apart), 0.2 * r
+        return minimize_scalar(apart, bounds=(near - step, near + step), options={"xatol": 1e-9 * r}).fun - r
+
+    later = np.sqrt(r / g) * np.linspace(0.2, 15.0, 149)
+    first = next(s for s in later if gap(s) < 0)
+    return brentq(gap, first - later[1] + later[0], first, xtol=1e-13)

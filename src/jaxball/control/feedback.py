@@ -146,13 +146,13 @@ class _Coordinates:
             return self._seen.joint_angles[:, k], self._seen.joint_rates[:, k], None
         if name.startswith("ground."):
             angle = getattr(self._system.ground, name.removeprefix("ground."))
-            return _along(angle, self._times) if isinstance(angle, AbstractSchedule) else self._driven(name)
+            return _along(angle, self._times) if isinstance(angle, AbstractSchedule) else self._drive(name)
         motion = self._masses[int(name.removeprefix("masses[").removesuffix("]"))].motion
         if isinstance(motion, OnRail):
             return _along(motion.schedule, self._times)
-        return self._driven(name)
+        return self._drive(name)
 
-    def _driven(self, name: str) -> tuple[Array, Array, Array]:
+    def _drive(self, name: str) -> tuple[Array, Array, Array]:
         """θ, θ̇ and θ̈ where the law drives them."""
         slot = self._system.coordinates.index(name)
         return self._states.theta[:, slot], self._states.thetadot[:, slot], self._by_law[name]

@@ -14,6 +14,7 @@ from ..numerics.vectors import cross, root
 from ..physics.body import AbstractBody, System
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.modes import ContactState, Mode
+from ..physics.contact.over_surface import surface_under
 from ..physics.contact.released import released_energy
 from ..physics.footing import footing
 from ..physics.observables import observe
@@ -173,7 +174,9 @@ def speed(system: System | BodyOnPlane, t: Float[Array, ""], state: State | Cont
     On a surface |ċ|, how fast the geometric centre moves in space.
     """
     if isinstance(system, BodyOnPlane) or isinstance(state, ContactState):
-        return root(jnp.sum(state.V[:2] ** 2))  # pyright: ignore
+        V: Any = state.V  # pyright: ignore
+        curved = isinstance(system, BodyOnPlane) and surface_under(system.body) is not None
+        return root(jnp.sum((V if curved else V[:2]) ** 2))
     under = footing(system, t, state)
     if under is not None:
         return root(jnp.sum(under.centre_velocity**2))

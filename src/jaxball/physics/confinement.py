@@ -312,10 +312,10 @@ def surely_stay(system: BodyParameters, start: Time, end: Time) -> Bool[Array, "
 @functools.singledispatch
 def reach(motion: AbstractMotion, start: Time, end: Time) -> Reach:
     """Bounds on a motion between two times; infinite for a kind of which none are known."""
-    return _unknown(start)
+    return _find_unknown(start)
 
 
-def _unknown(t: Time) -> Reach:
+def _find_unknown(t: Time) -> Reach:
     return Reach(jnp.full_like(t, jnp.inf), jnp.full_like(t, jnp.inf))
 
 
@@ -332,7 +332,7 @@ def _(motion: Oscillating, start: Time, end: Time) -> Reach:
 @reach.register
 def _(motion: OnRail, start: Time, end: Time) -> Reach:
     if not isinstance(motion.rail, Tube):
-        return _unknown(start)
+        return _find_unknown(start)
     direction = jnp.abs(motion.rail.direction)
     along = largest_angle(motion.schedule, start, end) * direction / jnp.sqrt(jnp.sum(direction**2))
     size = jnp.abs(motion.rail.centre) + along

@@ -315,7 +315,7 @@ class DryRolling(AbstractSystem[DryRollingState]):
 
         t, before, slope = at_zero(guards, self, t, state, event)
         stops = (event == ROLLING) & (before.rolls != 0)
-        t, before, stopped = self._stopped(t, before, stops, accuracy.tolerance)
+        t, before, stopped = self._stop(t, before, stops, accuracy.tolerance)
         decides &= ~stops | stopped
         given = Happened(starts, stopped, (event == ROLLING) & ~stops, event == SPINNING, event)
         decided = jax.jit(type(self).decided)  # compiled on its own, it is traced once
@@ -335,7 +335,7 @@ class DryRolling(AbstractSystem[DryRollingState]):
             status=jnp.asarray(int(Status.SUCCESS)),
         )
 
-    def _stopped(
+    def _stop(
         self, t: Float[Array, ""], state: DryRollingState, stops: Bool[Array, ""], tolerance: Float[Array, ""]
     ) -> tuple[Float[Array, ""], DryRollingState, Bool[Array, ""]]:
         """The time and the state where a slow body has come to rest, if it does so soon, and whether it does."""
@@ -346,9 +346,9 @@ class DryRolling(AbstractSystem[DryRollingState]):
             omega = self.over_ground(t, state)[:2]
             end = self._end(t, state, state, omega)
             ends = end.comes & (end.time <= slips.longest_pause(tolerance, slips.unit_of_time(self.body)))
-            halfway = self._braked(t, state, state, omega, end.time, HALFWAY)
+            halfway = self._brake(t, state, state, omega, end.time, HALFWAY)
             end = self._end(t + HALFWAY * end.time, halfway, state, omega)
-            stopped = self._braked(t, state, halfway, omega, end.time, 1.0).projected()
+            stopped = self._brake(t, state, halfway, omega, end.time, 1.0).projected()
             contact = ContactAxes.of(self.body, t + end.time, stopped.body)
             spin = contact.over_ground(stopped.body.Omega)[2]
             at_rest = stopped.body.with_Omega(contact.in_body(jnp.stack([0 * spin, 0 * spin, spin])))
@@ -364,7 +364,7 @@ class DryRolling(AbstractSystem[DryRollingState]):
         mode = self.mode(t, state, unit(omega))
         return slips.end(_pull, (self.resistance, self.turning(t, where), mode), omega)
 
-    def _braked(
+    def _brake(
         self,
         t: Float[Array, ""],
         state: DryRollingState,
@@ -465,11 +465,11 @@ class _FromRest(NamedTuple):
     system: DryRolling
     begins: DryRollingState
 
-    def prepared(self, t: Float[Array, ""], state: PlacedState) -> tuple[()]:
+    def prepare(self, t: Float[Array, ""], state: PlacedState) -> tuple[()]:
         return ()
 
-    def pulled(
-        self, t: Float[Array, ""], state: PlacedState, prepared: tuple[()], sigma: Float[Array, "2"]
+    def pull(
+        self, t: Float[Array, ""], state: PlacedState, prepare: tuple[()], sigma: Float[Array, "2"]
     ) -> tuple[Float[Array, "2"], PlacedState]:
         """ω̇_h in space axes, and the rates of the body."""
         moved = rates(self.system.moving(self.begins), t, state, self.system.mode(t, self.begins, sigma))

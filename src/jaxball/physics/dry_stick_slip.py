@@ -129,7 +129,7 @@ class DryStickSlip(DryRolling):
         body = state.body.with_Omega(ContactAxes.of(self.body, t, state.body).in_body(omega))
         state = eqx.tree_at(lambda x: x.body, state, body)
         spins = given.spinning & self.is_still(state)
-        last = self._released(t, state, moving, given.loosens & moving.rests, spins & moving.still)
+        last = self._release(t, state, moving, given.loosens & moving.rests, spins & moving.still)
         state = eqx.tree_at(lambda x: x.slips, state, last.slips)
         rolls, loose = moving.rests & ~last.mode.rests, moving.still & ~last.mode.still
         mode = begun(self.resistance, self.turning(t, state), moving, rolls, loose)
@@ -148,7 +148,7 @@ class DryStickSlip(DryRolling):
         body = eqx.tree_at(lambda x: x.thetadot, state.body, jnp.where(rests, 0.0, state.body.thetadot))
         return eqx.tree_at(lambda x: (x.body, x.slips), state, (body, directions))
 
-    def _released(
+    def _release(
         self,
         t: Float[Array, ""],
         state: DryStickSlipState,

@@ -110,9 +110,11 @@ class Equations(NamedTuple):
         return dataclasses.replace(self.at, pddot=pddot, ldot=ldot)
 
 
-def equations(system: BodyParameters, t: Float[Array, ""], state: State) -> Equations:
-    """The equations at a state, whatever acts."""
-    r, Omega, Gamma = system.radius, state.Omega, contact_normal(system, t, state)
+def equations(
+    system: BodyParameters, t: Float[Array, ""], state: State, Gamma: Float[Array, "3"] | None = None
+) -> Equations:
+    """The equations at a state, whatever acts; with Γ for the normal of the contact, if it is given."""
+    r, Omega, Gamma = system.radius, state.Omega, contact_normal(system, t, state) if Gamma is None else Gamma
     angles = angles_in_state(system, t, state)
     links = linkages(system, t, angles)
     at = moments(system, t, angles, links)

@@ -5,9 +5,10 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
-from ..numerics.vectors import apply
+from ..numerics.arrays import select_tree
+from ..numerics.vectors import apply, cross
 from .parameters import BodyParameters
 from .state import BallState, PlacedState, Rates
 from .surfaces import AbstractSurface, Footing
@@ -33,6 +34,39 @@ def footing(system: BodyParameters, t: Float[Array, ""], state: Any) -> Footing 
         return None
     assert isinstance(state, PlacedState)
     return surface.footing(t, system.radius, state.z, apply(state.Lambda, state.Omega))
+
+
+def released_footing(
+    system: BodyParameters,
+    t: Float[Array, ""],
+    state: Any,
+    V: Float[Array, "3"],
+    height: Float[Array, ""],
+    touching: Bool[Array, ""] | bool,
+) -> Footing | None:
+    """How the surface under a body holds it while that slips or flies with the velocity ``V``; None on a plane.
+
+    In flight no ground acts, and the motion is described as on a level plane at rest, for any height: the normal is e3,
+    and the contact axes are those of space. ``coordinate_rates`` are always those of the piece that is nearest.
+    """
+    surface = surface_under(system, t, state)
+    if surface is None:
+        return None
+    assert isinstance(state, PlacedState)
+    r, omega = system.radius, apply(state.Lambda, state.Omega)
+    held = surface.footing(t, r, state.z, omega, V, height)
+    axes, none = jnp.eye(3, dtype=r.dtype), jnp.zeros_like(V)
+    free = held._replace(
+        normal=axes[2],
+        tangents=axes[:2],
+        velocity=none,
+        spin=none,
+        centre_velocity=r * cross(omega, axes[2]),
+        normal_rate=none,
+        acceleration=none,
+        turning=none,
+    )
+    return select_tree(jnp.asarray(touching), held, free)
 
 
 def contact_normal(system: BodyParameters, t: Float[Array, ""], state: Any) -> Float[Array, "3"]:

@@ -24,7 +24,7 @@ class Load(NamedTuple):
     the contact resists.
 
     On a surface, ``footing`` says how it holds the body, Γ is its normal instead of the vertical, and
-    γ = Λ⁻¹(ẇ + r ω × ṅ − **g**).
+    γ = Λ⁻¹(ẇ + r ω × ṅ − **g**), with ν × v_s more where the body slips and the contact axes turn at ν.
     """
 
     g: Float[Array, ""]
@@ -78,16 +78,18 @@ def load(
     slip: Float[Array, "3"] | None = None,
     touching: Bool[Array, ""] | None = None,
     height: Float[Array, ""] | None = None,
+    under: Footing | None = None,
 ) -> Load:
     """The load at a state, except dry friction, which depends on the normal force.
 
     ``slip`` is the slip velocity in space axes, where the body does not roll; ``touching`` whether the plane resists
-    its turning, which it does if not given; ``height`` how far the body is over the plane, 0 if not given. Reduced
-    states, which do not contain Λ, are refused where an external force acts or the ground is not level and at rest.
+    its turning, which it does if not given; ``height`` how far the body is over the plane, 0 if not given; ``under``
+    its footing on a surface, that of rolling if not given. Reduced states, which do not contain Λ, are refused where an
+    external force acts or the ground is not level and at rest.
     """
     r, g, Gamma, resisted = system.radius, system.gravity, state.Gamma, state.Omega
     normal_rate = gamma = force = torque = applied = velocity = W = None
-    under = footing(system, t, state)
+    under = footing(system, t, state) if under is None else under
     if system.force is not None:
         assert not isinstance(state, ReducedState)
         applied = _external_wrench(system, t, state, slip, height, under)
@@ -99,6 +101,7 @@ def load(
         Gamma, normal_rate = apply(into_body, under.normal), apply(into_body, under.normal_rate)
         velocity, resisted = apply(into_body, under.velocity), resisted - apply(into_body, under.spin)
         carried = under.acceleration + r * cross(turning, under.normal_rate)
+        carried = carried if slip is None else carried + cross(under.turning, slip)
         gamma = apply(into_body, carried + system.ground.lift(t, g))
     elif system.ground is not None:
         assert not isinstance(state, ReducedState)
@@ -141,7 +144,7 @@ def _external_wrench(
         velocity = in_three(centre_velocity(state.Lambda, state.Omega, system.radius, system.drift(t, state)))
         position = in_three(place(state))
     velocity = velocity if slip is None else velocity + slip
-    position = position if height is None else position.at[2].set(height)
+    position = position if height is None or under is not None else position.at[2].set(height)
     motion = BodyMotion(position, velocity, state.Lambda, state.Omega, state.theta, state.thetadot)
     force, torque = system.force.wrench(t, motion)
     if system.planar:

@@ -12,7 +12,7 @@ from ..numerics.vectors import apply, cross, dot
 from .body import AbstractBody
 from .contact.body_on_plane import BodyOnPlane
 from .contact.modes import Mode
-from .contact.released import slip_velocity
+from .contact.released import in_space, released_load
 from .dynamics import accelerations, equations
 from .energy import (
     accelerations_of_masses,
@@ -153,7 +153,7 @@ class Movement(NamedTuple):
 
 
 class Slip(NamedTuple):
-    """The motion of a body besides rolling: v_s and v̇_s in space axes, and its height above the plane."""
+    """The motion of a body besides rolling: v_s and v̇_s in space axes, and its height above the ground."""
 
     velocity: Float[Array, "3"]
     acceleration: Float[Array, "3"]
@@ -182,9 +182,8 @@ def _of_hybrid(plane: BodyOnPlane, t: Float[Array, ""], state: Any) -> Movement:
     response = plane.response(t, state)
     force = plane.interaction(t, state, response)
     system, body = plane.body, state.body
-    slip = slip_velocity(system, t, state.released)
     touching = ~state.is_in(Mode.FLIGHT)
-    acting = load(system, t, body, slip, touching, state.height)
+    acting, slip = released_load(system, t, state.released, touching, response.footing)
     Omegadot, thetaddot = response.accelerations(force.slip_acceleration, force.normal)
     return Movement(
         body if isinstance(body, BallState) else body.in_space(),
@@ -192,9 +191,9 @@ def _of_hybrid(plane: BodyOnPlane, t: Float[Array, ""], state: Any) -> Movement:
         (body.theta, body.thetadot, thetaddot),
         acting,
         equations(system, t, body).at,
-        plane.dry_torque(t, state, force),
-        force.R,
-        Slip(slip, force.slip_acceleration, state.height),
+        plane.dry_torque(t, state, force, acting),
+        in_space(response.axes, force.R),
+        Slip(slip, in_space(response.axes, force.slip_acceleration), state.height),
     )
 
 
@@ -225,7 +224,7 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
         velocity, lowest, centre, foot = under.centre_velocity, under.velocity, under.centre, under.foot
     if slip is not None:
         velocity, lowest = velocity + slip.velocity, slip.velocity if lowest is None else lowest + slip.velocity
-        centre = centre.at[2].set(slip.height)
+        centre = centre.at[2].set(slip.height) if under is None else centre
     drift, Pi = None, contact_momentum(at, r, Omega, Gamma)
     if lowest is not None:
         drift = apply(Lambda.T, lowest)
@@ -233,7 +232,7 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
     up = jnp.zeros_like(Omega).at[2].set(1.0) if system.ground is None else system.ground.up()
     lost = dissipation(acting, motion.dry, Lambda, velocity, omega)
     if slip is not None:
-        lost = lost - jnp.sum(contact.friction * slip.velocity[:2])
+        lost = lost - dot(motion.R, slip.velocity)
     power = actuation_power(m, with_shell, a, weight) - lost
     if acting.applied is not None:
         power = power + external_power(acting.applied, Lambda, velocity, omega)

@@ -161,14 +161,14 @@ class StickSlip(AbstractSystem[StickSlipState]):
         stopped[slots, joints] = True
         rests = jnp.any(jnp.asarray(stopped) & changes[None], axis=1)
         body = eqx.tree_at(lambda x: x.thetadot, state.body, jnp.where(rests, 0.0, state.body.thetadot))
-        return StickSlipState(body, self._released(t, body, directions))
+        return StickSlipState(body, self._release(t, body, directions))
 
     def start(self, t: Float[Array, ""], state: State) -> StickSlipState:
         """The state with which a solve starts; a joint at rest sticks if friction can hold it."""
         moving = jnp.sign(state.thetadot[sticking_slots(self.body)])
-        return StickSlipState(state, self.prepare()._released(t, state, moving))
+        return StickSlipState(state, self.prepare()._release(t, state, moving))
 
-    def _released(
+    def _release(
         self, t: Float[Array, ""], state: State, directions: Float[Array, " sticking"]
     ) -> Float[Array, " sticking"]:
         body, t, state, directions = without_derivatives((self.body, t, state, directions))

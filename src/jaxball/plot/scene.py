@@ -19,7 +19,7 @@ from ..physics.state import DiskState
 from ..physics.surfaces import AbstractSurface
 from ..simulation.trajectory import Trajectory
 from .floor import ROOM_AROUND, Floor, Placed, Setting, floor_under, ground_under, place
-from .modes import PATHS, modes_of, track_of
+from .modes import PATHS, Track, modes_of, track_of
 from .palette import FAINT, INK, SHELL, TRAIL, mass_colour
 from .record import Record, finite_rows
 from .shapes import BREAK, looks, outline, parallel, rail_points, split, towards, wireframe
@@ -60,8 +60,12 @@ def face(ax: Axes3D, edgecolor: str = "none", animated: bool = True, **look) -> 
     return polygon
 
 
-def draw_trail(ax: Axes, trajectory: Trajectory, placed: Placed, **look: Any) -> Callable[[int], None]:
-    """Draws the trail, and returns a function that shows it up to the k-th saved time."""
+def draw_trail(
+    ax: Axes, trajectory: Trajectory, placed: Placed, ground: Mesh | Curve | None = None, **look: Any
+) -> Callable[[int], None]:
+    """Draws the trail, on the ground if it is no plane; returns a function that shows it up to the k-th saved time."""
+    if ground is not None:
+        return _trail_on(ax, ground, trajectory, **look)
     track, setting = track_of(trajectory), placed.setting
     if track is None:
         trail = line(ax, color=TRAIL, **look)
@@ -77,9 +81,24 @@ def draw_trail(ax: Axes, trajectory: Trajectory, placed: Placed, **look: Any) ->
     return show
 
 
-def _trail_on(ax: Axes, ground: Mesh | Curve, **look: Any) -> Callable[[int], None]:
-    trail = line(ax, color=TRAIL, **look)
-    return lambda k: move(trail, ground.trail(k))
+def _trail_on(ax: Axes, ground: Mesh | Curve, trajectory: Trajectory, **look: Any) -> Callable[[int], None]:
+    """Draws the trail over a surface: on the pieces that the ball has touched, and above it where the ball flew."""
+    modes, rows = modes_of(trajectory), finite_rows(trajectory)
+    if not modes.spells or isinstance(ground, Curve):
+        trail = line(ax, color=TRAIL, **look)
+        return lambda k: move(trail, ground.trail(k))
+    times, height = np.asarray(trajectory.times)[rows], np.asarray(trajectory.history.over_time["height"])[rows]
+    between, lifted = modes.at((times[1:] + times[:-1]) / 2), ground.contacts.lift(height)
+    lines = {mode: line(ax, color=TRAIL, **look, **dashes) for mode, dashes in PATHS.items()}
+
+    def show(k: int) -> None:
+        flown = ground.contacts.carry(lifted[: k + 1], k)
+        points = np.where(height[: k + 1, None] > 0, flown, ground.trail(k))
+        track = Track(times[: k + 1], points, between[:k])
+        for mode, artist in lines.items():
+            move(artist, track.pieces(mode)[1])
+
+    return show
 
 
 class Scene(NamedTuple):
@@ -116,7 +135,7 @@ def _ball_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
     # A shadow below a ball that may leave the plane makes its height visible.
     shadow = face(ax, facecolor=SHADOW, zorder=1.5) if modes_of(trajectory).spells else None
     look: dict[str, Any] = {"linewidth": 1.8, "zorder": 2}
-    show_trail = draw_trail(ax, trajectory, placed, **look) if mesh is None else _trail_on(ax, mesh, **look)
+    show_trail = draw_trail(ax, trajectory, placed, mesh, **look)
     shade = face(ax, facecolor="white", alpha=0.7, zorder=3)
     back = line(ax, color=FAINT, linewidth=0.6, zorder=4)
     front = line(ax, color="0.6", linewidth=0.6, zorder=7)
@@ -129,7 +148,9 @@ def _ball_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
             move(artist, placed.centre[k] + points)
         shade.set_verts([placed.centre[k] + silhouette])
         if shadow is not None:
-            shadow.set_verts([placed.path[k] + setting.moved[k] + r * parallel(0.0) @ setting.page.T])
+            rim = r * parallel(0.0)
+            under = placed.path[k] + setting.moved[k] + rim @ setting.page.T
+            shadow.set_verts([under if setting.contacts is None else setting.contacts.lay(rim, k)])
         show_trail(k)
         show_floor(k)
         show_contents(k)

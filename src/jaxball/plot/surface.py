@@ -40,6 +40,15 @@ class Contacts(NamedTuple):
         """Points that move with the surface, at the k-th time."""
         return points @ self.turns[k].T + self.moved[k]
 
+    def lift(self, height: Float[np.ndarray, " T"]) -> Float[np.ndarray, "T 3"]:
+        """Points at a height above the contact points, axes that move with the surface."""
+        return self.points + height[:, None] * np.einsum("kij,ki->kj", self.turns, self.normals)
+
+    def lay(self, points: Float[np.ndarray, "points 3"], k: int) -> Float[np.ndarray, "points 3"]:
+        """Points of a plane, laid into that which touches the surface at the k-th time, space axes."""
+        first, normal = self.tangents[k], self.normals[k]
+        return self.feet[k] + points @ np.stack([first, np.cross(normal, first), normal])
+
     @property
     def lengths(self) -> Float[np.ndarray, "T 2"]:
         """|∂p/∂u| by each coordinate."""

@@ -263,7 +263,7 @@ def _drift(system, times, states):
 
 
 def height(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """The height h of the body above the plane, for a run with a law of contact.
+    """The height h of the body above the ground, for a run with a law of contact.
 
     **Arguments:**
 
@@ -284,7 +284,7 @@ def height(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def slip_speed(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """|v_s|, the speed of the body's lowest point along the plane, for a run with a law of contact.
+    """|v_s|, the speed of the body's lowest point along the ground, for a run with a law of contact.
 
     **Arguments:**
 

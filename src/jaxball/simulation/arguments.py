@@ -19,8 +19,8 @@ from ..physics.contact.resting import RestingOnPlane
 from ..physics.dae import WITH_UNIT
 from ..physics.dry_rolling import DryRolling
 from ..physics.dry_stick_slip import DryStickSlip
-from ..physics.ground import require_plane
 from ..physics.stick_slip import StickSlip
+from ..physics.surfaces import AbstractSurface
 from ..physics.system import AbstractState, AbstractSystem, require_one, require_state, shapes_of_state
 from ..programs.derivatives.differentiation import is_differentiated_forward
 from ..solvers import NDF, TRBDF2, RadauIIA, Trapezoidal
@@ -251,7 +251,21 @@ def system_to_solve(system: AbstractSystem, contact: Contact | None) -> Abstract
             f"Argument `contact` must be None for a {type(system).__name__}, which is neither a Ball nor a Disk, but "
             f"it is {describe(contact)}."
         )
-    require_plane(system.ground, "a law of contact, with slip and flight", TypeError)
+    if system.planar and isinstance(system.ground, AbstractSurface):
+        raise TypeError(
+            "Argument `contact` must be None for a disk on a surface, which is known to roll only; use a Ball, or a "
+            "Ground."
+        )
+    if system.is_held and isinstance(system.ground, AbstractSurface):
+        raise TypeError(
+            "Argument `contact` must be None for a body with exact dry resistance on a surface, because rest beside "
+            "slip and flight is known on planes only; give its Resistance `exact=False`, or the body a Ground."
+        )
+    if isinstance(system.ground, AbstractSurface) and system.ground.driven:
+        raise TypeError(
+            "Argument `contact` must be None on a surface whose angles a law drives, where a body is known to "
+            "roll only; give its angles schedules."
+        )
     if system.sticking:
         have = "has" if len(system.sticking) == 1 else "have"
         raise TypeError(

@@ -13,6 +13,7 @@ from .. import programs
 from ..physics.contact import friction
 from ..physics.contact.body_on_plane import BodyOnPlane, ContactHistory
 from ..physics.contact.modes import ContactState, Mode
+from ..physics.contact.over_surface import near_to
 from ..physics.contact.released import ReleasedState
 from ..physics.contact.resting import RestingHistory
 from ..physics.contact.slip import Beginning
@@ -209,7 +210,8 @@ def _contact_states(system: BodyOnPlane, states: ReleasedState, modes: Array, si
     none = jnp.zeros_like(height)
     long_ago = jnp.all(sigma == 0, axis=-1)
     begun = Beginning.along(jnp.where(long_ago, -jnp.sqrt(ever), ever), sigma)
-    return ContactState(states.body, states.V, height, none, none, modes.astype(height.dtype), begun)
+    near = near_to(system.body, states.body.z, height)
+    return ContactState(states.body, states.V, height, none, none, modes.astype(height.dtype), begun, near)
 
 
 @programs.filter_jit

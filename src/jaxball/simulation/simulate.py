@@ -108,7 +108,7 @@ def simulate(
       :class:`~jaxball.Event`; ``trajectory.events[name]`` says when each happened. One that ends the run sets its
       status, and the states saved after that are NaN.
     - ``contact``: a :class:`~jaxball.Contact`, the law of friction and impact by which a ball or a disk may slip, leave
-      the plane and land on it. ``state`` may then be a :class:`~jaxball.ReleasedState`, and ``trajectory.contact`` has
+      the ground and land on it. ``state`` may then be a :class:`~jaxball.ReleasedState`, and ``trajectory.contact`` has
       the modes and when each of them began. If not given, the body always rolls.
     - ``adjoint``: the mode of differentiation. If not given, both modes in any order, as ``jax.grad``, ``jax.jacfwd``
       and ``jax.hessian`` ask for them; of events and hybrid systems, first derivatives.

@@ -113,8 +113,8 @@ OBSERVABLES = {
 HISTORY = {
     "mode": Variable((), "1", "mode of the motion, -1 at times that the solve did not reach", flags=Mode, dtype="i1"),
     "V": Variable(("axis",), "length/time", "velocity of the geometric centre in space axes"),
-    "height": Variable((), "length", "height of the body above the plane"),
-    "slip": Variable(("axis",), "length/time", "velocity of the lowest point relative to the plane, space axes"),
+    "height": Variable((), "length", "height of the body above the ground"),
+    "slip": Variable(("axis",), "length/time", "slip velocity, along the ground and its normal"),
     "sigma": Variable(("direction",), "1", "direction of slip"),
     "friction_loss": Variable((), "energy", "energy dissipated by sliding friction"),
     "impact_loss": Variable((), "energy", "energy dissipated by impacts"),

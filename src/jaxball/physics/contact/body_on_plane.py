@@ -1,4 +1,4 @@
-"""A body on a plane that rolls, slides or flies, as one hybrid system with a mode for each.
+"""A body on its ground that rolls, slides or flies, as one hybrid system with a mode for each.
 
 Within a mode, the motion follows a smooth field, and guard functions are positive. Where one of them falls to zero, the
 mode ends, and the next one is decided there:
@@ -7,8 +7,11 @@ mode ends, and the next one is decided there:
 - sliding ends where the slip velocity vanishes, or where the normal force falls to zero;
 - flight ends where the body lands, with an impact.
 
-On the plane, a body that does not slip rolls if friction can hold it, and otherwise begins to slip as
+On the ground, a body that does not slip rolls if friction can hold it, and otherwise begins to slip as
 ``friction.first_slip`` determines.
+
+The ground is a plane or a surface. What differs is in few places: the contact axes, in which slip and reaction have
+their components (``released``), and how the height in flight follows from the place of the body (``over_surface``).
 """
 
 import dataclasses
@@ -27,12 +30,23 @@ from ...numerics.vectors import root
 from ..body import AbstractBody
 from ..conditions import Condition, ExplainedCondition, Problem
 from ..hybrid import NONE, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
+from ..load import Load
 from ..state import ReducedState
 from ..system import AbstractSystem
-from . import friction, slip as slips
+from . import friction, over_surface as over, slip as slips
 from .law import Contact
 from .modes import Cause, ContactState, ContactSwitches, Mode, cause_of
-from .released import PlacedState, ReleasedState, Response, rates, released, response, slip_velocity
+from .released import (
+    PlacedState,
+    ReleasedState,
+    Response,
+    in_space,
+    rates,
+    released,
+    response,
+    rolling_contact,
+    slip_velocity,
+)
 from .transition import transition
 
 ROUNDING_OF_VELOCITY = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none
@@ -44,7 +58,7 @@ NOTHING = 1e-9  # a normal force below this part of its size in a step counts as
 
 
 class BodyOnPlane(AbstractSystem[ContactState]):
-    """A ball or a disk with a law of contact."""
+    """A ball or a disk with a law of contact, on a plane, or a ball on a surface."""
 
     body: AbstractBody
     contact: Contact
@@ -106,11 +120,13 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         stopped = self.slips_end & self.is_still(slip, state)
         slip = slip.at[:2].set(jnp.where(stopped, 0.0, slip[:2]))
         slip = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip)
-        return eqx.tree_at(lambda x: x.V, state, jnp.where(state.is_in(Mode.FLIGHT), state.V, slip))
+        packed = eqx.tree_at(lambda x: x.V, state, jnp.where(state.is_in(Mode.FLIGHT), state.V, slip))
+        return over.with_place(self.body, t, state, packed)
 
     def from_packed(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
-        packed = packed.projected()
-        V = packed.V + released(self.body, t, packed.body).V
+        packed = over.with_nearest_piece(self.body, t, packed.projected())
+        rolling, axes = rolling_contact(self.body, t, packed.body)
+        V = in_space(axes, packed.V) + rolling
         return eqx.tree_at(lambda x: x.V, packed, jnp.where(packed.is_in(Mode.FLIGHT), packed.V, V))
 
     def packed_field(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
@@ -121,14 +137,15 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         gains = jnp.concatenate([moved.body.Omega, moved.body.thetadot])
         g, r = self.body.gravity, self.body.radius
         least = ROUNDING_OF_VELOCITY * float(jnp.finfo(g.dtype).eps) * jnp.minimum(g, g / r)
-        rests = rolls & jnp.all(speeds == 0) & jnp.all(jnp.abs(gains) <= least)
+        stays = jnp.all(speeds == 0) & jnp.all(moved.body.z == 0)
+        rests = rolls & stays & jnp.all(jnp.abs(gains) <= least)
         # Rounding must not set in motion a body that friction holds; its derivatives are unchanged.
         moved = jax.tree.map(lambda x: x - jnp.where(rests, jax.lax.stop_gradient(x), 0.0), moved)
         # The rate of the slip velocity, without the rounding of a difference.
         acting = self.interaction(t, state, found)
         slipping = jnp.where(rolls, 0.0, acting.slip_acceleration)
         V = jnp.where(packed.is_in(Mode.FLIGHT), moved.V, slipping)
-        return eqx.tree_at(lambda x: x.V, moved, V)
+        return over.with_rates_of_place(self.body, state, eqx.tree_at(lambda x: x.V, moved, V))
 
     def field(self, t: Float[Array, ""], state: ContactState, found: Response | None = None) -> ContactState:
         """ẋ; ``found`` is the response, if it is known."""
@@ -139,7 +156,17 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         rates_of_all = jax.tree.map(jnp.zeros_like, state).moved(moved)
         return eqx.tree_at(lambda x: x.friction_loss, rates_of_all, -jnp.sum(acting.R[:2] * slip[:2]))
 
-    # The plane.
+    def projected(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
+        packed = packed.projected()
+        return over.with_piece_remembered(self.body, t, packed) if self.always_projected else packed
+
+    @property
+    def always_projected(self) -> bool:
+        """Whether each step ends with the nearest piece of a surface, from which the next ones are sought."""
+        surface = over.surface_under(self.body)
+        return surface is not None and surface.follows_foot
+
+    # The contact.
 
     def response(self, t: Float[Array, ""], state: ContactState) -> Response:
         """How the body moves under each reaction."""
@@ -177,12 +204,12 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         return jax.tree.map(choose, rolling, sliding, flying)
 
     def dry_torque(
-        self, t: Float[Array, ""], state: ContactState, acting: friction.Interaction
+        self, t: Float[Array, ""], state: ContactState, interaction: friction.Interaction, acting: Load
     ) -> Float[Array, "3"] | None:
         """The torque of dry friction against rolling and spinning, body axes; None without."""
-        body, resistance = state.body, self.body.resistance
-        unit = None if resistance is None else resistance.dry_torque(self.body.radius, body.Omega, body.Gamma)
-        return None if unit is None else acting.normal * unit
+        resistance = self.body.resistance
+        unit = None if resistance is None else resistance.dry_torque(self.body.radius, acting.resisted, acting.Gamma)
+        return None if unit is None else interaction.normal * unit
 
     def step_reference(self, t: Float[Array, ""], state: ContactState, accuracy: Accuracy) -> slips.Heading:
         """The heading of a slip as a step begins."""
@@ -218,7 +245,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         forward = jnp.where(self.slips_end, forward, one)
         # A body that rises does not land, where rounding takes its height below zero as it lifts.
         above = jnp.maximum(
-            state.height, jnp.where(slip[2] > 0, RISEN * slips.unit_of_time(self.body) * slip[2], -jnp.inf)
+            state.height + over.rounding_of_height(self.body, t, state),
+            jnp.where(slip[2] > 0, RISEN * slips.unit_of_time(self.body) * slip[2], -jnp.inf),
         )
         rolls, slides = state.is_in(Mode.ROLLING), state.is_in(Mode.SLIDING)
         return jnp.stack(
@@ -230,8 +258,9 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         )
 
     def time_event(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
-        """The end of the window in which the direction of a slip is known beforehand."""
-        return jnp.where(state.is_in(Mode.SLIDING), state.begun.until, jnp.inf)
+        """The end of the window in which the direction of a slip is known beforehand, or of a step in flight."""
+        until = jnp.where(state.is_in(Mode.SLIDING), state.begun.until, jnp.inf)
+        return jnp.minimum(until, t + over.longest_flight(self.body, t, state))
 
     def assess(self, step: GuardedStep, accuracy: Accuracy) -> Assessment:
         """The cause that the guard which is zero stands for, or that a slip has ended although none is.
@@ -252,7 +281,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         slides = state.is_in(Mode.SLIDING)
         slows_down = slides & self.slips_end
         stops = slows_down & slow & slips.nears_its_end(before, after, least)
-        otherwise = jnp.where(step.timed, slips.WINDOW, jnp.where(stops, int(Cause.STOPS), NONE))
+        otherwise = jnp.where(step.timed & slides, slips.WINDOW, jnp.where(stops, int(Cause.STOPS), NONE))
         longest = slips.longest_step(before, after, least, step.end - step.start, accuracy)
         longest = jnp.where(slows_down & ~ends, longest, jnp.inf)
         return Assessment(jnp.where(ends, cause, otherwise), longest)
@@ -273,6 +302,14 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         scale, limits = root(jnp.sum(R**2)) + m * (g + r * jnp.sum(Omega**2)), jnp.finfo(R.dtype)
         return FORCES * float(limits.eps) * scale + float(limits.tiny) ** 0.5
 
+    def rise(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
+        """The rate at which a body leaves its ground; on a surface 0 where it is rounding."""
+        rate = slip_velocity(self.body, t, state.released)[2]
+        if over.surface_under(self.body) is None:
+            return rate
+        least = ROUNDING_OF_VELOCITY * float(jnp.finfo(rate.dtype).eps) * self.speed_of(state)
+        return jnp.where(jnp.abs(rate) > least, rate, 0.0)
+
     def unit_of_speed(self, found: Response) -> Float[Array, ""]:
         """√(g r); without gravity, the acceleration by which the body would fall takes the place of g."""
         g = jnp.abs(self.body.gravity)
@@ -292,8 +329,9 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         rolls = not isinstance(state, ReleasedState)
         given = released(self.body.prepare(), t, state) if rolls else state
         zero = jnp.zeros_like(given.height)
-        mode = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT)
-        return ContactState(given.body, given.V, given.height, zero, zero, mode, slips.Beginning.none(zero))
+        mode, begun = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT), slips.Beginning.none(zero)
+        near = over.near_to(self.body, given.body.z, zero)
+        return ContactState(given.body, given.V, given.height, zero, zero, mode, begun, near)
 
     def transition(
         self, t: Float[Array, ""], state: ContactState, event: Int[Array, ""], accuracy: Accuracy
@@ -346,9 +384,9 @@ class ContactHistory(AbstractHistory):
     - ``law``: the :class:`~jaxball.Contact`.
     - ``mode``: the :class:`~jaxball.Mode` at each time, shape (T,); −1 at times that the solve did not reach.
     - ``V``: the velocity of the geometric centre, space axes, length/time, shape (T, 3).
-    - ``height``: of the body above the plane, length, shape (T,).
-    - ``slip``: v_s, the velocity of the body's lowest point relative to the plane, space axes, length/time,
-      shape (T, 3).
+    - ``height``: of the body above the ground, length, shape (T,).
+    - ``slip``: v_s, the velocity of the body's lowest point relative to the ground, length/time, shape (T, 3), in space
+      axes; on a surface p along ∂p/∂u1, across, and along the normal.
     - ``sigma``: the direction of the slip, a unit vector, shape (T, 2), also where the slip begins; 0 before the first.
     - ``friction_loss``, ``impact_loss``: the energy dissipated so far by sliding friction and by impacts,
       mass length²/time², shape (T,) each.
@@ -413,8 +451,9 @@ class ContactHistory(AbstractHistory):
         """The body on its plane, with its states, of whose bodies these are the ``states``."""
         mode, ever = self.mode.astype(self.height.dtype), jnp.full_like(self.height, jnp.finfo(self.height.dtype).max)
         begun = slips.Beginning.along(ever, self.sigma)
+        near = over.near_to(system, states.z, self.height)
         return BodyOnPlane(system, self.law), ContactState(
-            states, self.V, self.height, self.friction_loss, self.impact_loss, mode, begun
+            states, self.V, self.height, self.friction_loss, self.impact_loss, mode, begun, near
         )
 
 

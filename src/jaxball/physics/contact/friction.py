@@ -1,8 +1,8 @@
-"""The force of the plane on a body that rolls, slides or flies, and when it switches between these.
+"""The force of the ground on a body that rolls, slides or flies, and when it switches between these.
 
-Coulomb's law: a plane that presses with N > 0 holds a body that does not slip by any friction |f| ≤ μ N, with the
+Coulomb's law: a ground that presses with N > 0 holds a body that does not slip by any friction |f| ≤ μ N, with the
 static coefficient; on one that slips with v_s friction is −μ N σ with σ = v_s/|v_s|, with the sliding coefficient. All
-forces and accelerations are in space axes, and follow from the ``Response`` of the body.
+forces and accelerations are in contact axes, of which e3 is the normal, and follow from the ``Response`` of the body.
 """
 
 from typing import NamedTuple
@@ -17,7 +17,7 @@ from .released import Response
 
 
 class Interaction(NamedTuple):
-    """The reaction R of the plane, and the slip acceleration v̇_s that it leaves.
+    """The reaction R of the ground, and the slip acceleration v̇_s that it leaves.
 
     ``normal`` is the normal force with which dry rolling friction is computed. ``solvability`` is the upward
     acceleration by a unit of normal force with its friction, relative to that without friction: where it is not
@@ -42,7 +42,7 @@ def rolling(found: Response) -> Interaction:
 
 @jax.jit
 def sliding(found: Response, mu: Float[Array, ""], direction: Float[Array, "2"]) -> Interaction:
-    """R = N (e3 − μσ), with N so that the body stays on the plane; ``direction`` is σ and ``mu`` the coefficient.
+    """R = N (e3 − μσ), with N so that the body stays on the ground; ``direction`` is σ and ``mu`` the coefficient.
 
     N = −v̇_free,3 / (D₃₃ − μ D₃·σ − D₃·ρ), where ρ is the reaction that the dry rolling torque of a unit of N has.
     """
@@ -55,7 +55,7 @@ def sliding(found: Response, mu: Float[Array, ""], direction: Float[Array, "2"])
 
 
 def flight(found: Response) -> Interaction:
-    """No reaction; ``found`` is the response of a body that does not touch the plane."""
+    """No reaction; ``found`` is the response of a body that does not touch the ground."""
     none = jnp.zeros_like(found.free[2])
     return Interaction(jnp.zeros_like(found.free), found.free, none, jnp.ones_like(none))
 

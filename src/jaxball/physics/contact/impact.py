@@ -1,7 +1,7 @@
-"""The impact of a body on the plane, with Newton's restitution and Coulomb's friction.
+"""The impact of a body on the ground, with Newton's restitution and Coulomb's friction.
 
 An impact takes no time: positions are unchanged, and so are the rates of joints that a schedule or a law moves. The
-impulse I of the plane changes the slip velocity v_s by D I, and with it Ω and θ̇ of free joints as a slip acceleration
+impulse I of the ground changes the slip velocity v_s by D I, and with it Ω and θ̇ of free joints as a slip acceleration
 of this size would change their rates. Where slip and normal velocity are coupled by D, or D is not isotropic, the slip
 turns, and may end and begin again, while the normal impulse grows. This is integrated as a process in the normal
 impulse I₃,
@@ -48,7 +48,7 @@ OF_VALUES, OF_DERIVATIVES = _Care(jnp.inf, 1e-12), _Care(0.15, 1e-8)
 
 
 class Collision(NamedTuple):
-    """What an impact does to the slip velocity, and the impulse that does it, space axes.
+    """What an impact does to the slip velocity, and the impulse that does it, contact axes.
 
     ``sticks``: whether it ends without slip. ``limited``: whether v_s3 at its end is less than Newton's restitution
     asks for, because the normal force would have to do work.
@@ -61,7 +61,7 @@ class Collision(NamedTuple):
 
 
 class Impact(NamedTuple):
-    """A state after an impact, with the collision. ``work`` is that of the plane, ½ I·(v_s⁺ + v_s⁻), not positive.
+    """A state after an impact, with the collision. ``work`` is that of the ground, ½ I·(v_s⁺ + v_s⁻), not positive.
 
     Where nothing is moved by a schedule or a law, and no turntable turns, it is the change of the kinetic energy.
     """
@@ -79,7 +79,7 @@ def impact(
     mu: Float[Array, ""],
     restitution: Float[Array, ""],
 ) -> Impact:
-    """The impact of a body that lands on the plane; nothing if it does not.
+    """The impact of a body that lands on the ground; nothing if it does not.
 
     ``found`` is its response just before, ``mu`` the coefficient of friction and ``restitution`` Newton's e.
     """

@@ -1,4 +1,4 @@
-"""The law of the contact between a body and its plane: Coulomb's friction and Newton's restitution."""
+"""The law of the contact between a body and its ground: Coulomb's friction and Newton's restitution."""
 
 import abc
 from collections.abc import Iterator
@@ -82,12 +82,12 @@ class Contact(Printed):
     """What happens when rolling ends: how large friction can be, and how an impact rebounds.
 
     Friction up to |f| = ``static`` N holds a body that does not slip. On a body that slips with v_s, friction is
-    −``sliding`` N v_s/|v_s|. A body that lands on the plane rebounds with −``restitution`` times its normal velocity,
+    −``sliding`` N v_s/|v_s|. A body that lands on the ground rebounds with −``restitution`` times its normal velocity,
     with sliding friction during the impact.
 
     **Arguments:**
 
-    - ``sliding``: the kinetic friction coefficient μ, dimensionless; 0 for a smooth plane. An
+    - ``sliding``: the kinetic friction coefficient μ, dimensionless; 0 for a smooth ground. An
       :class:`~jaxball.AbstractFriction` makes it a function of the slip speed, except that it is constant during an
       impact; ``sliding`` is then its value for speed 0.
     - ``static``: the static friction coefficient μ_s; ``sliding`` if not given.

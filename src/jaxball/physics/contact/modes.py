@@ -1,4 +1,4 @@
-"""The modes of a body on or above its plane, why they end, and the state of a body that may switch between them."""
+"""The modes of a body on or above its ground, why they end, and the state of a body that may switch between them."""
 
 import enum
 from collections.abc import Iterator
@@ -17,7 +17,9 @@ from .slip import Beginning
 
 
 class Mode(enum.IntEnum):
-    """How a body moves on its plane. ``REST``: exact dry resistance holds one that does not slip against rolling.
+    """How a body moves on its ground.
+
+    ``REST``: exact dry resistance holds one that does not slip against rolling.
 
     **Example:**
 
@@ -97,10 +99,12 @@ class ContactState(AbstractState):
     """The variables of a body that rolls, slides or flies that a solve advances.
 
     - ``body``, ``V``, ``height``: as in a :class:`ReleasedState`. A solve advances the slip velocity instead of ``V``,
-      except in flight, so that it is exactly zero where the body rolls.
+      except in flight, so that it is exactly zero where the body rolls. In flight over a surface it advances the place
+      of the centre in space instead of ``z`` and ``height``.
     - ``friction_loss``, ``impact_loss``: the energy dissipated by sliding friction and by impacts.
     - ``mode``: a :class:`Mode`, as a number.
     - ``begun``: the direction of a slip that has just begun, which cannot be computed from its velocity.
+    - ``near``: coordinates of a piece of a surface that was the nearest to the body in flight; none on a plane.
     """
 
     body: PlacedState
@@ -110,6 +114,7 @@ class ContactState(AbstractState):
     impact_loss: Float[Array, "*batch"]
     mode: Float[Array, "*batch"]
     begun: Beginning
+    near: Float[Array, "*batch coordinates"]
 
     def projected(self) -> "ContactState":
         return eqx.tree_at(lambda x: x.body, self, self.body.projected())

@@ -1,19 +1,24 @@
-"""The body released from the rolling constraint: it may slip on the plane and leave it.
+"""The body released from the rolling constraint: it may slip on its ground and leave it.
 
-The velocity V of the geometric centre and its height over that of rolling are then part of the state. With the slip
-velocity v_s = V − rω × e3 − u, whose third component is that of V, in place of V,
+The velocity V of the geometric centre and its height over that of rolling are then part of the state. The slip velocity
+v_s = V − rω × n − w has its components in the contact axes, along two tangents of the ground and along its normal n,
+where w is the velocity of the ground's matter. On a plane these are the axes of space, n is e3, and w that of a
+turntable. With v_s in place of V,
 
 - the accelerations of all masses are those of the rolling body on a plane that has the acceleration v̇_s besides its
   own, so that Ω̇ and θ̈ of free joints follow from the equations of rolling with γ + Λ⁻¹v̇_s for γ;
-- the reaction R of the plane does work only on v_s, and follows from Newton's law for the whole.
+- the reaction R of the ground does work only on v_s, and follows from Newton's law for the whole.
 
 So everything is the sum of the rolling motion, with its reaction R₀, and a part linear in v̇_s:
 
     R = R₀ + D⁻¹ v̇_s        v̇_s = D (R − R₀)
 
 The Delassus operator D is A 𝓜⁻¹Aᵀ, where 𝓜 is the inertia in the velocities (Ω, Λ⁻¹V), free joints eliminated, and
-v_s + u is A = Λ[ rΓ̂, 1 ] times these. In the velocities (Ω, Λ⁻¹v_s), that inertia has the one of ``coupling`` as its
+v_s + w is A = Λ[ rΓ̂, 1 ] times these. In the velocities (Ω, Λ⁻¹v_s), that inertia has the one of ``coupling`` as its
 first block, whose Schur complement is Λ⁻¹D⁻¹Λ. Hence no factors other than those of rolling are needed.
+
+On a surface the contact axes turn, and Λ⁻¹ is from these axes to those of the body. The rate v̇_s is that of the
+components, so that its third one is the second derivative of the height, with what the curvature adds to it.
 """
 
 from typing import NamedTuple, get_args
@@ -31,15 +36,17 @@ from ..body import AbstractBody
 from ..coupling import Joints, join_coordinates
 from ..dynamics import equations
 from ..energy import kinetic_energy, potential_energy
-from ..load import in_three, load, place, table_under
+from ..footing import released_footing
+from ..load import Load, in_three, load, place, table_under
 from ..moments import kinematics, point_mass_values, principal_inertia
 from ..motion import Kinematics
 from ..reaction import reaction_in_body
 from ..state import DiskState, PlacedState, centre_velocity
+from ..surfaces import AbstractSurface, Footing
 
 
 class ReleasedState(Printed):
-    """The state of a body that need not roll: it may slip on the plane or be above it.
+    """The state of a body that need not roll: it may slip on the ground or be above it.
 
     **Arguments:**
 
@@ -47,7 +54,7 @@ class ReleasedState(Printed):
       :class:`~jaxball.RotationState` or a :class:`~jaxball.DiskState`.
     - ``V``: the velocity of the geometric centre, space axes, length/time, shape (3,); for a disk its second entry is
       0.
-    - ``height``: of the geometric centre above that of rolling, length.
+    - ``height``: of the geometric centre above that of rolling, length; over a surface, along the normal at ``z``.
 
     **Example:**
 
@@ -71,24 +78,55 @@ class ReleasedState(Printed):
 
 def released(system: AbstractBody, t: Float[Array, ""], state: PlacedState) -> ReleasedState:
     """A state of rolling, as that of a body that need not roll."""
-    V = in_three(centre_velocity(state.Lambda, state.Omega, system.radius, system.drift(t, state)))
-    return ReleasedState(state, V, jnp.zeros_like(system.radius))
+    return ReleasedState(state, rolling_contact(system, t, state)[0], jnp.zeros_like(system.radius))
+
+
+def rolling_contact(
+    system: AbstractBody, t: Float[Array, ""], body: PlacedState
+) -> tuple[Float[Array, "3"], Float[Array, "3 3"] | None]:
+    """w + r ω × n, which V is without slip, space axes, and the contact axes as rows; None for those of space."""
+    r, surface = system.radius, system.ground
+    if not isinstance(surface, AbstractSurface):
+        return in_three(centre_velocity(body.Lambda, body.Omega, r, system.drift(t, body))), None
+    assert not isinstance(body, DiskState)
+    touch = surface.touch(t, body.z[0], body.z[1])
+    return touch.w + r * cross(apply(body.Lambda, body.Omega), touch.n), touch.axes
+
+
+def in_contact_axes(axes: Float[Array, "3 3"] | None, v: Float[Array, "3"]) -> Float[Array, "3"]:
+    """The components in the contact axes of a vector in space."""
+    return v if axes is None else apply(axes, v)
+
+
+def in_space(axes: Float[Array, "3 3"] | None, v: Float[Array, "3"]) -> Float[Array, "3"]:
+    """A vector in space, of which ``v`` has the components in the contact axes."""
+    return v if axes is None else apply(axes.T, v)
 
 
 @jax.jit
 def slip_velocity(system: AbstractBody, t: Float[Array, ""], state: ReleasedState) -> Float[Array, "3"]:
-    """v_s = V − rω × e3 − u, of the body's lowest point relative to the plane, space axes.
+    """v_s = V − w − rω × n, of the body's lowest point relative to the ground, in the contact axes.
 
-    The third component is the rate at which the body leaves the plane.
+    The third component is the rate at which the body leaves the ground.
     """
-    body = state.body
-    slip = state.V - in_three(centre_velocity(body.Lambda, body.Omega, system.radius, system.drift(t, body)))
+    rolling, axes = rolling_contact(system, t, state.body)
+    slip = in_contact_axes(axes, state.V - rolling)
     # A disk does not slip sideways. Rounding there would be divided by the slip speed in derivatives of σ.
     return slip.at[1].set(0.0) if system.planar else slip
 
 
+def with_rise(
+    system: AbstractBody, t: Float[Array, ""], state: ReleasedState, rate: Float[Array, ""]
+) -> Float[Array, "3"]:
+    """V of a body that leaves its ground at this rate, and slips as before."""
+    rolling, axes = rolling_contact(system, t, state.body)
+    if axes is None:
+        return state.V.at[2].set(rate)
+    return state.V + (rate - dot(axes[2], state.V - rolling)) * axes[2]
+
+
 class Motion(NamedTuple):
-    """Ω̇ in body axes and θ̈ of all that a state's ``theta`` holds, with the reaction R of the plane, space axes.
+    """Ω̇ in body axes and θ̈ of all that a state's ``theta`` holds, with the reaction R of the ground, contact axes.
 
     It may have a leading axis, of several motions.
     """
@@ -99,13 +137,15 @@ class Motion(NamedTuple):
 
 
 class Response(NamedTuple):
-    """The response of a released body to the reaction of the plane, in which all formulas of this module are linear.
+    """The response of a released body to the reaction of the ground, in which all formulas of this module are linear.
 
     ``rolling`` is the motion with v̇_s = 0 and without dry rolling friction, and its reaction R₀. ``yielding`` is what a
-    unit of v̇_s along each space axis adds, one row for each, so that its reactions are D⁻¹; ``delassus`` is
+    unit of v̇_s along each contact axis adds, one row for each, so that its reactions are D⁻¹; ``delassus`` is
     the Delassus operator D. ``rubbing`` is what the dry torque of a unit of normal force adds while v̇_s = 0, None
-    without dry friction. ``convected`` is u̇. Where dry friction is exact, ``twisting`` is what a unit of torque at the
-    contact along each space axis adds while v̇_s = 0; ``rubbing`` is None there, as long as no mode of turning is known.
+    without dry friction. ``convected`` is V̇ without v̇_s and r ω̇ × n, space axes: that of the turntable, u̇, and on a
+    surface what it is by the ``footing``, which is None on a plane. ``rise`` is the rate of the height there. Where dry
+    friction is exact, ``twisting`` is what a unit of torque at the contact along each space axis adds while v̇_s = 0;
+    ``rubbing`` is None there, as long as no mode of turning is known.
     """
 
     rolling: Motion
@@ -113,21 +153,28 @@ class Response(NamedTuple):
     delassus: Float[Array, "3 3"]
     rubbing: Motion | None
     convected: Float[Array, "3"]
+    footing: Footing | None = None
+    rise: Float[Array, ""] | None = None
     twisting: Motion | None = None
 
     @property
+    def axes(self) -> Float[Array, "3 3"] | None:
+        """The contact axes; None for those of space."""
+        return None if self.footing is None else self.footing.axes
+
+    @property
     def free(self) -> Float[Array, "3"]:
-        """v̇_free, the slip acceleration without any force of the plane, space axes: −D R₀."""
+        """v̇_free, the slip acceleration without any force of the ground, contact axes: −D R₀."""
         return -apply(self.delassus, self.rolling.reaction)
 
     def slip_acceleration(self, R: Float[Array, "3"], N: Float[Array, ""]) -> Float[Array, "3"]:
-        """v̇_s under a reaction, space axes; ``N`` is the normal force with which dry rolling friction is computed."""
+        """v̇_s under a reaction, contact axes; ``N`` is the normal force with which dry rolling friction is computed."""
         rest = R - self.rolling.reaction
         return apply(self.delassus, rest if self.rubbing is None else rest - N * self.rubbing.reaction)
 
     def reaction(self, slip_acceleration: Float[Array, "3"], N: Float[Array, ""]) -> Float[Array, "3"]:
         """R with a given v̇_s: the inverse of :meth:`slip_acceleration`."""
-        R = self.rolling.reaction + combined(slip_acceleration, self.yielding.reaction)
+        R = self.rolling.reaction + combine_rows(slip_acceleration, self.yielding.reaction)
         return R if self.rubbing is None else R + N * self.rubbing.reaction
 
     def accelerations(
@@ -136,7 +183,7 @@ class Response(NamedTuple):
         """Ω̇ in body axes and θ̈ of all that a state's ``theta`` holds."""
         found = []
         for part in ("Omegadot", "thetaddot"):
-            value = getattr(self.rolling, part) + combined(slip_acceleration, getattr(self.yielding, part))
+            value = getattr(self.rolling, part) + combine_rows(slip_acceleration, getattr(self.yielding, part))
             found.append(value if self.rubbing is None else value + N * getattr(self.rubbing, part))
         return found[0], found[1]
 
@@ -145,15 +192,20 @@ class Response(NamedTuple):
 def response(
     system: AbstractBody, t: Float[Array, ""], state: ReleasedState, touching: Bool[Array, ""] | None = None
 ) -> Response:
-    """The response of the body to each reaction of the plane.
+    """The response of the body to each reaction of the ground.
 
-    ``touching`` is False in flight, where the plane does not resist the body's turning; True if not given. A disk is
+    ``touching`` is False in flight, where the ground does not resist the body's turning; True if not given. A disk is
     held upright by a constraint that takes up all forces along e2, none of which belong to the reaction.
     """
-    body, r = state.body, system.radius
-    Lambda, slip = body.Lambda, slip_velocity(system, t, state)
-    acting = load(system, t, body, slip, touching, state.height)
-    found = equations(system, t, body)
+    body, r, touches = state.body, system.radius, True if touching is None else touching
+    under = released_footing(system, t, body, state.V, state.height, touches)
+    acting, slip = released_load(system, t, state, touching, under)
+    Lambda, convected = body.Lambda, jnp.zeros_like(slip)
+    if under is not None:
+        Lambda = jnp.sum(under.axes[:, :, None] * body.Lambda[None], axis=1)  # from body axes to contact axes
+        turning = apply(body.Lambda, body.Omega)
+        convected = under.acceleration + r * cross(turning, under.normal_rate) + cross(under.turning, slip)
+    found = equations(system, t, body, None if under is None else acting.Gamma)
     lever = found.at.M * r * found.Gamma + found.at.p
     p = [link.weights for link in found.free]
     still = jnp.zeros_like(body.theta)
@@ -180,20 +232,36 @@ def response(
     R = reaction_in_body(found.complete(thetaddot), r, acting, found.Omega, Omegadot)
     resistance = system.resistance
     is_exact = resistance is not None and resistance.holds
-    dry = None if resistance is None or is_exact else resistance.dry_torque(r, found.Omega, found.Gamma)
+    dry = None if resistance is None or is_exact else resistance.dry_torque(r, acting.resisted, found.Gamma)
     idle = [jnp.zeros(link.slots.shape, dtype=Lambda.dtype) for link in found.free]
     of_slip = jax.vmap(yielding)(Lambda)
     if system.planar:
         of_slip = of_slip._replace(reaction=of_slip.reaction.at[1, 1].set(found.at.M))
     table = table_under(system, t, body, slip)
+    if table is not None:
+        convected = in_three(table.acceleration)
     return Response(
         rolling=motion(Omegadot, join_coordinates(found.angles[2], found.links, thetaddot), R),
         yielding=of_slip,
         delassus=inverse(of_slip.reaction),
         rubbing=None if dry is None else change(dry, idle, jnp.zeros_like(dry)),
-        convected=jnp.zeros_like(slip) if table is None else in_three(table.acceleration),
+        convected=convected,
+        footing=under,
+        rise=None if under is None else slip_velocity(system, t, state)[2],
         twisting=jax.vmap(lambda axis: change(axis, idle, jnp.zeros_like(axis)))(Lambda) if is_exact else None,
     )
+
+
+def released_load(
+    system: AbstractBody,
+    t: Float[Array, ""],
+    state: ReleasedState,
+    touching: Bool[Array, ""] | None,
+    under: Footing | None,
+) -> tuple[Load, Float[Array, "3"]]:
+    """The load on a body that may slip or fly, and its slip velocity in space axes."""
+    slip = slip_velocity(system, t, state) if under is None else state.V - under.centre_velocity
+    return load(system, t, state.body, slip, touching, state.height, under), slip
 
 
 def rates(
@@ -203,17 +271,16 @@ def rates(
     slip_acceleration: Float[Array, "3"],
     N: Float[Array, ""],
 ) -> ReleasedState:
-    """ẋ with the slip acceleration v̇_s in space axes, where ``N`` is the normal force of dry rolling friction.
+    """ẋ with the slip acceleration v̇_s in contact axes, where ``N`` is the normal force of dry rolling friction.
 
-    V̇ = rω̇ × e3 + v̇_s + u̇.
+    V̇ = rω̇ × n + v̇_s + ``convected``.
     """
     body, r = state.body, system.radius
     Omegadot, thetaddot = found.accelerations(slip_acceleration, N)
-    turning = in_three(centre_velocity(body.Lambda, Omegadot, r, None))
     moved = body.rates(r, Omegadot, (body.theta, body.thetadot, thetaddot))
-    return ReleasedState(
-        body=_placed(moved, state.V), V=turning + slip_acceleration + found.convected, height=state.V[2]
-    )
+    V = _turning(body, r, Omegadot, found) + in_space(found.axes, slip_acceleration) + found.convected
+    rise = state.V[2] if found.rise is None else found.rise
+    return ReleasedState(_place_centre(moved, state.V, found.footing), V, rise)
 
 
 def with_slip(
@@ -223,14 +290,14 @@ def with_slip(
     before: Float[Array, "3"],
     after: Float[Array, "3"],
 ) -> ReleasedState:
-    """The state with another slip velocity, after an impulse of the plane; space axes.
+    """The state with another slip velocity, after an impulse of the ground; contact axes.
 
     ``before`` is the slip velocity that it has, and ``found`` its response.
     """
     body, change = state.body, after - before
-    Omega = combined(change, found.yielding.Omegadot)
-    thetadot = combined(change, found.yielding.thetaddot)
-    V = state.V + in_three(centre_velocity(body.Lambda, Omega, system.radius, None)) + change
+    Omega = combine_rows(change, found.yielding.Omegadot)
+    thetadot = combine_rows(change, found.yielding.thetaddot)
+    V = state.V + _turning(body, system.radius, Omega, found) + in_space(found.axes, change)
     moved = eqx.tree_at(lambda x: x.thetadot, body.with_Omega(body.Omega + Omega), body.thetadot + thetadot)
     return ReleasedState(moved, V, state.height)
 
@@ -246,16 +313,32 @@ def released_energy(system: AbstractBody, t: Float[Array, ""], state: ReleasedSt
     m = jnp.concatenate([system.mass[None], point_mass_values(system)])
     lowest = state.V - in_three(centre_velocity(body.Lambda, body.Omega, r, None))
     up = jnp.zeros_like(state.V).at[2].set(1.0) if system.ground is None else system.ground.up()
-    centre = in_three(place(body)).at[2].set(state.height)
+    centre = position(system, t, state)
     T = kinetic_energy(m, principal_inertia(system), r, masses, body.Omega, body.Gamma, apply(body.Lambda.T, lowest))
     return T + potential_energy(m, system.gravity, masses, apply(body.Lambda.T, up), dot(up, centre))
 
 
-def combined(amounts: Float[Array, "3"], rows: Float[Array, "3 n"]) -> Float[Array, " n"]:
+def position(system: AbstractBody, t: Float[Array, ""], state: ReleasedState) -> Float[Array, "3"]:
+    """Where the geometric centre is, space axes; a plane is at the height −r."""
+    body, surface = state.body, system.ground
+    if not isinstance(surface, AbstractSurface):
+        return in_three(place(body)).at[2].set(state.height)
+    return surface.place_of_centre(t, system.radius + state.height, body.z)
+
+
+def _turning(body: PlacedState, r: Float[Array, ""], Omega: Float[Array, "3"], found: Response) -> Float[Array, "3"]:
+    """r ω × n, space axes, where ``Omega`` is Ω, or a rate or a change of it, body axes."""
+    if found.footing is None:
+        return in_three(centre_velocity(body.Lambda, Omega, r, None))
+    return r * cross(apply(body.Lambda, Omega), found.footing.normal)
+
+
+def combine_rows(amounts: Float[Array, "3"], rows: Float[Array, "3 n"]) -> Float[Array, " n"]:
     """The sum of rows, each times its amount."""
     return jnp.sum(amounts[:, None] * rows, axis=0)
 
 
-def _placed(body: PlacedState, at: Float[Array, "3"]) -> PlacedState:
-    """The state, or its rates, with another place or velocity of the geometric centre."""
-    return eqx.tree_at(lambda x: x.z, body, at[0] if isinstance(body, DiskState) else at[:2])
+def _place_centre(body: PlacedState, V: Float[Array, "3"], under: Footing | None) -> PlacedState:
+    """The rates of a state with those of its place."""
+    place = under.coordinate_rates if under is not None else V[0] if isinstance(body, DiskState) else V[:2]
+    return eqx.tree_at(lambda x: x.z, body, place)

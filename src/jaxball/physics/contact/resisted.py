@@ -24,7 +24,7 @@ from ..body import AbstractBody
 from ..resistance import Resistance, TurningMode
 from ..rest import Hold, Needs, Resisted, Turning, drag, needs
 from .friction import Interaction, push
-from .released import Motion, Response, combined
+from .released import Motion, Response, combine_rows
 
 
 class DryTorque(NamedTuple):
@@ -36,7 +36,7 @@ class DryTorque(NamedTuple):
 
     def __call__(self, slip_acceleration: Float[Array, "3"], N: Float[Array, ""]) -> Float[Array, "3"]:
         """T under a slip acceleration and a normal force."""
-        return self.constant + combined(slip_acceleration, self.by_slip) + N * self.by_normal
+        return self.constant + combine_rows(slip_acceleration, self.by_slip) + N * self.by_normal
 
 
 class Resisting(NamedTuple):
@@ -84,7 +84,7 @@ class Resisting(NamedTuple):
         by_torque = jnp.where(slides, lift[:, None] * moved[None] - yields, 0.0).at[:, 2].set(0.0)
         Y = self.turned(found.yielding.Omegadot)
         return bare._replace(
-            rate=bare.rate + combined(a, Y),
+            rate=bare.rate + combine_rows(a, Y),
             compliance=bare.compliance + jnp.sum(by_torque[:, :, None] * Y[None], axis=1).T,
             normal=jnp.where(slides, N, bare.normal),
             lift=jnp.where(slides, lift, bare.lift),
@@ -97,13 +97,13 @@ class Resisting(NamedTuple):
         by_slip = -jax.vmap(hold)(self.turned(self.response.yielding.Omegadot))
         return DryTorque(hold(mode.braking - bare.rate), by_slip, d - hold(apply(bare.compliance, d)))
 
-    def resisted(self, torque: DryTorque) -> Response:
+    def resist_turning(self, torque: DryTorque) -> Response:
         """The response of the body with the dry torque."""
         found, twisting = self.response, self.response.twisting
         assert twisting is not None
 
         def twist(torque: Float[Array, "3"]) -> Motion:
-            return jax.tree.map(lambda rows: combined(torque, rows), twisting)
+            return jax.tree.map(lambda rows: combine_rows(torque, rows), twisting)
 
         rolling = jax.tree.map(jnp.add, found.rolling, twist(torque.constant))
         yielding = jax.tree.map(jnp.add, found.yielding, jax.vmap(twist)(torque.by_slip))

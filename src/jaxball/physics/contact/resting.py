@@ -21,6 +21,7 @@ from ...numerics.directions import unit
 from ...numerics.vectors import apply, root
 from ..body import AbstractBody
 from ..hybrid import NONE, Accuracy, Assessment, GuardedStep, Transition
+from ..load import Load
 from ..resistance import TurningMode
 from ..state import PlacedState
 from . import friction, slip as slips
@@ -144,16 +145,18 @@ class RestingOnPlane(BodyOnPlane):
 
     def response(self, t: Float[Array, ""], state: Any) -> Response:
         resisting = self.resisting(t, state)
-        return resisting.resisted(resisting.torque(self.mode(t, state)))
+        return resisting.resist_turning(resisting.torque(self.mode(t, state)))
 
     def torque(self, t: Float[Array, ""], state: RestingState) -> tuple[Resisting, DryTorque]:
         """The body and its dry torque."""
         resisting = self.resisting(t, state)
         return resisting, resisting.torque(self.mode(t, state))
 
-    def dry_torque(self, t: Float[Array, ""], state: Any, acting: friction.Interaction) -> Float[Array, "3"]:
+    def dry_torque(
+        self, t: Float[Array, ""], state: Any, interaction: friction.Interaction, acting: Load
+    ) -> Float[Array, "3"]:
         _, torque = self.torque(t, state)
-        return apply(state.body.Lambda.T, torque(acting.slip_acceleration, acting.normal))
+        return apply(state.body.Lambda.T, torque(interaction.slip_acceleration, interaction.normal))
 
     # The guards.
 
@@ -175,7 +178,7 @@ class RestingOnPlane(BodyOnPlane):
     def guards_in_step(self, t: Float[Array, ""], state: Any, reference: Any) -> Float[Array, "5"]:
         """Those of the contact, of rolling and of spinning."""
         resisting, torque = self.torque(t, state)
-        found = resisting.resisted(torque)
+        found = resisting.resist_turning(torque)
         acting = self.interaction(t, state, found)
         of_contact = self.guards_of_contact(t, state, reference.slip, found, acting)
         spare, omega = resisting.spare(torque, acting), apply(state.body.Lambda, state.body.Omega)

@@ -107,7 +107,7 @@ def _next_mode(
     done = only_if(cause == int(Cause.ROLLING_ENDS), _end_rolling, plane, done, tolerance)
     done = only_if(lands, strike, plane, done)
     done = only_if(done.decides, _decide, plane, done, cause)
-    return done._replace(state=_begun(plane, done))
+    return done._replace(state=_begin(plane, done))
 
 
 # The end of rolling.
@@ -138,7 +138,7 @@ class _Rolling(NamedTuple):
 
     def rates(self, body: Any, state: "RestingState", mode: TurningMode) -> ReleasedState:
         """ẋ in a mode of turning."""
-        found = self.resisting.resisted(self.resisting.torque(mode))
+        found = self.resisting.resist_turning(self.resisting.torque(mode))
         acting = self.interaction(found)
         return rates(body, state.released, found, acting.slip_acceleration, acting.normal)
 
@@ -203,7 +203,7 @@ class _Deciding(NamedTuple):
 
     def response(self, choice: _Choice) -> Response:
         """The response where some things are held."""
-        return self.resisting.resisted(self.resisting.torque(choice.mode))
+        return self.resisting.resist_turning(self.resisting.torque(choice.mode))
 
     def first_slip(self, choice: _Choice) -> Float[Array, "2"]:
         """The direction in which a slip begins."""
@@ -218,7 +218,7 @@ class _Deciding(NamedTuple):
         """The choice in which the most overloaded of them has let go; or those that let go ``at_once``, if any do."""
         sigma = jax.lax.cond(self.still & ~choice.sticks, lambda: self.first_slip(choice), lambda: choice.sigma)
         torque = self.resisting.torque(choice.mode)
-        found = self.resisting.resisted(torque)
+        found = self.resisting.resist_turning(torque)
         acting = select_tree(choice.sticks, friction.rolling(found), friction.sliding(found, self.mu, sigma))
         T, need = torque(acting.slip_acceleration, acting.normal), self.resisting.spare(torque, acting)
         N = acting.R[2]
@@ -253,7 +253,7 @@ def _decide(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> P
     """In the mode that follows: held as far as friction and dry resistance can do it."""
     t, body, contact = done.t, plane.body, plane.contact
     assert done.stands is not None
-    given, omega = _cleaned(plane, done, cause)
+    given, omega = _clean(plane, done, cause)
     touching: Any = eqx.tree_at(lambda x: x.mode, given, jnp.full_like(given.mode, int(Mode.SLIDING)))
     slip, resisting = slip_velocity(body, t, given.released), plane.resisting(t, touching)
     still = done.still | plane.is_still(slip, given)
@@ -267,9 +267,9 @@ def _decide(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> P
     sticks = still & (contact.static > 0) & ~gives_way
     sigma = friction.slip_direction(slip, jnp.zeros_like(slip[:2]))
     at_once = jnp.stack([jnp.asarray(False), cause == int(Cause.BREAKS_LOOSE), cause == int(Cause.BEGINS_TO_SPIN)])
-    choice = _chosen(deciding, _Choice(sticks, sigma, moving), at_once)
+    choice = _choose(deciding, _Choice(sticks, sigma, moving), at_once)
     slips_now, turns = still & ~choice.sticks, moving.rests & ~choice.mode.rests
-    choice = _directed(deciding, choice, slips_now, turns, plane.body.planar)
+    choice = _direct(deciding, choice, slips_now, turns, plane.body.planar)
     found = deciding.response(choice)
     flies = done.flies | ~choice.sticks & ~(friction.sliding(found, mu, choice.sigma).normal > -slack)
     # The rest of a slip that ends is dissipated by friction; one without an end continues.
@@ -289,7 +289,7 @@ def _decide(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> P
     return done._replace(state=after, begins=slips_now & ~flies, turns=turns & ~flies)
 
 
-def _cleaned(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> tuple[Any, Float[Array, "3"]]:
+def _clean(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> tuple[Any, Float[Array, "3"]]:
     """The state, and ω, with exactly 0 for what has stopped or is held."""
     state: Any = done.state
     assert done.stands is not None
@@ -300,7 +300,7 @@ def _cleaned(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> 
     return eqx.tree_at(lambda x: x.body, state, body), omega
 
 
-def _chosen(deciding: _Deciding, choice: _Choice, at_once: Bool[Array, "3"]) -> _Choice:
+def _choose(deciding: _Deciding, choice: _Choice, at_once: Bool[Array, "3"]) -> _Choice:
     """The choice when nothing is overloaded; it has no derivatives but those of the given one."""
     still, held, now = without_derivatives((deciding, choice, at_once))
     held = still.with_one_less(held, now)
@@ -311,7 +311,7 @@ def _chosen(deciding: _Deciding, choice: _Choice, at_once: Bool[Array, "3"]) -> 
     return _Choice(last.sticks, jnp.where(slides | deciding.still, last.sigma, choice.sigma), mode)
 
 
-def _directed(
+def _direct(
     deciding: _Deciding, choice: _Choice, slips_now: Bool[Array, ""], turns: Bool[Array, ""], planar: bool
 ) -> _Choice:
     """The choice with the directions in which a slip and rolling that begin grow."""
@@ -336,15 +336,15 @@ class _Slipping(NamedTuple):
     plane: Any
     begins: Any
 
-    def prepared(self, t: Float[Array, ""], state: ReleasedState) -> tuple[Response, Float[Array, ""]]:
+    def prepare(self, t: Float[Array, ""], state: ReleasedState) -> tuple[Response, Float[Array, ""]]:
         now = self.begins.moved(state)
         return self.plane.response(t, now), self.plane.coefficient(slip_velocity(self.plane.body, t, state))
 
-    def pulled(
-        self, t: Float[Array, ""], state: ReleasedState, prepared: tuple[Response, Float[Array, ""]], sigma: Array
+    def pull(
+        self, t: Float[Array, ""], state: ReleasedState, prepare: tuple[Response, Float[Array, ""]], sigma: Array
     ) -> tuple[Float[Array, "2"], ReleasedState]:
         """The slip acceleration along the plane, and ẋ."""
-        found, mu = prepared
+        found, mu = prepare
         acting = friction.sliding(found, mu, sigma)
         moved = rates(self.plane.body, state, found, acting.slip_acceleration, acting.normal)
         return acting.slip_acceleration[:2], moved
@@ -356,19 +356,19 @@ class _Turning(NamedTuple):
     plane: Any
     begins: Any
 
-    def prepared(self, t: Float[Array, ""], state: ReleasedState) -> _Rolling:
+    def prepare(self, t: Float[Array, ""], state: ReleasedState) -> _Rolling:
         return _Rolling.of(self.plane, t, self.begins.moved(state))
 
-    def pulled(
-        self, t: Float[Array, ""], state: ReleasedState, prepared: _Rolling, sigma: Float[Array, "2"]
+    def pull(
+        self, t: Float[Array, ""], state: ReleasedState, prepare: _Rolling, sigma: Float[Array, "2"]
     ) -> tuple[Float[Array, "2"], ReleasedState]:
         """ω̇_h in space axes, and ẋ."""
         now = self.begins.moved(state)
-        moved = prepared.rates(self.plane.body, now, self.plane.mode(t, now, sigma))
+        moved = prepare.rates(self.plane.body, now, self.plane.mode(t, now, sigma))
         return apply(state.body.Lambda, moved.body.Omega)[:2], moved
 
 
-def _begun(plane: "RestingOnPlane", done: Progress) -> "RestingState":
+def _begin(plane: "RestingOnPlane", done: Progress) -> "RestingState":
     """With the directions of a slip and of rolling that begin, for as long as they are computed in advance."""
     t, state = done.t, done.state
     assert done.turns is not None

@@ -87,7 +87,7 @@ class Beginning(NamedTuple):
         u, tangent = jnp.clip(1 + (t - self.until) / self.span, 0.0, 1.0), jnp.zeros_like(t)
         for k in reversed(range(DEGREE)):
             tangent = u * (self.bends[k] + tangent)
-        return _turned(self.sigma, tangent)
+        return _turn(self.sigma, tangent)
 
 
 class Heading(NamedTuple):
@@ -127,13 +127,13 @@ class Pull(NamedTuple):
 class Pulled(Protocol):
     """What slips, a PyTree: how it is pulled in a direction σ.
 
-    ``prepared`` is whatever does not depend on σ, and ``pulled`` gives a and the rates of the state.
+    ``prepare`` is whatever does not depend on σ, and ``pull`` gives a and the rates of the state.
     """
 
-    def prepared(self, t: Float[Array, ""], state: Any) -> Any: ...
+    def prepare(self, t: Float[Array, ""], state: Any) -> Any: ...
 
-    def pulled(
-        self, t: Float[Array, ""], state: Any, prepared: Any, sigma: Float[Array, "2"]
+    def pull(
+        self, t: Float[Array, ""], state: Any, prepare: Any, sigma: Float[Array, "2"]
     ) -> tuple[Float[Array, "2"], Any]: ...
 
 
@@ -143,20 +143,20 @@ class OnPlane(NamedTuple):
     body: AbstractBody
     coefficient: Callable[[Float[Array, "3"]], Float[Array, ""]]
 
-    def prepared(self, t: Float[Array, ""], state: ReleasedState) -> tuple[Response, Float[Array, ""]]:
+    def prepare(self, t: Float[Array, ""], state: ReleasedState) -> tuple[Response, Float[Array, ""]]:
         """The response of the body, and μ."""
         found = response(self.body, t, state, touching=jnp.asarray(True))  # as elsewhere, so that it is traced once
         return found, self.coefficient(slip_velocity(self.body, t, state))
 
-    def pulled(
+    def pull(
         self,
         t: Float[Array, ""],
         state: ReleasedState,
-        prepared: tuple[Response, Float[Array, ""]],
+        prepare: tuple[Response, Float[Array, ""]],
         sigma: Float[Array, "2"],
     ) -> tuple[Float[Array, "2"], ReleasedState]:
-        """The slip acceleration along the plane, and ẋ."""
-        found, mu = prepared
+        """The slip acceleration along the ground, and ẋ."""
+        found, mu = prepare
         acting = sliding(found, mu, sigma)
         moved = rates(self.body, state, found, acting.slip_acceleration, acting.normal)
         return acting.slip_acceleration[:2], moved
@@ -340,15 +340,15 @@ class _Start(NamedTuple):
 
         def at_node(t: Float[Array, ""], x: Float[Array, " size"], tangent: Float[Array, ""]) -> tuple:
             state = unravel(x)
-            prepared = self.what.prepared(t, state)
+            prepare = self.what.prepare(t, state)
 
-            def pulled(tangent: Float[Array, ""]) -> tuple[Array, Array]:
-                a, moved = self.what.pulled(t, state, prepared, _turned(self.sigma, tangent))
+            def pull(tangent: Float[Array, ""]) -> tuple[Array, Array]:
+                a, moved = self.what.pull(t, state, prepare, _turn(self.sigma, tangent))
                 return a, ravel_pytree(moved)[0]
 
             if not turned:
-                return *pulled(tangent), jnp.zeros_like(self.sigma)
-            a, change, rate = jax.jvp(pulled, (tangent,), (jnp.ones_like(tangent),), has_aux=True)
+                return *pull(tangent), jnp.zeros_like(self.sigma)
+            a, change, rate = jax.jvp(pull, (tangent,), (jnp.ones_like(tangent),), has_aux=True)
             return a, rate, change
 
         times = self.t + window.span * _lobatto(window.x.dtype).nodes
@@ -358,7 +358,7 @@ class _Start(NamedTuple):
         """At the nodes, σ, the components of v_s across and along it, and the states."""
         integrals, x0 = window.span * _lobatto(window.x.dtype).integrals, ravel_pytree(self.state)[0]
         slips, x = (jnp.sum(integrals[:, :, None] * y[None], axis=1) for y in (a, rate))
-        sigmas = jax.vmap(lambda tangent: _turned(self.sigma, tangent))(window.tangents)
+        sigmas = jax.vmap(lambda tangent: _turn(self.sigma, tangent))(window.tangents)
         return sigmas, jax.vmap(across)(sigmas, slips), jnp.sum(sigmas * slips, axis=1), x0[None] + x
 
     def newton(self, window: _Window, sigmas: Array, along: Array, change: Array) -> Float[Array, "rows rows"]:
@@ -402,6 +402,6 @@ def _lobatto(dtype: np.dtype) -> _Lobatto:
     return _Lobatto(*(part.astype(dtype) for part in parts))
 
 
-def _turned(sigma: Float[Array, "2"], tangent: Float[Array, ""]) -> Float[Array, "2"]:
+def _turn(sigma: Float[Array, "2"], tangent: Float[Array, ""]) -> Float[Array, "2"]:
     """σ turned by the angle with this tangent."""
     return (sigma + tangent * turn_left(sigma)) / jnp.sqrt(1 + tangent**2)

@@ -1,4 +1,4 @@
-"""What follows the end of a mode of a body on its plane: the next mode, and the state with which it begins."""
+"""What follows the end of a mode of a body on its ground: the next mode, and the state with which it begins."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,7 +15,7 @@ from ..hybrid import START, Accuracy, Transition, at_zero
 from . import friction, slip as slips
 from .impact import impact
 from .modes import CAUSES, Cause, ContactState, Mode
-from .released import ReleasedState, Response, rates, slip_velocity, with_slip
+from .released import ReleasedState, Response, rates, slip_velocity, with_rise, with_slip
 
 if TYPE_CHECKING:
     from .body_on_plane import BodyOnPlane
@@ -63,17 +63,17 @@ def _next_mode(
     velocities after it, and then the direction in which a slip begins. A negative cause means none, and the mode
     continues, with the direction of its velocity.
     """
-    starts = cause == int(Cause.START)
-    lands = (cause == int(Cause.LANDS)) | starts & (state.height <= 0) & (state.V[2] < 0)
+    starts, rise = cause == int(Cause.START), plane.rise(t, state)
+    lands = (cause == int(Cause.LANDS)) | starts & (state.height <= 0) & (rise < 0)
     still = (cause == int(Cause.GIVES_WAY)) | state.is_in(Mode.ROLLING)
-    flies = (cause == int(Cause.LIFTS)) | starts & ((state.height > 0) | (state.V[2] > 0))
+    flies = (cause == int(Cause.LIFTS)) | starts & ((state.height > 0) | (rise > 0))
     height, begun = jnp.where(starts, state.height, 0.0), slips.Beginning.none(state.height)
     now = eqx.tree_at(lambda x: (x.height, x.begun), state, (height, begun))
     done = Progress(t, state, now, still, flies, lands, cause >= int(Cause.START), jnp.asarray(False))
     done = only_if(cause == int(Cause.STOPS), end_slip, plane, done, tolerance)
     done = only_if(lands, strike, plane, done)
-    done = only_if(done.decides, _decided, plane, done, cause)
-    return done._replace(state=_begun(plane, done))
+    done = only_if(done.decides, _decide, plane, done, cause)
+    return done._replace(state=_begin(plane, done))
 
 
 def only_if(happens: Bool[Array, ""], stage: Callable[..., "Progress"], plane: Any, done: "Progress", *others: Any):
@@ -82,7 +82,7 @@ def only_if(happens: Bool[Array, ""], stage: Callable[..., "Progress"], plane: A
 
 
 def response_on_plane(plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState) -> Response:
-    """The response of a body that touches the plane."""
+    """The response of a body that touches the ground."""
     return plane.response(t, eqx.tree_at(lambda x: x.mode, state, jnp.full_like(state.mode, int(Mode.SLIDING))))
 
 
@@ -91,9 +91,9 @@ def end_slip(plane: "BodyOnPlane", done: "Progress", tolerance: Float[Array, ""]
     t, state = done.t, done.state
     end, found = _end(plane, done, t, state)
     ends = end.comes & (end.time <= slips.longest_pause(tolerance, slips.unit_of_time(plane.body)))
-    halfway = _slowed(plane, done, found, state, end, slips.HALFWAY)
+    halfway = _slow(plane, done, found, state, end, slips.HALFWAY)
     end, found = _end(plane, done, t + slips.HALFWAY * end.time, halfway)
-    stopped = _slowed(plane, done, found, halfway, end, 1.0)
+    stopped = _slow(plane, done, found, halfway, end, 1.0)
     stopped = eqx.tree_at(lambda x: x.friction_loss, stopped, stopped.friction_loss + end.friction_loss)
     after = done._replace(t=t + end.time, before=stopped, state=stopped, still=jnp.asarray(True))
     return select_tree(ends, after, done._replace(decides=jnp.asarray(False)))
@@ -107,7 +107,7 @@ def _end(
     return slips.end(slips.pull_of_friction, (found, plane.coefficient(slip, slips.HALFWAY)), slip[:2]), found
 
 
-def _slowed(
+def _slow(
     plane: "BodyOnPlane", done: "Progress", found: Response, where: ContactState, end: slips.End, share: float
 ) -> ContactState:
     """The state after a share of the time in which a slip ends, with the rates ``where`` the response was found."""
@@ -124,14 +124,15 @@ def strike(plane: "BodyOnPlane", done: "Progress") -> "Progress":
     rebounds = contact.restitution * -slip[2] > contact.slowest * plane.unit_of_speed(found)
     e = jnp.where(rebounds, contact.restitution, 0.0)
     after = impact(plane.body, t, state.released, found, plane.coefficient(slip), e)
-    V = after.state.V.at[2].set(jnp.where(rebounds, after.state.V[2], 0.0))
+    rise = jnp.where(rebounds, slip_velocity(plane.body, t, after.state)[2], 0.0)
+    V = with_rise(plane.body, t, after.state, rise)
     bounced = state.moved(ReleasedState(after.state.body, V, state.height))
     bounced = eqx.tree_at(lambda x: x.impact_loss, bounced, state.impact_loss - after.work)
-    flies = done.flies | (bounced.V[2] > 0)
+    flies = done.flies | (rise > 0)
     return done._replace(state=bounced, still=done.still | after.collision.sticks, flies=flies)
 
 
-def _decided(plane: "BodyOnPlane", done: "Progress", cause: Int[Array, ""]) -> "Progress":
+def _decide(plane: "BodyOnPlane", done: "Progress", cause: Int[Array, ""]) -> "Progress":
     """In the mode that follows, by the forces that each mode would need."""
     t, state, body, contact = done.t, done.state, plane.body, plane.contact
     found, given, flies = response_on_plane(plane, t, state), state.released, done.flies
@@ -151,14 +152,15 @@ def _decided(plane: "BodyOnPlane", done: "Progress", cause: Int[Array, ""]) -> "
     # The rest of a slip that ends is dissipated by friction; one without an end continues.
     stopped = with_slip(body, given, found, slip, jnp.zeros_like(slip))
     state = select_tree(still & ~flies & (rolls | plane.slips_end), state.moved(stopped), state)
-    V = state.V.at[2].set(jnp.where(flies & (cause != int(Cause.LIFTS)), state.V[2], 0.0))
+    rise = slip_velocity(body, t, state.released)[2]
+    V = with_rise(body, t, state.released, jnp.where(flies & (cause != int(Cause.LIFTS)), rise, 0.0))
     begins = (mode == int(Mode.SLIDING)) & still
     begun = slips.Beginning.along(t, sigma)
     after = eqx.tree_at(lambda x: (x.V, x.mode, x.begun), state, (V, mode.astype(V.dtype), begun))
     return done._replace(state=after, begins=begins)
 
 
-def _begun(plane: "BodyOnPlane", done: "Progress") -> ContactState:
+def _begin(plane: "BodyOnPlane", done: "Progress") -> ContactState:
     """With the direction of a slip that begins, for as long as it is computed in advance."""
     t, state = done.t, done.state
     begins = done.begins & plane.slips_end
@@ -178,7 +180,7 @@ def _begun(plane: "BodyOnPlane", done: "Progress") -> ContactState:
 class Progress(NamedTuple):
     """A transition in progress: time, the state at the mode's end, and the current one.
 
-    ``still`` says that it does not slip, ``flies`` that it leaves the plane, ``lands`` that it comes down, ``decides``
+    ``still`` says that it does not slip, ``flies`` that it leaves the ground, ``lands`` that it comes down, ``decides``
     that the mode has ended, and ``begins`` that a slip begins. Under exact dry resistance, ``stands`` says that rolling
     has ended, and ``turns`` that it begins.
     """

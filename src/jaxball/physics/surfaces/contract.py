@@ -25,6 +25,7 @@ from ...numerics.vectors import cross, dot, root, unit_vector
 from ..conditions import Condition, ExplainedCondition, Problem
 from ..ground import AbstractGround
 from .moving_frame import MovingFrame
+from .nearest import nearest
 
 CURVED = (
     "curved less than the ball where it starts, on the side of the ball, because a ball that is more curved than its "
@@ -53,8 +54,9 @@ class Footing(NamedTuple):
     - ``normal``: n, a unit vector towards the ball.
     - ``tangents``: unit vectors along ∂p/∂u1 and across, which with n are right-handed.
     - ``velocity``: w of the ground's matter at the contact; ``spin`` is the angular velocity of that matter.
-    - ``centre_velocity``, ``coordinate_rates``: ċ and u̇.
+    - ``centre_velocity``, ``coordinate_rates``: w + r ω × n, which is ċ of a ball that rolls, and u̇.
     - ``normal_rate``: ṅ along the motion of the contact point; ``acceleration`` is ẇ, likewise.
+    - ``turning``: the angular velocity of the tangents and the normal, likewise.
     """
 
     centre: Float[Array, "3"]
@@ -67,14 +69,26 @@ class Footing(NamedTuple):
     coordinate_rates: Coordinates
     normal_rate: Float[Array, "3"]
     acceleration: Float[Array, "3"]
+    turning: Float[Array, "3"]
+
+    @property
+    def axes(self) -> Float[Array, "3 3"]:
+        """The contact axes: the tangents and the normal, as rows."""
+        return jnp.concatenate([self.tangents, self.normal[None]])
 
 
-class _Contact(NamedTuple):
-    """p, n and w, or their derivatives."""
+class Touch(NamedTuple):
+    """p, n and w, and a unit vector e along ∂p/∂u1, or their derivatives."""
 
     p: Float[Array, "3"]
     n: Float[Array, "3"]
     w: Float[Array, "3"]
+    e: Float[Array, "3"]
+
+    @property
+    def axes(self) -> Float[Array, "3 3"]:
+        """The contact axes: the tangents and the normal, as rows."""
+        return jnp.stack([self.e, cross(self.n, self.e), self.n])
 
 
 class AbstractSurface(AbstractGround):
@@ -85,6 +99,10 @@ class AbstractSurface(AbstractGround):
     the velocity of the ground's matter is ∂p/∂t. And a field ``motion``, a :class:`~jaxball.MovingFrame` that moves
     it as a rigid body, or None. Where the ground has an edge, or its coordinates do not reach all of it, also
     ``reach(t, u1, u2)``; a run ends there with the status ``LEFT_SURFACE``.
+
+
+    With a law of contact the ball may fly, and the piece that is nearest to it is sought: ``nearest`` gives it in
+    closed form, or else ``over`` says where to begin; by default, at the piece that was nearest before.
 
     The coordinates of the contact point are the ``z`` of a ball's state. A disk rolls along the ``section`` of the
     ground by the plane of e1 and e3, about which the ground must be symmetric, and its ``z`` is the coordinate along
@@ -136,7 +154,7 @@ class AbstractSurface(AbstractGround):
 
     def start_conditions(self, t: Time, r: Float[Array, ""], state: Any) -> Iterator[Condition | ExplainedCondition]:
         """A ball must be on the ground, and more curved than it is towards the ball; r is the ball's radius."""
-        on_chart = self._left(t, state.z) > _margin(END_MARGIN, r)
+        on_chart = self._way_to_edge(t, state.z) > _margin(END_MARGIN, r)
         yield Condition(on_chart, "state.z", state.z, ON_CHART)
         fits = jnp.where(on_chart, self.fit(t, r, state.z), 1.0)
         yield Condition(fits > 0, "ground", fits, CURVED)
@@ -144,7 +162,7 @@ class AbstractSurface(AbstractGround):
             aside = self._aside(t, r, state.z)
             yield ExplainedCondition(~(aside > SYMMETRY), lambda: SYMMETRIC)
 
-    def _left(self, t: Time, u: Coordinates) -> Float[Array, ""]:
+    def _way_to_edge(self, t: Time, u: Coordinates) -> Float[Array, ""]:
         """What is left of the ground ahead."""
         both = self.coordinates(u)
         return self.reach(t, both[0], both[1])
@@ -182,6 +200,29 @@ class AbstractSurface(AbstractGround):
             return self
         return eqx.tree_at(lambda surface: surface.motion, self, self.motion.prepare())
 
+    def nearest(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
+        """The coordinates of the piece that is nearest to the point ``x``, before ``motion`` moves both, length.
+
+        It is where ``x`` is on the normal. By default it is sought from ``over`` on, by Newton's method, so that it is
+        the nearest piece thereabouts. Where a surface knows it in closed form, this is overridden; for one on which
+        different coordinates belong to one place, ``near`` are those of a piece that was nearest before.
+        """
+        return nearest(self, t, x, self.over(t, x, near))
+
+    def over(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
+        """The coordinates from which ``nearest`` is sought; by default ``near``."""
+        return near
+
+    @property
+    def follows_foot(self) -> bool:
+        """Whether ``nearest`` has to be sought from pieces that were the nearest before."""
+        kind = type(self)
+        return kind.nearest is AbstractSurface.nearest and kind.over is AbstractSurface.over
+
+    def foot(self, t: Time, c: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
+        """The coordinates of the piece that is nearest to the point ``c``, space axes, length."""
+        return self.nearest(t, c if self.motion is None else self.motion.undo(t, c), near)
+
     def placed(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         """p, where the piece with these coordinates is in space."""
         own = self.point(t, u1, u2)
@@ -189,11 +230,11 @@ class AbstractSurface(AbstractGround):
 
     def normal(self, t: Time, u: Coordinates) -> Float[Array, "3"]:
         """n at the coordinates ``u``, towards the ball, space axes."""
-        return self._contact_at(t, u).n
+        return self._touch_at(t, u).n
 
     def place_of_centre(self, t: Time, r: Float[Array, ""], u: Coordinates) -> Float[Array, "3"]:
         """c = p + r n of a ball of radius ``r`` that touches it at the coordinates ``u``, space axes, length."""
-        contact = self._contact_at(t, u)
+        contact = self._touch_at(t, u)
         return contact.p + r * contact.n
 
     def fit(self, t: Time, r: Float[Array, ""], u: Coordinates) -> Float[Array, ""]:
@@ -211,30 +252,46 @@ class AbstractSurface(AbstractGround):
     def end(self, t: Time, r: Float[Array, ""], u: Coordinates) -> Int[Array, ""]:
         """Whether a ball of radius ``r`` cannot go on from the coordinates ``u``: a status, or SUCCESS if it can."""
         least = _margin(END_MARGIN, r)
-        wedged, left = self.fit(t, r, u) < least, self._left(t, u) < least
+        wedged, left = self.fit(t, r, u) < least, self._way_to_edge(t, u) < least
         status = jnp.where(wedged, int(Status.WEDGED), int(Status.SUCCESS))
         return jnp.where(left, int(Status.LEFT_SURFACE), status)
 
-    def footing(self, t: Time, r: Float[Array, ""], u: Coordinates, omega: Float[Array, "3"]) -> Footing:
+    def footing(
+        self,
+        t: Time,
+        r: Float[Array, ""],
+        u: Coordinates,
+        omega: Float[Array, "3"],
+        V: Float[Array, "3"] | None = None,
+        height: Float[Array, ""] | None = None,
+    ) -> Footing:
         """How it holds a ball of radius ``r`` that turns at ``omega``, space axes, where its coordinates are ``u``.
 
-        Where the ball is not more curved than the ground, or the ground ends, u̇ is NaN, which ends a solve with a
-        status.
+        ``V`` is the velocity of its centre, that of rolling if not given, and ``height`` how far it is above the ground
+        there. Where the ball is not more curved than the ground, or rolls where the ground ends, u̇ is NaN, which ends a
+        solve with a status.
         """
         if not u.ndim:
             return self._footing_along(t, r, u, omega)
         contact, (by_u1, by_u2, by_t) = self._slopes(t, u)
-        chart = _Chart.of(contact.n, by_u1, by_u2, r)
+        reach = r if height is None else r + height
+        chart = _Chart.of(contact.n, by_u1, by_u2, reach)
         rolling = r * cross(omega, contact.n)
-        rates = chart.coordinates(rolling - r * by_t.n)
-        rates = jnp.where(self._left(t, u) > _margin(LEAST_MARGIN, r), rates, jnp.nan)
+        over = rolling if V is None else V - contact.w
+        rates = chart.coordinates(over - reach * by_t.n)
+        if V is None:
+            rates = jnp.where(self._way_to_edge(t, u) > _margin(LEAST_MARGIN, r), rates, jnp.nan)
         # The gradient of w along both tangents, of which the antisymmetric part is the turning of the ground's matter.
         (a, b), tangents = chart.inverse.T, chart.tangents
         along_1, along_2 = by_u1.w * a[0] + by_u2.w * a[1], by_u1.w * b[0] + by_u2.w * b[1]
         about_normal = 0.5 * (dot(tangents[1], along_1) - dot(tangents[0], along_2))
         spin = dot(contact.n, along_2) * tangents[0] - dot(contact.n, along_1) * tangents[1] + about_normal * contact.n
+        normal_rate, tangent_rate = (
+            from_t + from_u1 * rates[0] + from_u2 * rates[1]
+            for from_t, from_u1, from_u2 in ((by_t.n, by_u1.n, by_u2.n), (by_t.e, by_u1.e, by_u2.e))
+        )
         return Footing(
-            centre=contact.p + r * contact.n,
+            centre=contact.p + reach * contact.n,
             foot=contact.p,
             normal=contact.n,
             tangents=tangents,
@@ -242,8 +299,9 @@ class AbstractSurface(AbstractGround):
             spin=spin,
             centre_velocity=contact.w + rolling,
             coordinate_rates=rates,
-            normal_rate=by_t.n + by_u1.n * rates[0] + by_u2.n * rates[1],
+            normal_rate=normal_rate,
             acceleration=by_t.w + by_u1.w * rates[0] + by_u2.w * rates[1],
+            turning=cross(contact.n, normal_rate) + dot(tangents[1], tangent_rate) * contact.n,
         )
 
     def _footing_along(self, t: Time, r: Float[Array, ""], z: Coordinate, omega: Float[Array, "3"]) -> Footing:
@@ -253,8 +311,9 @@ class AbstractSurface(AbstractGround):
         along = by_z.p / length
         tangents = jnp.stack([along, cross(contact.n, along)])
         rolling = r * cross(omega, contact.n)
-        holds = (fit > _margin(LEAST_MARGIN, r)) & (self._left(t, z) > _margin(LEAST_MARGIN, r))
+        holds = (fit > _margin(LEAST_MARGIN, r)) & (self._way_to_edge(t, z) > _margin(LEAST_MARGIN, r))
         rate = jnp.where(holds, dot(along, rolling - r * by_t.n) / (length * fit), jnp.nan)
+        normal_rate = by_t.n + by_z.n * rate
         return Footing(
             centre=contact.p + r * contact.n,
             foot=contact.p,
@@ -264,31 +323,33 @@ class AbstractSurface(AbstractGround):
             spin=-dot(contact.n, by_z.w) / length * tangents[1],
             centre_velocity=contact.w + rolling,
             coordinate_rates=rate,
-            normal_rate=by_t.n + by_z.n * rate,
+            normal_rate=normal_rate,
             acceleration=by_t.w + by_z.w * rate,
+            turning=cross(contact.n, normal_rate),
         )
 
-    def _contact_at(self, t: Time, u: Coordinates) -> _Contact:
+    def _touch_at(self, t: Time, u: Coordinates) -> Touch:
         both = self.coordinates(u)
-        return self._contact(t, both[0], both[1])
+        return self.touch(t, both[0], both[1])
 
-    def _contact(self, t: Time, u1: Coordinate, u2: Coordinate) -> _Contact:
+    def touch(self, t: Time, u1: Coordinate, u2: Coordinate) -> Touch:
+        """The place of a piece, its normal, its velocity and the direction in which u1 grows, space axes."""
         p, along_1 = _derivative(lambda x: self.placed(t, x, u2), u1)
         _, along_2 = _derivative(lambda x: self.placed(t, u1, x), u2)
         _, w = _derivative(lambda x: self.placed(x, u1, u2), t)
-        return _Contact(p, unit_vector(cross(along_1, along_2)), w)
+        return Touch(p, unit_vector(cross(along_1, along_2)), w, unit_vector(along_1))
 
-    def _slopes(self, t: Time, u: Float[Array, "2"]) -> tuple[_Contact, tuple[_Contact, _Contact, _Contact]]:
+    def _slopes(self, t: Time, u: Float[Array, "2"]) -> tuple[Touch, tuple[Touch, Touch, Touch]]:
         """p, n and w, and their derivatives by u1, u2 and t."""
-        contact, by_u1 = _derivative(lambda x: self._contact(t, x, u[1]), u[0])
-        _, by_u2 = _derivative(lambda x: self._contact(t, u[0], x), u[1])
-        _, by_t = _derivative(lambda x: self._contact(x, u[0], u[1]), t)
+        contact, by_u1 = _derivative(lambda x: self.touch(t, x, u[1]), u[0])
+        _, by_u2 = _derivative(lambda x: self.touch(t, u[0], x), u[1])
+        _, by_t = _derivative(lambda x: self.touch(x, u[0], u[1]), t)
         return contact, (by_u1, by_u2, by_t)
 
-    def _slopes_along(self, t: Time, z: Coordinate) -> tuple[_Contact, _Contact, _Contact]:
+    def _slopes_along(self, t: Time, z: Coordinate) -> tuple[Touch, Touch, Touch]:
         """p, n and w at the ``z`` of a disk, and their derivatives by z and t."""
-        contact, by_z = _derivative(lambda x: self._contact_at(t, x), z)
-        _, by_t = _derivative(lambda x: self._contact_at(x, z), t)
+        contact, by_z = _derivative(lambda x: self._touch_at(t, x), z)
+        _, by_t = _derivative(lambda x: self._touch_at(x, z), t)
         return contact, by_z, by_t
 
 
@@ -303,7 +364,7 @@ class _Chart(NamedTuple):
     stretch: Float[Array, "2 2"]
 
     @staticmethod
-    def of(n: Float[Array, "3"], by_u1: _Contact, by_u2: _Contact, r: Float[Array, ""]) -> "_Chart":
+    def of(n: Float[Array, "3"], by_u1: Touch, by_u2: Touch, r: Float[Array, ""]) -> "_Chart":
         first = unit_vector(by_u1.p)
         tangents = jnp.stack([first, cross(n, first)])
         inverse = _inverse(_components(tangents, by_u1.p, by_u2.p))
@@ -333,7 +394,7 @@ def _length(v: Float[Array, "3"]) -> Float[Array, ""]:
     return jnp.sqrt(jnp.sum(v**2))
 
 
-def _stretch(by_z: _Contact, r: Float[Array, ""]) -> Float[Array, ""]:
+def _stretch(by_z: Touch, r: Float[Array, ""]) -> Float[Array, ""]:
     """1 − r κ of the section: how far the centre of a disk moves for a step of its foot."""
     return 1 + r * dot(by_z.n, by_z.p) / jnp.sum(by_z.p**2)
 

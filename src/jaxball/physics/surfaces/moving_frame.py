@@ -79,6 +79,14 @@ class MovingFrame(Printed):
         x = self.pivot + arm
         return x if self.displacement is None else x + self.displacement(t)
 
+    def undo(self, t: Float[Array, ""], x: Float[Array, "3"]) -> Float[Array, "3"]:
+        """The point of the surface that is at ``x`` in space: the inverse of :meth:`place`."""
+        x = x if self.displacement is None else x - self.displacement(t)
+        arm = x - self.pivot
+        for turn in self.turns:
+            arm = apply(turn_about(unit_vector(turn.axis), turn.angle(t)).T, arm)
+        return self.pivot + arm
+
     def conditions(self, name: str) -> Iterator[Condition]:
         """What its numbers must be; ``name`` is what sentences call it."""
         for index, turn in enumerate(self.turns):

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from ...interface.arguments import require, require_flags, require_function
 from ...numerics.arrays import AnyArray, a_number, join_arrays, namespace_of, numbers
 from ...numerics.functions import OfKinkedFunctionOfState
-from ...numerics.vectors import cross, dot, sine_cosine, unit_vector
+from ...numerics.vectors import cross, dot, root, sine_cosine, unit_vector
 from ..conditions import Condition, a_direction, positive
 from ..mechanisms.joints import Accelerated
 from ..motion import AbstractPrescribedMotion
@@ -65,6 +65,9 @@ class HeightField(OfKinkedFunctionOfState, AbstractSurface):
 
     def _height(self, t: Time, x: Coordinate, y: Coordinate) -> Float[Array, ""]:
         return jnp.asarray(self.function(t, x, y, self.parameters), x.dtype)
+
+    def over(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
+        return x[:2]
 
     def kinks(self) -> Float[Array, " kinks"]:
         return join_arrays([self.kink_times, AbstractSurface.kinks(self)])
@@ -143,6 +146,9 @@ class Bowl(AbstractSurface):
     def reach(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, ""]:
         return _to_pole(self.radius, u1, u2)
 
+    def nearest(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
+        return _towards(self.radius, x, 1.0)
+
 
 class SphereOutside(AbstractSurface):
     """The outside of a sphere, whose highest point is the origin.
@@ -175,6 +181,9 @@ class SphereOutside(AbstractSurface):
 
     def reach(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, ""]:
         return _to_pole(self.radius, u1, u2)
+
+    def nearest(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
+        return _towards(self.radius, x, -1.0)
 
 
 class Cylinder(AbstractSurface):
@@ -228,10 +237,25 @@ class Cylinder(AbstractSurface):
         return jnp.where(across, zero, z), jnp.where(across, -jnp.sign(along) * z, zero)
 
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
+        axis, start, across = self._directions
+        sine, cosine = sine_cosine((-u2 if self.outside else u2) / self.radius)
+        return self.centre + u1 * axis + self.radius * (cosine * start + sine * across)
+
+    def nearest(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
+        axis, start, across = self._directions
+        along, ahead, aside = (dot(x - self.centre, direction) for direction in (axis, start, across))
+        off = (ahead != 0) | (aside != 0)
+        arc = self.radius * jnp.arctan2(jnp.where(off, aside, 0.0), jnp.where(off, ahead, 1.0))
+        arc = -arc if self.outside else arc
+        turn = 2 * math.pi * self.radius  # all around
+        return jnp.stack([along, arc + turn * jnp.round(jax.lax.stop_gradient((near[1] - arc) / turn))])
+
+    @property
+    def _directions(self) -> tuple[Float[Array, "3"], Float[Array, "3"], Float[Array, "3"]]:
+        """Unit vectors along the axis, from it to the line where the arc is 0, and around it from there."""
         axis = unit_vector(self.axis)
         start = unit_vector(self.start - dot(self.start, axis) * axis)
-        sine, cosine = sine_cosine((-u2 if self.outside else u2) / self.radius)
-        return self.centre + u1 * axis + self.radius * (cosine * start + sine * cross(axis, start))
+        return axis, start, cross(axis, start)
 
 
 class Paraboloid(AbstractSurface):
@@ -263,6 +287,9 @@ class Paraboloid(AbstractSurface):
 
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         return jnp.stack([u1, u2, 0.5 * (self.curvatures[0] * u1**2 + self.curvatures[1] * u2**2)])
+
+    def over(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
+        return x[:2]
 
 
 class Washboard(AbstractSurface):
@@ -301,6 +328,9 @@ class Washboard(AbstractSurface):
         sine, cosine = sine_cosine(self.heading)
         wave, _ = sine_cosine(2 * math.pi * (u1 * cosine + u2 * sine) / self.wavelength + self.phase)
         return jnp.stack([u1, u2, self.amplitude * wave])
+
+    def over(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
+        return x[:2]
 
 
 class TiltingPlane(AbstractSurface):
@@ -369,6 +399,9 @@ class TiltingPlane(AbstractSurface):
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         return jnp.stack([u1, u2, jnp.zeros_like(u1)])
 
+    def nearest(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
+        return x[:2]
+
     def prepare(self) -> "TiltingPlane":
         parts = (self.about_e1, self.about_e2, self.displacement)
         return eqx.tree_at(
@@ -414,3 +447,13 @@ def _to_pole(R: Float[Array, ""], u1: Coordinate, u2: Coordinate) -> Float[Array
     It is small already where rounding spoils the normal, 1e-3 radians from there.
     """
     return 1 / (1 + (u1**2 + u2**2) / (4 * R**2))
+
+
+def _towards(R: Float[Array, ""], x: Float[Array, "3"], up: float) -> Float[Array, "2"]:
+    """The coordinates of the point of such a sphere that is in the direction of ``x``, seen from its centre."""
+    arm = x.at[2].add(-up * R)
+    down = -up * arm[2]
+    length = root(dot(arm, arm))
+    # The square of tan(φ/2) is (|arm| − down)/(|arm| + down); the pole that no coordinates reach is infinitely far.
+    reach = jnp.maximum(length + down, float(jnp.finfo(R.dtype).eps) * length)
+    return 2 * R * arm[:2] / jnp.where(length > 0, reach, 1.0)

@@ -81,6 +81,7 @@ export class Trail extends Group {
 
   show(k) {
     this.position.fromArray(row(this.body.arrays.moved, k, STILL));
+    this.quaternion.fromArray(row(this.body.arrays.carried, k, UPRIGHT));
     for (const { line, counts } of this.lines) line.geometry.instanceCount = counts[k];
   }
 }

@@ -1,0 +1,101 @@
+"""A body over a surface: where it is in flight, what a solve advances for that, and how far a step may go.
+
+In flight a solve advances the place of the centre in space, along a parabola, in the fields ``z`` and ``height`` of a
+packed state. The piece of the surface that is nearest, and the height over it, follow from the place.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ...numerics.vectors import dot, root
+from ...programs.derivatives.differentiation import without_derivatives
+from ..body import AbstractBody
+from ..surfaces import AbstractSurface
+from .modes import ContactState, Mode
+from .released import position
+
+HEIGHTS = 4  # of a height over a surface, in units of rounding of the place of the body: what is smaller is none
+NEARER = 0.5  # of the distance between the centre and a surface: as far may a step in flight go
+
+
+def surface_under(system: AbstractBody) -> AbstractSurface | None:
+    """The ground of a body, if it is not a plane."""
+    return system.ground if isinstance(system.ground, AbstractSurface) else None
+
+
+def near_to(system: AbstractBody, z: Array, height: Float[Array, "*batch"]) -> Float[Array, "*batch coordinates"]:
+    """``near`` of states of a body that is next to its ground, at ``z``."""
+    return z if surface_under(system) is not None else jnp.zeros((*height.shape, 0), height.dtype)
+
+
+def with_place(system: AbstractBody, t: Float[Array, ""], state: ContactState, packed: ContactState) -> ContactState:
+    """The packed state with the place of the centre, in flight over a surface, instead of ``z`` and the height."""
+    if surface_under(system) is None:
+        return packed
+    where = jnp.where(state.is_in(Mode.FLIGHT), position(system, t, state.released), _fields(state))
+    return _with_fields(packed, where, state.body.z)
+
+
+def with_nearest_piece(system: AbstractBody, t: Float[Array, ""], packed: ContactState) -> ContactState:
+    """The inverse of :func:`with_place`: with the nearest piece of a surface, and the height over it."""
+    surface, r = surface_under(system), system.radius
+    if surface is None:
+        return packed
+
+    def piece_and_height(packed: ContactState) -> Float[Array, "3"]:
+        c = _fields(packed)
+        u = surface.foot(t, c, packed.near)
+        touch = surface.touch(t, u[0], u[1])
+        return jnp.append(u, dot(touch.n, c - touch.p) - r)
+
+    return _with_fields(packed, jax.lax.cond(packed.is_in(Mode.FLIGHT), piece_and_height, _fields, packed), packed.near)
+
+
+def with_rates_of_place(system: AbstractBody, state: ContactState, rates: ContactState) -> ContactState:
+    """The rates of a packed state, from those of the ``state``: in flight over a surface, the place moves with V."""
+    if surface_under(system) is None:
+        return rates
+    return _with_fields(rates, jnp.where(state.is_in(Mode.FLIGHT), state.V, _fields(rates)), rates.near)
+
+
+def with_piece_remembered(system: AbstractBody, t: Float[Array, ""], packed: ContactState) -> ContactState:
+    """In flight, with the nearest piece as that from which the next ones are sought."""
+    u = without_derivatives(with_nearest_piece(system, t, packed)).body.z
+    near = jnp.where(packed.is_in(Mode.FLIGHT) & jnp.all(jnp.isfinite(u)), u, packed.near)
+    return eqx.tree_at(lambda x: x.near, packed, near)
+
+
+def rounding_of_height(system: AbstractBody, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
+    """What rounding may make of the height over a surface, which is that of a difference of places."""
+    if surface_under(system) is None:
+        return jnp.zeros_like(state.height)
+    c, r = jax.lax.stop_gradient((position(system, t, state.released), system.radius))
+    return HEIGHTS * float(jnp.finfo(c.dtype).eps) * (root(dot(c, c)) + r)
+
+
+def longest_flight(system: AbstractBody, t: Float[Array, ""], state: ContactState) -> Float[Array, ""] | Any:
+    """How long a step in flight over a surface may be, so that the body cannot come far nearer to any part of it.
+
+    The flight itself is a parabola, which a step of any length has; but one that goes beyond a hill shows nothing of it
+    at the few times at which its guards are evaluated. Infinite in other modes, and over a plane.
+    """
+    surface = surface_under(system)
+    if surface is None:
+        return jnp.inf
+    touch = surface.touch(t, state.body.z[0], state.body.z[1])
+    v, g = state.V - touch.w, jnp.abs(system.gravity)
+    far = NEARER * (system.radius + jnp.maximum(state.height, 0.0))
+    longest = far / (root(dot(v, v)) + root(2 * g * far))
+    return jax.lax.stop_gradient(jnp.where(state.is_in(Mode.FLIGHT), longest, jnp.inf))
+
+
+def _fields(state: ContactState) -> Float[Array, "3"]:
+    return jnp.append(state.body.z, state.height)
+
+
+def _with_fields(state: ContactState, where: Float[Array, "3"], near: Float[Array, "2"]) -> ContactState:
+    return eqx.tree_at(lambda x: (x.body.z, x.height, x.near), state, (where[:2], where[2], near))
