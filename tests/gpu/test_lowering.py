@@ -9,6 +9,7 @@ import jaxball
 from jaxball import programs
 from jaxball.programs import native
 from jaxball.programs.native import gpu
+from jaxball.programs.store import current
 from jaxball.programs.native.targets.cuda import CudaError
 from jaxball.programs.store import current
 from tests.programs.store.test_programs import Memory
@@ -39,8 +40,9 @@ class Driver(stubs.Driver):
 def driver(monkeypatch):
     stub = Driver()
     monkeypatch.setattr(gpu, "driver", lambda: stub)
-    programs.forget()  # no program of a stub is found by another test, or the other way round
-    yield stub
+    programs.forget()  # no program of a stub is found by another test, or the other way round, or by the next run
+    with current.keep_within(None):
+        yield stub
     programs.forget()
 
 
