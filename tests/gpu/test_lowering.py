@@ -9,7 +9,6 @@ import jaxball
 from jaxball import programs
 from jaxball.programs import native
 from jaxball.programs.native import gpu
-from jaxball.programs.store import current
 from jaxball.programs.native.targets.cuda import CudaError
 from jaxball.programs.store import current
 from tests.programs.store.test_programs import Memory
