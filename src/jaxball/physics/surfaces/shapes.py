@@ -373,7 +373,7 @@ class TiltingPlane(AbstractSurface):
 
     @property
     def motion(self) -> MovingFrame:
-        """Its motion as a rigid body; angles that a law drives are those of :meth:`following`, and 0 without it."""
+        """Its motion as a rigid body; angles that a law drives are those of ``following``, and 0 without it."""
         angles = (((1.0, 0.0, 0.0), self.about_e1), ((0.0, 1.0, 0.0), self.about_e2))
         turns = [Turn(axis, angle) for axis, angle in angles if isinstance(angle, AbstractSchedule)]
         return MovingFrame(turns, self.displacement, self.pivot)
