@@ -125,6 +125,14 @@ def test_a_ball_that_starts_on_the_plane_goes_on():
         np.testing.assert_allclose(run.contact.V, np.tile(run.contact.V[0], (TIMES.size, 1)), atol=CLOSE)
 
 
+def test_states_are_saved_at_kinks():
+    """At the very times at which a push begins and ends, where no step reaches both sides."""
+    lifted = ball(Push((0.0, 0.0, 2.0), 1.5, 0.5))
+    run = jaxball.simulate(lifted, np.array([0.0, 1.5, 2.0, 3.0]), falling(), contact=Contact(0.1), **LIMITS)
+    rate = 2.0 / M
+    np.testing.assert_allclose(run.contact.height[1:], [0.0, rate * 0.125, rate * 0.625], atol=CLOSE)
+
+
 @pytest.mark.long
 def test_a_push_lifts_a_ball_that_has_landed():
     after, omega, _ = after_impact(0.1, 0.0)

@@ -2,11 +2,13 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import jaxball
 from jaxball import programs
 from jaxball.programs.store import current, folder_store as module
 from jaxball.programs.store.folder import Folder
@@ -110,3 +112,8 @@ def test_one_of_two_processes_compiles_and_the_other_loads(tmp_path):
     assert [process.returncode for process in processes] == [0, 0]
     assert sorted(len(words) for words in said) == [1, 2]
     assert said[0][-1] == said[1][-1]
+
+
+def test_a_program_is_identified_by_all_files_of_jaxball():
+    """A program must not outlive a change of an equation of motion, which is in another room."""
+    assert Path(jaxball.__file__).parent == module.OWN

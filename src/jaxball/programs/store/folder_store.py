@@ -19,7 +19,7 @@ from typing import Any
 from .current import LIST
 from .folder import Folder
 
-OWN = Path(__file__).parents[1]
+OWN = Path(__file__).parents[2]  # the package jaxball
 COMPILERS = ("jax", "jaxlib", "numpy")
 # Python packages that may be installed in editable form.
 LIBRARIES = ("equinox", "diffrax", "optimistix", "lineax", "jaxtyping")

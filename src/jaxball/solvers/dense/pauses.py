@@ -44,7 +44,8 @@ class StepAfterPause(diffrax.AbstractLocalInterpolation):
             return self.evaluate(t1, left=left) - self.evaluate(t0, left=left)
         before, until, start = self.pause
         pauses = t0 < start
-        length = jnp.where(pauses, start - self.t0, 1.0)
+        # A step after a kink begins one number behind it, and a time that is asked for may be that of the kink itself.
+        length = jnp.where(start > self.t0, start - self.t0, 1.0)
         on_line = before + ((t0 - self.t0) / length) * (until - before)
         return jnp.where(pauses, on_line, self.step.evaluate(jnp.where(pauses, start, t0), left=left))
 
