@@ -111,3 +111,11 @@ def test_what_is_no_xml_is_refused(robot, capsys):
     (robot / "robot.txt").write_text("a robot")
     assert main(["import", "robot.txt"]) == 2
     assert capsys.readouterr().err.startswith("jaxball: The file must be XML, but it is not")
+
+
+def test_solvers_are_compared_from_a_clone_only(robot, monkeypatch, capsys):
+    from jaxball.cli.commands import bench
+
+    monkeypatch.setattr(bench, "BENCHMARKS", robot / "benchmarks")
+    assert main(["bench", "--list"]) == 2
+    assert capsys.readouterr().err.startswith("jaxball: `jaxball bench` needs jaxball's repository")

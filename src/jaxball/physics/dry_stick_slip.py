@@ -26,7 +26,7 @@ from .hybrid import Record
 from .resistance import TurningMode
 from .rest import begun, needs, resist
 from .state import PlacedState
-from .sticking import largest_frictions, sticking_slots, with_directions
+from .sticking import describe_changes, largest_frictions, sticking_slots, with_directions
 
 OF_TURNING = 2  # guards of rolling and of spinning, before those of the joints
 
@@ -53,12 +53,7 @@ class DryStickSlipSwitches(RestSwitches):
     joints: tuple[str, ...] = eqx.field(static=True)
 
     def words(self, k: int) -> str:
-        before, after = (np.asarray(of)[k] for of in (self.directions_before, self.directions_after))
-        changed = [
-            f"{name} {'sticks' if then == 0 else 'breaks loose' if now == 0 else 'turns back'}"
-            for name, now, then in zip(self.joints, before, after, strict=True)
-            if now != then
-        ]
+        changed = describe_changes(self.joints, self.directions_before[k], self.directions_after[k])
         turned = super().words(k)
         return ", ".join([*([] if turned == "nothing changed" and changed else [turned]), *changed])
 

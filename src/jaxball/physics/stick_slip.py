@@ -21,7 +21,7 @@ from .conditions import Condition, ExplainedCondition, Problem
 from .dynamics import holding_friction
 from .hybrid import AbstractHistory, Record, Switches
 from .state import State
-from .sticking import largest_frictions, release_joints, sticking_slots, with_directions
+from .sticking import describe_changes, largest_frictions, release_joints, sticking_slots, with_directions
 from .system import AbstractState, AbstractSystem
 
 
@@ -56,12 +56,7 @@ class StickSlipSwitches(Switches):
     joints: tuple[str, ...] = eqx.field(static=True)
 
     def words(self, k: int) -> str:
-        before, after = (np.asarray(of)[k] for of in (self.directions_before, self.directions_after))
-        changed = [
-            f"{name} {'sticks' if then == 0 else 'breaks loose' if now == 0 else 'turns back'}"
-            for name, now, then in zip(self.joints, before, after, strict=True)
-            if now != then
-        ]
+        changed = describe_changes(self.joints, self.directions_before[k], self.directions_after[k])
         return ", ".join(changed) or "nothing changed"
 
 

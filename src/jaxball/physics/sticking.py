@@ -5,7 +5,7 @@ directions (``stick_slip``). From a state alone they follow: a joint that moves 
 friction would have to exceed its largest level for that. Directions are in the order of :func:`sticking_slots`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import equinox as eqx
@@ -99,3 +99,14 @@ def release_joints(
     if directions.size == 1:
         return with_one_less(directions)
     return jax.lax.fori_loop(0, directions.size, lambda _, directions: with_one_less(directions), directions)
+
+
+def describe_changes(
+    joints: Sequence[str], before: Float[Array, " joints"], after: Float[Array, " joints"]
+) -> list[str]:
+    """Describes which joints stick, break loose or turn back, by the directions of their slips, 0 where they stick."""
+    return [
+        f"{name} {'sticks' if then == 0 else 'breaks loose' if now == 0 else 'turns back'}"
+        for name, now, then in zip(joints, np.asarray(before), np.asarray(after), strict=True)
+        if now != then
+    ]

@@ -130,9 +130,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
             before, saved, hybrid, seen, watched = carry
             state, until, hybrid = solve.after_reset(before, switching.with_event_if(counts, hybrid))
             new, info, keep, hybrid = solve.advance(state, hybrid)
-            if self.is_over is not None:
-                over = self.is_over(*jax.lax.stop_gradient((new.tprev, new.y)), args)
-                new = dataclasses.replace(new, result=RESULTS.where(keep & over, RESULTS.nonfinite, new.result))
+            new = self._end_if_over(new, keep, args)
             pause = Pause(before.y, until, state.tprev)
             new, *recorded = recorder.record(before.tprev, pause, state, new, info, keep & counts, saved, seen, watched)
             return new, recorded[0], hybrid, *recorded[1:]
@@ -167,6 +165,13 @@ class SolveLoop(diffrax.AbstractAdjoint):
             solve = solve._replace(stepper=stepper_of(Recorded("stages")))
             statistics["found"] = observers.results(seen, t0, first, functools.partial(solve.again, output))
         return state, statistics
+
+    def _end_if_over(self, state: Any, keep: Bool[Array, ""], args: Any) -> Any:
+        """Ends the solve with a step after which the field no longer holds."""
+        if self.is_over is None:
+            return state
+        over = self.is_over(*jax.lax.stop_gradient((state.tprev, state.y)), args)
+        return dataclasses.replace(state, result=RESULTS.where(keep & over, RESULTS.nonfinite, state.result))
 
     def _checkpoints(self, max_steps: int) -> int | None:
         """How many steps are kept for reverse mode.
