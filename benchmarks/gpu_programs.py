@@ -67,7 +67,7 @@ def disks(rows: int) -> tuple[np.ndarray, ...]:
 def throw(V, Omega, height, times=BOUNCES):
     """Flight, impacts, sliding and rolling."""
     thrown = ReleasedState(BallState(Omega=Omega), V=V, height=height)
-    contact = Contact(sliding=0.3, static=0.35, restitution=0.6, slowest=0.05)
+    contact = Contact(friction=0.3, static_friction=0.35, restitution=0.6, slowest=0.05)
     return simulate(jaxball.Ball(**SHELL), times, thrown, contact=contact, max_steps=512)
 
 

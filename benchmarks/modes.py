@@ -53,7 +53,7 @@ def measured(body, rows: int, rounds: int) -> list[dict]:
         return ReleasedState(BallState(q=q, Omega=Omega), V=V, height=height)
 
     def law(sliding, restitution):
-        return Contact(sliding=sliding, restitution=restitution, room=ROOM)
+        return Contact(friction=sliding, restitution=restitution, capacity=ROOM)
 
     random = np.random.default_rng(SEED)
     falls = random.random(rows) < 0.5

@@ -69,7 +69,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         Contact as Contact,
         SmoothedCoulomb as SmoothedCoulomb,
     )
-    from .physics.contact.modes import Cause as Cause, Mode as Mode
+    from .physics.contact.modes import Mode as Mode, SwitchCause as SwitchCause
     from .physics.contact.released import ReleasedState as ReleasedState
     from .physics.feedback import (
         AbstractLaw as AbstractLaw,

@@ -20,7 +20,7 @@ def rocking():
     disk = jaxball.Disk(mass=1.0, inertia=D2, radius=R, gravity=G, offset=(0.0, 0.0, -LOW))
     start = jaxball.DiskState(phi=1e-4, phidot=0.0)
     times = (0.0, 10 * 2 * np.pi / omega)
-    return omega, poincare_map(disk, upright, times, start, rtol=1e-12, atol=1e-16, room=16)
+    return omega, poincare_map(disk, upright, times, start, rtol=1e-12, atol=1e-16, capacity=16)
 
 
 @pytest.mark.slow
@@ -43,4 +43,4 @@ def test_crossings_lie_on_the_section_and_have_one_energy(rocking):
 def test_crossings_without_room_are_counted():
     found = PoincareMap(np.arange(4.0), None, count=10, status=0, reached=5.0, end=5.0)
     assert not found.ok
-    assert found.message.endswith("Of 10 crossings 4 were kept; raise `room` to keep them all.")
+    assert found.message.endswith("Of 10 crossings 4 were kept; raise `capacity` to keep them all.")

@@ -35,7 +35,7 @@ def test_a_run_that_slides(capsys):
     assert "sliding friction dissipated the energy 0.166666666" in printed
     with open("run.json") as file:
         contact = json.load(file)["contact"]
-    assert contact["law"] == {"sliding": 0.25, "static": 0.25}
+    assert contact["law"] == {"friction": 0.25, "static_friction": 0.25}
     assert contact["modes"] == ["sliding"] * 3 + ["rolling"] * 2
     (switch,) = contact["switches"]
     np.testing.assert_allclose(switch["time"], 4 / 3, rtol=1e-9)
@@ -54,11 +54,11 @@ def test_keys_of_the_law(monkeypatch):
     seen = []
 
     def noted(*_, contact, **__):
-        seen.append([float(x) for x in (contact.sliding, contact.static, contact.restitution)])
+        seen.append([float(x) for x in (contact.friction, contact.static_friction, contact.restitution)])
         raise ValueError("This is as far as it goes.")
 
     monkeypatch.setattr("jaxball.simulation.simulate.simulate", noted)
-    for law in ("0.3", "sliding=0.3, static=0.4,restitution=0.5"):
+    for law in ("0.3", "friction=0.3, static_friction=0.4,restitution=0.5"):
         with pytest.raises(ValueError, match="as far as it goes"):
             main(["simulate", "bouncing-ball", "--contact", law])
     assert seen == [[0.3, 0.3, 0.0], [0.3, 0.4, 0.5]]
@@ -68,11 +68,11 @@ REFUSED = {
     "no law": (["thrown.toml"], "Key `initial.velocity` needs a table [contact]"),
     "no number": (
         ["thrown.toml", "--contact", "ice"],
-        'Key `contact.sliding` must be a finite number, but it is "ice".',
+        'Key `contact.friction` must be a finite number, but it is "ice".',
     ),
     "no key": (
-        ["thrown.toml", "--contact", "slidng=0.3"],
-        "Key `contact.slidng` is not known; did you mean `sliding`?",
+        ["thrown.toml", "--contact", "fricton=0.3"],
+        "Key `contact.fricton` is not known; did you mean `friction`?",
     ),
     "no plane": (
         ["heavy-top", "--contact", "0.3"],

@@ -117,7 +117,7 @@ scenario = "disk.toml"
 titel = "x"
 variables = [{ path = "body.mass", lower = 0.5, uper = 2.0 }]
 objectives = [{ kind = "go-farr", weigth = 2.0 }]
-constraints = [{ kind = "friction", mus = 3 }]
+constraints = [{ kind = "friction", frictions = 3 }]
 search = { evaluation = 1 }
 robust = { sample = 1 }
 """
@@ -126,7 +126,7 @@ robust = { sample = 1 }
 def test_mistakes_in_one_part_of_a_problem_do_not_hide_those_in_another(folder, capsys):
     """But for goals and limits, which can be read where the variables can."""
     first = ["titel", "variables[0].uper", "search.evaluation", "robust.sample"]
-    goals = ["objectives[0].weigth", "objectives[0].kind", "constraints[0].mus", "constraints[0].mu"]
+    goals = ["objectives[0].weigth", "objectives[0].kind", "constraints[0].frictions", "constraints[0].friction"]
     right = PROBLEM.replace("uper", "upper").replace('titel = "x"', "")
     for text, named in ((PROBLEM, first), (right, [*first[2:], *goals])):
         (folder / "problem.toml").write_text(text)

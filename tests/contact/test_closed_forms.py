@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import Cause, Contact, Mode, ReleasedState
+from jaxball import Contact, Mode, ReleasedState, SwitchCause
 
 M, R, G, D = 1.3, 0.9, 2.0, 0.6
 K = D / (M * R**2)
@@ -52,7 +52,11 @@ def test_a_homogeneous_ball_slides_in_a_parabola_and_then_rolls(throw):
     switches = run.contact.switches
     assert int(switches.count) == 1
     assert run.ok
-    assert (switches.source[0], switches.target[0], switches.cause[0]) == (Mode.SLIDING, Mode.ROLLING, Cause.STOPS)
+    assert (switches.source[0], switches.target[0], switches.cause[0]) == (
+        Mode.SLIDING,
+        Mode.ROLLING,
+        SwitchCause.STOPS,
+    )
     assert float(switches.times[0]) == pytest.approx(rolls, abs=CLOSE)
     t = TIMES[:, None]
     sliding = V * t - 0.5 * mu * G * sigma * t**2
@@ -143,14 +147,16 @@ def test_heights_of_bounces(e):
     fall = np.sqrt(2 * h / G)
     end = fall * (1 + e) / (1 - e)
     times = np.linspace(0.0, 1.5 * end, 40)
-    run = jaxball.simulate(BALL, times, start((0.0, 0.0, 0.0), height=h), contact=Contact(0.2, restitution=e, room=256))
+    run = jaxball.simulate(
+        BALL, times, start((0.0, 0.0, 0.0), height=h), contact=Contact(0.2, restitution=e, capacity=256)
+    )
     switches = run.contact.switches
     count = int(switches.count)
     n = np.arange(count)
     expected = fall * (1 + 2 * e * (1 - e**n) / (1 - e))
     np.testing.assert_allclose(switches.times[:count], expected, atol=CLOSE)
     assert np.all(switches.source[:count] == Mode.FLIGHT)
-    assert np.all(switches.cause[:count] == Cause.LANDS)
+    assert np.all(switches.cause[:count] == SwitchCause.LANDS)
     assert np.all(switches.target[: count - 1] == Mode.FLIGHT)
     assert switches.target[count - 1] == Mode.ROLLING
     speeds = np.asarray(switches.after.V)[: count - 1, 2]
@@ -257,7 +263,7 @@ def test_the_plane_is_left_when_the_event_finds():
     total, switches = M + m, run.contact.switches
     assert lift == pytest.approx(np.arcsin(total * G / (m * a * w**2)) / w, abs=CLOSE)
     assert float(switches.times[0]) == pytest.approx(lift, abs=CLOSE)
-    assert (switches.source[0], switches.target[0], switches.cause[0]) == (Mode.ROLLING, Mode.FLIGHT, Cause.LIFTS)
+    assert (switches.source[0], switches.target[0], switches.cause[0]) == (Mode.ROLLING, Mode.FLIGHT, SwitchCause.LIFTS)
     flies = (times > lift) & (times < float(switches.times[1]))
     t, drift = times[flies] - lift, a * w * np.cos(w * lift)
     jump = a * (np.sin(w * times[flies]) - np.sin(w * lift))
@@ -277,7 +283,7 @@ def test_a_slip_that_begins_from_rest_takes_what_the_energy_loses():
         offset=(0.2, 0.1, -0.1),
         ground=jaxball.Ground(0.9, 0.3),
     )
-    body, law = jaxball.BallState(q=Q), Contact(sliding=0.35)
+    body, law = jaxball.BallState(q=Q), Contact(friction=0.35)
     fine, released, coarse = (
         jaxball.simulate(ball, TIMES[:9], state, contact=law, rtol=tolerance, atol=tolerance)
         for state, tolerance in ((body, 1e-12), (ReleasedState(body), 1e-12), (body, 1e-8))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import Cause, Contact, ReleasedState
+from jaxball import Contact, ReleasedState, SwitchCause
 from tests.support import slipping_bodies
 
 TOLERANCES = [10.0**-k for k in range(4, 13)]
@@ -60,7 +60,7 @@ def require_close(run, fine, tolerance):
 def test_errors_are_in_proportion_to_the_tolerance(kind, law):
     case = kind()
     fine = simulated(case, law, FINEST)
-    assert Cause.GIVES_WAY in np.asarray(fine.contact.switches.cause)
+    assert SwitchCause.GIVES_WAY in np.asarray(fine.contact.switches.cause)
     for tolerance in TOLERANCES:
         require_close(simulated(case, law, tolerance), fine, tolerance)
 
@@ -111,7 +111,7 @@ def end_of_slip(mu, tolerance, height):
         atol=tolerance,
     )
     switches = run.contact.switches
-    return switches.times[jnp.argmax(switches.cause == Cause.STOPS)]
+    return switches.times[jnp.argmax(switches.cause == SwitchCause.STOPS)]
 
 
 @pytest.mark.long
@@ -169,7 +169,7 @@ def test_an_impact_at_the_start_is_a_switch():
     run = jaxball.simulate(disk, [0.0, 3.0], falling, contact=Contact(0.2, restitution=0.5, slowest=0.2))
     switches = run.contact.switches
     first = switches.cause[0], switches.source[0], switches.target[0]
-    assert first == (Cause.LANDS, jaxball.Mode.FLIGHT, jaxball.Mode.FLIGHT)
+    assert first == (SwitchCause.LANDS, jaxball.Mode.FLIGHT, jaxball.Mode.FLIGHT)
     assert float(switches.times[0]) == 0.0
     lost = np.asarray(switches.lost)[: int(switches.count)]
     np.testing.assert_allclose(np.sum(lost), run.contact.impact_loss[-1], rtol=1e-12)
@@ -182,8 +182,8 @@ def test_a_slip_that_friction_nearly_holds_ends():
     ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.45, 0.5), gravity=9.81, offset=(-0.018, -0.098, 0.171))
     state = jaxball.BallState(q=versor / np.linalg.norm(versor), Omega=(0.732, -0.425, -1.695))
     case = slipping_bodies.Case(ball, ReleasedState(state, V=(-0.48, -0.841, 0.0)), 2.0)
-    law = Contact(sliding=0.112)
+    law = Contact(friction=0.112)
     implicit = simulated(case, law, 1e-11, solver=jaxball.solvers.RadauIIA())
-    assert implicit.contact.switches.cause[:3].tolist() == [Cause.STOPS, Cause.GIVES_WAY, Cause.STOPS]
+    assert implicit.contact.switches.cause[:3].tolist() == [SwitchCause.STOPS, SwitchCause.GIVES_WAY, SwitchCause.STOPS]
     for tolerance in (1e-8, 1e-10):
         require_close(simulated(case, law, tolerance), implicit, tolerance)

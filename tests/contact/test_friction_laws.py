@@ -118,15 +118,15 @@ def test_the_coefficients_of_a_law():
     """Static friction is μ(0) unless it is given, and must not be less."""
     assert float(Contact(Growing(0.1, 0.3)).static) == float(Contact(Growing(0.1, 0.3)).sliding) == 0.1
     assert float(Contact(Growing(0.1, 0.3)).coefficient(jnp.asarray(2.0))) == pytest.approx(0.7)
-    with pytest.raises(ValueError, match=r"`static` must be no less than the coefficient `sliding`"):
-        Contact(Growing(0.1, 0.3), static=0.05)
+    with pytest.raises(ValueError, match=r"`static_friction` must be no less than the coefficient `friction`"):
+        Contact(Growing(0.1, 0.3), static_friction=0.05)
     with pytest.raises(ValueError, match=r"`slope` must be 0 or positive, but it is -1"):
         Contact(Growing(0.1, -1.0))
 
 
 def test_a_law_with_a_change_keeps_its_friction():
     friction = Growing(0.2, 0.1)
-    assert dataclasses.replace(Contact(friction, restitution=0.1), restitution=0.6).law_of_sliding is friction
+    assert dataclasses.replace(Contact(friction, restitution=0.1), restitution=0.6).friction_or_law is friction
 
 
 MU, SMOOTHING = 0.1, 0.05
@@ -207,8 +207,10 @@ def test_the_coefficients_of_smoothed_friction():
     """Half of the fast slip's friction at the speed `smoothing`, and none without slip."""
     contact = Contact(SmoothedCoulomb(0.3, 0.02))
     assert float(contact.coefficient(jnp.asarray(0.02))) == 0.15
-    assert float(contact.sliding) == float(contact.static) == 0.0
-    with pytest.raises(ValueError, match=r"^Argument `sliding.kinetic` must be 0 or positive, but it is -0.3\.$"):
+    assert float(contact.friction) == float(contact.static_friction) == 0.0
+    with pytest.raises(ValueError, match=r"^Argument `friction.kinetic` must be 0 or positive, but it is -0.3\.$"):
         Contact(SmoothedCoulomb(-0.3, 0.02))
-    with pytest.raises(ValueError, match=r"^Argument `sliding.smoothing` must be a positive number, but it is 0\.0\.$"):
+    with pytest.raises(
+        ValueError, match=r"^Argument `friction.smoothing` must be a positive number, but it is 0\.0\.$"
+    ):
         Contact(SmoothedCoulomb(0.3, 0.0))

@@ -26,7 +26,7 @@ def thrown_balls():
         return ReleasedState(BallState(q=q, Omega=Omega), V=V, height=height)
 
     def law(sliding, restitution):
-        return Contact(sliding=sliding, restitution=restitution, room=64)
+        return Contact(friction=sliding, restitution=restitution, capacity=64)
 
     balls = jax.vmap(lambda offset: eqx.tree_at(lambda ball: ball.offset, paper, offset))(0.1 * offset)
     laws = jax.vmap(law)(random.uniform(0.02, 0.8, ROWS), random.choice([0.0, 0.3], ROWS))

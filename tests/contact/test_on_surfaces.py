@@ -11,7 +11,6 @@ from jaxball import (
     Ball,
     BallState,
     Bowl,
-    Cause,
     ConstantRate,
     Contact,
     Cylinder,
@@ -28,6 +27,7 @@ from jaxball import (
     Pulse,
     ReleasedState,
     SphereOutside,
+    SwitchCause,
     TiltingPlane,
     Turn,
     Turntable,
@@ -90,8 +90,8 @@ def test_a_ball_slips_before_it_leaves_a_sphere(mu):
 
     With y = φ̇² along φ, L = R + r and N = m (g cos φ − L y), sliding is y′ = 2 (g sin φ − μN/m)/L, which is linear.
     """
-    run = off_sphere(sliding=mu)
-    assert [int(x) for x in run.contact.switches.cause[:2]] == [Cause.GIVES_WAY, Cause.LIFTS]
+    run = off_sphere(friction=mu)
+    assert [int(x) for x in run.contact.switches.cause[:2]] == [SwitchCause.GIVES_WAY, SwitchCause.LIFTS]
     assert int(run.contact.switches.count) == 2
     slips = brentq(lambda x: 2 * np.sin(x) - mu * (17 * np.cos(x) - 10 * np.cos(PHI)), PHI, 1.5)
     # y = A exp(2μφ) + B cos φ + C sin φ
@@ -110,7 +110,7 @@ def test_a_ball_slips_before_it_leaves_a_sphere(mu):
 
 @pytest.mark.thorough
 def test_a_ball_without_friction_leaves_a_sphere_at_two_thirds():
-    run = off_sphere(sliding=0.0)
+    run = off_sphere(friction=0.0)
     assert int(run.contact.switches.count) == 1
     np.testing.assert_allclose(np.cos(angles(run)), 2 / 3 * np.cos(PHI), atol=CLOSE)
     require_parabola(run)
@@ -119,7 +119,7 @@ def test_a_ball_without_friction_leaves_a_sphere_at_two_thirds():
 @pytest.mark.thorough
 def test_a_ball_with_great_friction_rolls_off_a_sphere():
     """In the limit, at cos φ = (10/17) cos φ₀."""
-    run = off_sphere(sliding=1.0, static=1e9)
+    run = off_sphere(friction=1.0, static_friction=1e9)
     np.testing.assert_allclose(np.cos(angles(run)), 10 / 17 * np.cos(PHI), atol=1e-7)
     require_parabola(run)
 
@@ -302,7 +302,7 @@ def test_a_plate_that_goes_down_too_fast_throws_a_ball_up():
 
     lands = next(s for s in np.linspace(0.05, 1.0, 200) if gap(s) < 0)
     np.testing.assert_allclose(switches.times[1] - lifts, brentq(gap, lands - 0.005, lands, xtol=1e-13), atol=CLOSE)
-    assert [int(x) for x in switches.cause[:2]] == [Cause.LIFTS, Cause.LANDS]
+    assert [int(x) for x in switches.cause[:2]] == [SwitchCause.LIFTS, SwitchCause.LANDS]
     np.testing.assert_allclose(run.contact.height[1], gap(0.05), atol=CLOSE)
 
 

@@ -11,44 +11,44 @@ from jaxball.ensemble import simulate_ensemble
 TIMES = [0.0, 1.0]
 BALL = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), radius=1.0, gravity=9.81)
 DISK = Disk(mass=1.0, inertia=0.5)
-LAW = Contact(sliding=0.3)
+LAW = Contact(friction=0.3)
 THROWN = ReleasedState(BallState(), V=(1.0, 0.0, 0.0))
 SENTENCES = {
     "negative friction": (
-        lambda: Contact(sliding=-0.1),
-        "Argument `sliding` must be 0 or positive, but it is -0.1.",
+        lambda: Contact(friction=-0.1),
+        "Argument `friction` must be 0 or positive, but it is -0.1.",
     ),
     "a rebound that creates energy": (
-        lambda: Contact(sliding=0.3, restitution=1.2),
+        lambda: Contact(friction=0.3, restitution=1.2),
         "Argument `restitution` must be from 0 to 1, or impacts would create energy, but it is 1.2.",
     ),
     "static friction below that of sliding": (
-        lambda: Contact(sliding=0.3, static=0.2),
-        "Argument `static` must be no less than the coefficient `sliding`, because friction cannot be larger on a body "
-        "that slips, but it is 0.2.",
+        lambda: Contact(friction=0.3, static_friction=0.2),
+        "Argument `static_friction` must be no less than the coefficient `friction`, because friction cannot be larger "
+        "on a body that slips, but it is 0.2.",
     ),
     "bounces without end": (
-        lambda: Contact(sliding=0.3, slowest=0.0),
+        lambda: Contact(friction=0.3, slowest=0.0),
         "Argument `slowest` must be a positive number, or bounces would never end, but it is 0.0.",
     ),
-    "no room": (lambda: Contact(sliding=0.3, room=0), "Argument `room` must be 1 or more, but it is 0."),
+    "no capacity": (lambda: Contact(friction=0.3, capacity=0), "Argument `capacity` must be 1 or more, but it is 0."),
     "a slip without a law": (
         lambda: simulate(BALL, TIMES, THROWN),
         "Argument `contact` must be given where `state` is a ReleasedState, because a body that may slip or fly needs "
-        "a law of friction and impact, such as Contact(sliding=0.3), but it is None.",
+        "a law of friction and impact, such as Contact(friction=0.3), but it is None.",
     ),
     "an ensemble of slips without a law": (
         lambda: simulate_ensemble(BALL, TIMES, THROWN),
         "Argument `contact` must be given where `state` is a ReleasedState, because a body that may slip or fly needs "
-        "a law of friction and impact, such as Contact(sliding=0.3), but it is None.",
+        "a law of friction and impact, such as Contact(friction=0.3), but it is None.",
     ),
     "a coefficient for a law": (
         lambda: simulate(BALL, TIMES, THROWN, contact=0.3),
-        "Argument `contact` must be a Contact, such as Contact(sliding=0.3), but it is 0.3.",
+        "Argument `contact` must be a Contact, such as Contact(friction=0.3), but it is 0.3.",
     ),
     "many laws": (
         lambda: simulate(BALL, TIMES, THROWN, contact=jax.vmap(Contact)(jnp.array([0.1, 0.3]))),
-        "Argument `contact` must be one law, with `sliding` of shape (), but its shape is (2,); for many runs use "
+        "Argument `contact` must be one law, with `friction` of shape (), but its shape is (2,); for many runs use "
         "jax.vmap or jaxball.ensemble.simulate_ensemble.",
     ),
     "many throws": (

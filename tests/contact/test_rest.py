@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import Ball, BallState, Cause, Contact, Disk, DiskState, Ground, Mode, ReleasedState, Resistance
+from jaxball import Ball, BallState, Contact, Disk, DiskState, Ground, Mode, ReleasedState, Resistance, SwitchCause
 from jaxball.ensemble import simulate_ensemble
 
 G, M, R, C, MU, SPEED, ALPHA = 9.81, 2.0, 0.3, 0.02, 0.2, 3.0, 0.3
@@ -119,7 +119,7 @@ def test_backspin_that_friction_turns_round_while_the_ball_slides():
     slides = turns + 2 * (v - MU * G * turns) / ((7 * MU - 5 * C) * G)
     stops = slides + 7 * (v - MU * G * slides) / (5 * C * G)
     np.testing.assert_allclose(run.switches.times[:3], [turns, slides, stops], rtol=1e-9)
-    causes = [Cause.ROLLING_ENDS, Cause.STOPS, Cause.ROLLING_ENDS]
+    causes = [SwitchCause.ROLLING_ENDS, SwitchCause.STOPS, SwitchCause.ROLLING_ENDS]
     np.testing.assert_array_equal(run.contact.switches.cause[:3], causes)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import Cause, Contact, Mode, ReleasedState
+from jaxball import Contact, Mode, ReleasedState, SwitchCause
 from jaxball.control import Push
 from jaxball.ensemble import simulate_ensemble
 
@@ -151,7 +151,7 @@ def test_a_slip_that_ends_at_the_threshold_is_followed_by_rolling(name):
         run = jaxball.simulate(slope, [0.0, 2 * stops], thrown, contact=Contact(mu), rtol=1e-11, atol=1e-11)
         switches = run.contact.switches
         assert int(switches.count) == 1
-        assert (switches.target[0], switches.cause[0]) == (Mode.ROLLING, Cause.STOPS)
+        assert (switches.target[0], switches.cause[0]) == (Mode.ROLLING, SwitchCause.STOPS)
         assert float(switches.times[0]) == pytest.approx(stops, rel=1e-9)
         slides, rolls = G * (np.sin(angle) + mu * np.cos(angle)), G * np.sin(angle) / (1 + SHARES[name])
         expected = -up * stops + 0.5 * slides * stops**2 + (slides * stops - up) * stops + 0.5 * rolls * stops**2
@@ -206,7 +206,7 @@ def test_friction_gives_way_at_the_start_of_a_push(name):
     growth, decay = push / M - MU * G * (1 + 1 / k), MU * G * (1 + 1 / k)
     stops = start + 0.5 + growth * 0.5 / decay
     switches = run.contact.switches
-    assert switches.cause[: int(switches.count)].tolist() == [Cause.GIVES_WAY, Cause.STOPS]
+    assert switches.cause[: int(switches.count)].tolist() == [SwitchCause.GIVES_WAY, SwitchCause.STOPS]
     np.testing.assert_allclose(switches.times[:2], [start, stops], atol=1e-9)
     assert not np.any(switches.grazing[:2])
     # The momentum about a line in the plane is that of the push.
@@ -237,7 +237,7 @@ def test_a_push_lifts_the_body_at_its_start(name):
     start, push, T = 0.7, 30.0, 1.25
     run = pushed(name, (0.0, 0.0, push), start, T)
     switches, rise = run.contact.switches, push / M - G
-    assert (switches.cause[0], switches.target[0]) == (Cause.LIFTS, Mode.FLIGHT)
+    assert (switches.cause[0], switches.target[0]) == (SwitchCause.LIFTS, Mode.FLIGHT)
     assert float(switches.times[0]) == pytest.approx(start, abs=1e-12)
     later = T - start - 0.5
     height = 0.5 * rise * 0.5**2 + 0.5 * rise * later - 0.5 * G * later**2

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import BallState, Cause, Contact, Mode, ReleasedState
+from jaxball import BallState, Contact, Mode, ReleasedState, SwitchCause
 from jaxball.control import Push
 from jaxball.ensemble import simulate_ensemble
 
@@ -51,7 +51,7 @@ def require_at_rest_on_the_plane(run, V, omega, mode):
     landed = TIMES > HEIGHT
     assert run.ok
     assert int(run.contact.switches.count) == 1
-    assert (run.contact.switches.cause[0], run.contact.switches.target[0]) == (Cause.LANDS, mode)
+    assert (run.contact.switches.cause[0], run.contact.switches.target[0]) == (SwitchCause.LANDS, mode)
     assert float(run.contact.switches.times[0]) == pytest.approx(HEIGHT, abs=CLOSE)
     np.testing.assert_array_equal(np.asarray(run.contact.height)[landed], 0.0)
     np.testing.assert_allclose(np.asarray(run.contact.V)[landed], np.tile(V, (landed.sum(), 1)), atol=CLOSE)
@@ -141,7 +141,7 @@ def test_a_push_lifts_a_ball_that_has_landed():
     run = jaxball.simulate(lifted, TIMES, falling(), contact=Contact(0.1), **LIMITS)
     switches, t = run.contact.switches, TIMES - start
     assert run.ok
-    assert switches.cause[: int(switches.count)].tolist() == [Cause.LANDS, Cause.LIFTS]
+    assert switches.cause[: int(switches.count)].tolist() == [SwitchCause.LANDS, SwitchCause.LIFTS]
     np.testing.assert_allclose(switches.times[:2], [HEIGHT, start], atol=CLOSE)
     pushes = np.clip(t, 0.0, lasts)
     height = push / M * (0.5 * pushes**2 + pushes * (np.maximum(t, 0.0) - pushes))
@@ -165,8 +165,8 @@ def test_a_push_against_the_plane_brakes_a_ball_that_slides():
         brakes, switches = min(stops, lasts), run.contact.switches
         assert run.ok
         assert switches.cause[: int(switches.count)].tolist() == [
-            Cause.LANDS,
-            *([Cause.STOPS] if stops < lasts else []),
+            SwitchCause.LANDS,
+            *([SwitchCause.STOPS] if stops < lasts else []),
         ]
         impulse = -mu * push * brakes * slip / speed
         np.testing.assert_allclose(run.contact.V[-1], after + impulse / M, atol=CLOSE)

@@ -125,7 +125,7 @@ def crossing(system, t, state):
 def test_events_have_first_derivatives_alone():
     def time(w):
         start = RigidBodyState(Omega=jnp.stack([w, jnp.zeros_like(w), jnp.full_like(w, 1.5)]))
-        body, events = FreeRigidBody(inertia=INERTIA), {"crossing": Event(crossing, room=1)}
+        body, events = FreeRigidBody(inertia=INERTIA), {"crossing": Event(crossing, capacity=1)}
         run = simulate(body, [0.0, END], start, events=events, adjoint=diffrax.ForwardMode(), max_steps=64)
         return run.events["crossing"].times[0]
 

@@ -46,7 +46,7 @@ def turned(system, t, state):
     return state.q[2] ** 2 - 1e-6
 
 
-EVENTS = {"lift": Detachment(), "slip": Slip(0.2, terminal=False), "turn": Event(turned, room=4)}
+EVENTS = {"lift": Detachment(), "slip": Slip(0.2, terminal=False), "turn": Event(turned, capacity=4)}
 
 
 def outcome(p, adjoint):

@@ -291,7 +291,7 @@ def test_while_a_body_slides():
     def reached(p):
         disk = jaxball.Disk(mass=1.0, inertia=0.5, force=jaxball.FunctionForce(until, p))
         start = jaxball.ReleasedState(jaxball.DiskState(), V=(1.0, 0.0, 0.0))
-        return jaxball.simulate(disk, (0.0, T), start, contact=jaxball.Contact(sliding=0.0)).state.z[-1]
+        return jaxball.simulate(disk, (0.0, T), start, contact=jaxball.Contact(friction=0.0)).state.z[-1]
 
     assert abs(jaxball.jit(jax.grad(reached))(P) - F * (T - P)) < BOUND
 

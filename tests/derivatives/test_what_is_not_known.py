@@ -69,7 +69,7 @@ def far_away(system, t, state):
     return state.z[0] - 100.0
 
 
-EVENTS = {"far": Event(far_away, room=2), "post": Event(at_the_post, room=2)}
+EVENTS = {"far": Event(far_away, capacity=2), "post": Event(at_the_post, capacity=2)}
 
 
 @pytest.fixture(scope="module", params=[None, diffrax.ForwardMode()], ids=["reverse", "forward"])

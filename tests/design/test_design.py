@@ -45,8 +45,8 @@ place = [2.0, 0.5]
 
 [[constraints]]
 kind = "within"
-low = [-1.0, -1.0]
-high = [1.5, 5.0]
+lower = [-1.0, -1.0]
+upper = [1.5, 5.0]
 
 [search]
 starts = 2
@@ -186,7 +186,7 @@ def test_the_gradient_is_right_to_the_solver():
         (("mass = 1.0", "mass = -1.0"), "body.mass"),
         (("format = 1", "format = 2"), "format"),
         (("place = [2.0, 0.5]", "plaice = [2.0, 0.5]"), "did you mean `place`"),
-        (("high = [1.5, 5.0]", "high = [1.5, -5.0]"), r"constraints\[0\]\.high.* above `low`"),
+        (("upper = [1.5, 5.0]", "upper = [1.5, -5.0]"), r"constraints\[0\]\.upper.* above `lower`"),
     ],
 )
 def test_errors_of_problem_files_name_the_key(change, words):

@@ -70,7 +70,7 @@ def test_a_place_of_a_disk_is_one_number():
             constrained('kind = "clear-of-obstacles"\ncentres = [[1.0, 0.5]]\nradii = [0.2]'),
             r"constraints\[0\]\.centres",
         ),
-        (constrained('kind = "within"\nlow = [-1.0, -1.0]\nhigh = 1.0'), r"constraints\[0\]\.low"),
+        (constrained('kind = "within"\nlower = [-1.0, -1.0]\nupper = 1.0'), r"constraints\[0\]\.lower"),
     ],
 )
 def test_what_no_disk_can_reach_is_refused_by_its_key(wanted, key):
@@ -87,7 +87,7 @@ def test_what_no_disk_can_reach_is_refused_by_its_key(wanted, key):
         'kind = "largest-distance"\ncurve = { kind = "through", points = [0.0, 1.0] }',
         'kind = "avoid-obstacles"\ncentres = [1.0]\nradii = [0.2]',
         constrained('kind = "clear-of-obstacles"\ncentres = [1.0]\nradii = [0.2]'),
-        constrained('kind = "within"\nlow = -1.0\nhigh = 1.0'),
+        constrained('kind = "within"\nlower = -1.0\nupper = 1.0'),
     ],
 )
 def test_what_a_disk_can_reach_is_not(wanted):
@@ -151,7 +151,7 @@ def test_a_ball_may_go_anywhere():
 @pytest.mark.thorough
 def test_a_disk_within_a_range():
     """z = 0.4 t, beyond −1 by nothing and beyond 0.6 by 0.2 at t = 2, in radii."""
-    found = of_disk(constrained('kind = "within"\nlow = -1.0\nhigh = 0.6'))
+    found = of_disk(constrained('kind = "within"\nlower = -1.0\nupper = 0.6'))
     run = found.run(jnp.asarray(found.space.start))
     seen = eqx.filter_jit(found.constraints["within"])(run)
     t = np.linspace(0.0, 2.0, 5)

@@ -35,13 +35,13 @@ place = [{PLACE}, 0.0]
 
 [[constraints]]
 kind = "within"
-low = [-9.0, -9.0]
-high = [9.0, 9.0]
+lower = [-9.0, -9.0]
+upper = [9.0, 9.0]
 
 [[constraints]]
 kind = "within"
-low = [-1.0, -1.0]
-high = [1.0, 1.0]
+lower = [-1.0, -1.0]
+upper = [1.0, 1.0]
 
 [robust]
 count = {COUNT}

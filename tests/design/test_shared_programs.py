@@ -28,7 +28,7 @@ PROBLEM = {
             "weight": 0.5,
         },
     ],
-    "constraints": [{"kind": "friction", "mu": 0.3}, {"kind": "rails-inside", "clearance": 0.05}],
+    "constraints": [{"kind": "friction", "friction": 0.3}, {"kind": "rails-inside", "clearance": 0.05}],
     "robust": {"count": 2, "masses": 0.01, "offset": 0.02},
 }
 FIXED = re.compile(r"format|count|saves|versor|[ra]tol")

@@ -34,13 +34,13 @@ place = [0.3, 0.4]
 
 [[constraints]]
 kind = "within"
-low = [0.5, -1.0]
-high = [1.0, 1.0]
+lower = [0.5, -1.0]
+upper = [1.0, 1.0]
 
 [[constraints]]
 kind = "within"
-low = [-1.0, -1.0]
-high = [-0.25, 1.0]
+lower = [-1.0, -1.0]
+upper = [-0.25, 1.0]
 """
 
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import Ball, BallState, Cause, Contact, Mode, ReleasedState, Status, simulate
+from jaxball import Ball, BallState, Contact, Mode, ReleasedState, Status, SwitchCause, simulate
 from jaxball.ensemble import REDUCTIONS, simulate_ensemble
 
 TIMES = np.linspace(0.0, 2.0, 9)
 FOUND = {name: REDUCTIONS[name] for name in ("least_normal_force", "friction_needed", "energy_drift")}
 # Those of several tests, so that they share a program.
-BLOCK = {"lanes": 16, "block": 64, "reductions": FOUND, "max_steps": 4000}
+BLOCK = {"lanes": 16, "chunk": 64, "reductions": FOUND, "max_steps": 4000}
 G = 9.81
 
 
@@ -42,7 +42,7 @@ def thrown(q, Omega, V, height):
 
 
 def contact(sliding, static, restitution):
-    return Contact(sliding=sliding, static=static, restitution=restitution, room=48)
+    return Contact(friction=sliding, static_friction=static, restitution=restitution, capacity=48)
 
 
 def built(rows):
@@ -151,7 +151,7 @@ def test_what_rows_share_may_be_given_once():
     system, state, law = jax.tree.map(lambda leaf: leaf[:6], built(rows))
     first = jax.tree.map(lambda leaf: leaf[0], (system, law))
     shared = simulate_ensemble(first[0], TIMES, state, contact=first[1], in_axes=(None, 0), **BLOCK).trajectory
-    assert np.all(shared.contact.law.sliding == first[1].sliding)
+    assert np.all(shared.contact.law.friction == first[1].friction)
     for a, b in zip(jax.tree.leaves(shared.state), jax.tree.leaves(many.trajectory.state), strict=True):
         np.testing.assert_allclose(a[0], b[0], rtol=0, atol=5e-8)
 
@@ -203,7 +203,7 @@ def assert_possible(rows, many):
     assert np.all(many.reductions["least_normal_force"] > -1e-6 * energy)
     assert np.all(np.asarray(run.contact.height) >= -1e-8)
     # Where a body lifts, both forces are rounding.
-    lifts = np.any(np.asarray(run.contact.switches.cause) == Cause.LIFTS, axis=1)
+    lifts = np.any(np.asarray(run.contact.switches.cause) == SwitchCause.LIFTS, axis=1)
     assert np.all(lifts | (np.asarray(many.reductions["friction_needed"]) <= static * (1 + 1e-6)))
     assert np.all(np.abs(many.reductions["energy_drift"]) < 1e-6 * energy)
     rolling = np.asarray(run.contact.mode) == Mode.ROLLING
@@ -221,4 +221,4 @@ def test_no_row_does_what_no_body_can():
 def test_no_row_of_many_does_what_no_body_can():
     for seed in range(1, 26):
         rows = random_rows(4000, seed)
-        assert_possible(rows, ensemble(rows, lanes=64, block=2000))
+        assert_possible(rows, ensemble(rows, lanes=64, chunk=2000))

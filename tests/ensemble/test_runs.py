@@ -29,7 +29,7 @@ from jaxball.solvers import NDF, Adams, Gauss, RadauIIA
 RUNS = 40
 TIMES = np.linspace(0.0, 5.0, 6)
 # Those of several tests, so that they share a program.
-SMALL = {"lanes": 4, "block": 6, "max_steps": 200}
+SMALL = {"lanes": 4, "chunk": 6, "max_steps": 200}
 
 
 def stacked(items):

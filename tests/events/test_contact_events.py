@@ -222,10 +222,12 @@ def test_what_is_no_coefficient_of_friction(mu):
 
 
 def test_a_traced_coefficient_is_not_looked_at():
-    assert jax.eval_shape(Slip, jax.ShapeDtypeStruct((), jnp.float64)).room == 8
+    assert jax.eval_shape(Slip, jax.ShapeDtypeStruct((), jnp.float64)).capacity == 8
 
 
-@pytest.mark.parametrize("make", [lambda: Slip(0.3, room=0), lambda: Detachment(room=0)], ids=["slip", "detachment"])
+@pytest.mark.parametrize(
+    "make", [lambda: Slip(0.3, capacity=0), lambda: Detachment(capacity=0)], ids=["slip", "detachment"]
+)
 def test_events_without_room(make):
-    with pytest.raises(ValueError, match="Argument `room` must be 1 or more, but it is 0"):
+    with pytest.raises(ValueError, match="Argument `capacity` must be 1 or more, but it is 0"):
         make()

@@ -77,8 +77,8 @@ PLACES = {
 RIPPLES = {ripples: np.pi / 6000 * np.arange(1, 3820)}
 
 
-def run(functions, tolerance, room):
-    events = {of.__name__: Event(of, room=room) for of in functions}
+def run(functions, tolerance, capacity):
+    events = {of.__name__: Event(of, capacity=capacity) for of in functions}
     return simulate(DISK, [0.0, END], START, events=events, rtol=tolerance, atol=tolerance)
 
 
@@ -115,7 +115,7 @@ def test_swings_that_fill_a_run_do_not_look_like_a_constant(tolerance):
     """sin(w z) has ⌊2 w/π⌋ zeros, up to 119 in each of the longest pieces; a sample of 8 tells nothing of them."""
 
     def counts(w):
-        waves = Event(lambda disk, t, state: jnp.sin(w * state.z), room=1)
+        waves = Event(lambda disk, t, state: jnp.sin(w * state.z), capacity=1)
         found = simulate(DISK, [0.0, END], START, events={"waves": waves}, rtol=tolerance, atol=tolerance)
         return found.events["waves"].count, found.events["waves"].unresolved
 

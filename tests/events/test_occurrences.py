@@ -47,7 +47,7 @@ START = RigidBodyState(Omega=(0.4, 0.0, 1.5))
 SECTIONS = {
     "middle": Event(middle),
     "up": Event(middle, direction=1),
-    "down": Event(middle, direction=-1, room=2),
+    "down": Event(middle, direction=-1, capacity=2),
     "between": Event(between),
     "late": Event(late),
 }
@@ -122,7 +122,7 @@ def test_sentences(runs):
         "It never happened: its function was between -50 and -38, and did not cross zero in the direction asked for."
     )
     assert events["middle"].message.startswith(f"It happened {len(zeros())} times, first at t = ")
-    few = Event(middle, room=1)
+    few = Event(middle, capacity=1)
     assert (
         "the first 1 are kept"
         in simulate(FreeRigidBody(inertia=INERTIA), TIMES, START, events={"few": few}).events["few"].message
@@ -147,7 +147,7 @@ def time_of_first_crossing(adjoint):
             FreeRigidBody(inertia=INERTIA),
             TIMES,
             RigidBodyState(Omega=jnp.stack([w, jnp.zeros_like(w), jnp.full_like(w, 1.5)])),
-            events={"middle": Event(middle, room=4)},
+            events={"middle": Event(middle, capacity=4)},
             adjoint=adjoint,
             max_steps=256,
         )
@@ -204,7 +204,7 @@ class TestArguments:
         ("make", "sentence"),
         [
             (lambda: Event(middle, direction=2), "`direction` must be 1, -1 or 0, but it is 2"),
-            (lambda: Event(middle, room=0), "`room` must be 1 or more, but it is 0"),
+            (lambda: Event(middle, capacity=0), "`capacity` must be 1 or more, but it is 0"),
         ],
     )
     def test_what_an_event_can_be(self, make, sentence):

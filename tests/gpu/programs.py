@@ -50,7 +50,7 @@ def disk(**options: Any) -> Callable[[Any], Any]:
 
 def sliding(friction: Any) -> Any:
     start = DiskState(phidot=-3.0)
-    contact = Contact(sliding=friction)
+    contact = Contact(friction=friction)
     masses = [PointMass(0.5, OnRail(Circle(0.6), Pulse(0.8, height=4.0)))]
     return simulate(Disk(mass=1.0, inertia=0.5, masses=masses), jnp.linspace(0.0, END, 4), start, contact=contact)
 

@@ -172,7 +172,7 @@ def test_dry_friction_of_a_joint_comes_back():
 def test_a_body_that_starts_by_rolling_always_rolls():
     text = to_mjcf(load_scenario("three-rotors")).text
     assert from_mjcf(text).contact is None
-    assert float(from_mjcf(text, contact=True).contact.sliding) == 1.0
+    assert float(from_mjcf(text, contact=True).contact.friction) == 1.0
 
 
 def differences(first, second):
@@ -273,6 +273,6 @@ def test_what_mjcf_cannot_express_is_refused_by_name(name, sentence):
 
 def test_friction_that_depends_on_the_slip_speed_is_refused():
     with pytest.raises(
-        MJCFError, match=r"`contact.sliding` must be a number .*, but it is a SmoothedCoulomb; give its"
+        MJCFError, match=r"`contact.friction` must be a number .*, but it is a SmoothedCoulomb; give its"
     ):
         to_mjcf(load_scenario("tippe-top"))

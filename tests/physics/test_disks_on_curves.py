@@ -357,4 +357,4 @@ def test_across_the_plane_a_ground_may_be_curved_as_it_likes():
 
 def test_slip_is_for_planes():
     with pytest.raises(TypeError, match="for a disk on a surface"):
-        simulate(Disk(**SOLID, ground=Bowl(1.0)), [0.0, 1.0], contact=Contact(sliding=0.3))
+        simulate(Disk(**SOLID, ground=Bowl(1.0)), [0.0, 1.0], contact=Contact(friction=0.3))

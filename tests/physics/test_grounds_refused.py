@@ -66,13 +66,13 @@ def test_ground_that_folds_on_the_way():
     ("make", "error", "says"),
     [
         (
-            lambda: simulate(Disk(mass=1.0, inertia=0.5, ground=Bowl(3.0)), [0.0, 1.0], contact=Contact(sliding=0.3)),
+            lambda: simulate(Disk(mass=1.0, inertia=0.5, ground=Bowl(3.0)), [0.0, 1.0], contact=Contact(friction=0.3)),
             TypeError,
             "for a disk on a surface, which is known to roll only",
         ),
         (
             lambda: simulate(
-                rolling(resistance=Resistance(exact=True, dry=0.1)), [0.0, 1.0], contact=Contact(sliding=0.3)
+                rolling(resistance=Resistance(exact=True, dry=0.1)), [0.0, 1.0], contact=Contact(friction=0.3)
             ),
             TypeError,
             "rest beside slip and flight is known on planes only",

@@ -57,6 +57,6 @@ def thrown_trajectory():
     """A homogeneous ball that is thrown with backspin: it bounces from t = 1 on, slides, and rolls at the end."""
     ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4))
     thrown = jaxball.ReleasedState(jaxball.BallState(Omega=(0.0, -8.0, 0.0)), V=(2.0, 0.5, 0.0), height=0.5)
-    contact = jaxball.Contact(sliding=0.3, static=0.35, restitution=0.6, slowest=0.05)
+    contact = jaxball.Contact(friction=0.3, static_friction=0.35, restitution=0.6, slowest=0.05)
     times = np.linspace(0.0, 11.0, 111)
     return jaxball.simulate(ball, times, thrown, contact=contact, rtol=1e-8, atol=1e-8)

@@ -162,7 +162,7 @@ def test_a_piece_has_a_break_where_another_mode_is_between(thrown_trajectory):
 
 @pytest.mark.thorough
 def test_modes_after_the_last_switch_that_is_kept_are_those_of_the_saved_times(thrown_trajectory, landed):
-    few = Contact(0.3, 0.35, 0.6, 0.05, room=2)
+    few = Contact(0.3, 0.35, 0.6, 0.05, capacity=2)
     switches = jax.tree.map(lambda leaf: leaf[:2] if leaf.ndim else leaf, thrown_trajectory.contact.switches)
     short = dataclasses.replace(thrown_trajectory.contact, law=few, switches=switches)
     modes = modes_of(dataclasses.replace(thrown_trajectory, history=short))

@@ -375,7 +375,7 @@ def test_names_of_files_have_no_brackets():
 
 
 def test_symbols_count_from_one_and_have_units():
-    labels = [number_label(path) for path in ("masses[1].mass", "ground.angle", "contact.sliding", "own.number")]
+    labels = [number_label(path) for path in ("masses[1].mass", "ground.angle", "contact.friction", "own.number")]
     assert labels == ["$m_{2}$ (mass)", "$a$ (rad)", r"$\mu$", "own.number"]
     keys = {key for table in INITIAL.values() for key in table}
     assert {re.split(r"[.[]", path)[1] for path in NUMBERS if path.startswith("initial.")} <= keys

@@ -223,7 +223,7 @@ def test_the_force_on_a_disk_that_slips():
     def place(force):
         pushed = FunctionForce(lambda t, parameters: force * jnp.array([1.0, 0.0, 0.0]))
         disk = Disk(mass=1.0, inertia=0.5, gravity=1.0, force=pushed)
-        return simulate(disk, [0.0, 2.0], DiskState(), contact=Contact(sliding=0.1)).state.z[-1]
+        return simulate(disk, [0.0, 2.0], DiskState(), contact=Contact(friction=0.1)).state.z[-1]
 
     forces = jnp.array([0.6, 0.8])
     places, slopes = jax.jit(jax.vmap(jax.value_and_grad(place)))(forces)

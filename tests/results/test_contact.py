@@ -21,7 +21,7 @@ from jaxball import (
 )
 from jaxball.simulation.variables import HISTORY
 
-LAW = Contact(sliding=0.3, static=0.35, restitution=0.4, slowest=0.05, room=8)
+LAW = Contact(friction=0.3, static_friction=0.35, restitution=0.4, slowest=0.05, capacity=8)
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def assert_same(run, trajectory):
 @pytest.mark.parametrize("suffix", [".nc", ".npz"])
 def test_a_run_comes_back_with_its_modes_and_switches(disk, tmp_path, suffix):
     assert set(np.asarray(disk.contact.mode)) == {*Mode} - {Mode.REST}
-    assert 3 < disk.contact.switches.count < LAW.room
+    assert 3 < disk.contact.switches.count < LAW.capacity
     run = load_run(disk.save(tmp_path / f"run{suffix}"))
     assert_same(run, disk)
     assert str(run.contact.switches) == str(disk.contact.switches)
@@ -70,8 +70,11 @@ def test_a_data_set_says_what_its_numbers_stand_for(disk, tmp_path):
         np.testing.assert_array_equal(data["impact_loss"], history.impact_loss)
         # What the impacts took is what all of them together have taken at the end.
         np.testing.assert_allclose(data["switch_lost"].sum(), history.impact_loss[-1], rtol=1e-12)
-        law = {name: data.attrs[f"contact_{name}"] for name in ("sliding", "static", "restitution", "slowest", "room")}
-        assert law == {"sliding": 0.3, "static": 0.35, "restitution": 0.4, "slowest": 0.05, "room": 8}
+        law = {
+            name: data.attrs[f"contact_{name}"]
+            for name in ("friction", "static_friction", "restitution", "slowest", "capacity")
+        }
+        assert law == {"friction": 0.3, "static_friction": 0.35, "restitution": 0.4, "slowest": 0.05, "capacity": 8}
         assert data.attrs["contact_switches"] == count
 
 
@@ -79,7 +82,7 @@ def test_a_data_set_says_what_its_numbers_stand_for(disk, tmp_path):
 def test_every_quantity_of_a_history_is_described(disk):
     """And nothing else is; a run without modes has none."""
     assert disk.history.over_time.keys() == HISTORY.keys()
-    assert disk.history.coefficients == {"static": 0.35, "sliding": 0.3}
+    assert disk.history.coefficients == {"friction": 0.3, "static_friction": 0.35}
     rolling = simulate(disk.system, [0.0, 1.0], DiskState(phidot=-1.0)).history
     assert (rolling.over_time, rolling.coefficients) == ({}, {})
 
@@ -100,12 +103,12 @@ def test_a_run_without_a_switch_and_one_with_too_many(disk, tmp_path, suffix):
     rolls = simulate(ball, [0.0, 0.5, 1.0], BallState(Omega=(0.1, 0.2, 0.0)), contact=LAW, rtol=1e-6, atol=1e-6)
     assert rolls.contact.switches.count == 0
     assert_same(load_run(save(rolls, tmp_path / f"rolls{suffix}")), rolls)
-    few = Contact(LAW.sliding, LAW.static, LAW.restitution, LAW.slowest, room=2)
+    few = Contact(LAW.friction, LAW.static_friction, LAW.restitution, LAW.slowest, capacity=2)
     short = simulate(disk.system, disk.times, disk.start, contact=few, rtol=1e-6, atol=1e-6)
     assert short.contact.switches.count == disk.contact.switches.count
     run = load_run(save(short, tmp_path / f"short{suffix}"))
     assert_same(run, short)
-    assert run.contact.switches.lines[-1].endswith("which a larger `room` of the Contact would keep")
+    assert run.contact.switches.lines[-1].endswith("which a larger `capacity` of the Contact would keep")
 
 
 @pytest.mark.thorough

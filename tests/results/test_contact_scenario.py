@@ -15,7 +15,7 @@ DISK = jaxball.Disk(mass=1.0, inertia=0.5)
 def run():
     """A disk that bounces twice, with room for one switch fewer than there are."""
     start = ReleasedState(DiskState(phidot=1.0), V=(1.0, 0.0, 0.0), height=0.5)
-    contact = Contact(sliding=0.3, restitution=0.5, room=4)
+    contact = Contact(friction=0.3, restitution=0.5, capacity=4)
     return jaxball.simulate(DISK, np.linspace(0.0, 3.5, 8), start, contact=contact, throw=True)
 
 

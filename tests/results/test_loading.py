@@ -165,7 +165,7 @@ def test_sentences(ball, tmp_path):
     changed("ended.npz", status="TIRED")
     changed("stepless.npz", steps="many")
     changed("unended.npz", reached=None)
-    changed("slippery.npz", contact_sliding="ice")
+    changed("slippery.npz", contact_friction="ice")
     changed("garbled.npz", scenario=str(content["scenario"]).replace("radius", "radios"))
     (tmp_path / "text.nc").write_text("not a data set")
     (tmp_path / "text.npz").write_text("not an archive")
@@ -183,7 +183,7 @@ def test_sentences(ball, tmp_path):
         "ended.npz": r"its `status` is 'TIRED'\.$",
         "stepless.npz": r"its `steps` is 'many'\.$",
         "unended.npz": r"it has no `reached`\.$",
-        "slippery.npz": r"its `contact_sliding` is 'ice'\.$",
+        "slippery.npz": r"its `contact_friction` is 'ice'\.$",
         "newer.npz": r"was saved by jaxball 9\.1 in format 2, and this version reads format 1; read it with that",
         "garbled.npz": r"cannot be read by this version of jaxball: Key `.*radios` is not known",
     }

@@ -17,8 +17,8 @@ from .documents import BALL, DISK
 from .test_round_trip import same_objects
 
 SHELL, TIMES = BALL[: BALL.index("[[masses]]")], BALL[BALL.index("[time]") :]
-LAW = "contact = { sliding = 0.2 }"
-WHOLE_LAW = "contact = { sliding = 0.2, static = 0.3, restitution = 0.5, slowest = 1e-5, room = 8 }"
+LAW = "contact = { friction = 0.2 }"
+WHOLE_LAW = "contact = { friction = 0.2, static_friction = 0.3, restitution = 0.5, slowest = 1e-5, capacity = 8 }"
 SOLID_BALL = jaxball.Ball(mass=1.0, radius=1.0, inertia=(0.9, 1.0, 1.1), gravity=1.0)
 
 
@@ -31,12 +31,12 @@ STARTS = {
     "rolling": ([LAW, "initial = { z = [1.0, 2.0] }"], Contact(0.2), BallState(z=(1.0, 2.0))),
     "sliding": (
         [WHOLE_LAW, "initial = { Omega = [0.0, 1.0, 0.0], velocity = [0.5, 0.0, 0.0] }"],
-        Contact(0.2, 0.3, 0.5, 1e-5, room=8),
+        Contact(0.2, 0.3, 0.5, 1e-5, capacity=8),
         ReleasedState(BallState(Omega=(0.0, 1.0, 0.0)), V=(0.5, 0.0, 0.0)),
     ),
     "dropped": ([LAW, "initial = { height = 0.5 }"], Contact(0.2), ReleasedState(BallState(), height=0.5)),
     "slipping always": (
-        ['contact = { sliding = { kind = "smoothed-coulomb", kinetic = 0.2, smoothing = 0.01 } }'],
+        ['contact = { friction = { kind = "smoothed-coulomb", kinetic = 0.2, smoothing = 0.01 } }'],
         Contact(SmoothedCoulomb(0.2, 0.01)),
         BallState(),
     ),
@@ -76,49 +76,49 @@ SENTENCES = {
     "a velocity without a law": (
         ["initial = { velocity = [1.0, 0.0, 0.0] }"],
         "Key `initial.velocity` needs a table [contact], because otherwise the body slides without a law of friction; "
-        "give one, such as `contact = { sliding = 0.3 }`.",
+        "give one, such as `contact = { friction = 0.3 }`.",
     ),
     "a height without a law": (
         ["initial = { height = 1.0 }"],
         "Key `initial.height` needs a table [contact], because otherwise the body lands without a law of impact; give "
-        "one, such as `contact = { sliding = 0.3 }`.",
+        "one, such as `contact = { friction = 0.3 }`.",
     ),
     "negative friction": (
-        ["contact = { sliding = -0.1 }"],
-        "Key `contact.sliding` must be 0 or positive, but it is -0.1.",
+        ["contact = { friction = -0.1 }"],
+        "Key `contact.friction` must be 0 or positive, but it is -0.1.",
     ),
     "negative friction of a law": (
-        ['contact = { sliding = { kind = "smoothed-coulomb", kinetic = -0.2, smoothing = 0.01 } }'],
-        "Key `contact.sliding.kinetic` must be 0 or positive, but it is -0.2.",
+        ['contact = { friction = { kind = "smoothed-coulomb", kinetic = -0.2, smoothing = 0.01 } }'],
+        "Key `contact.friction.kinetic` must be 0 or positive, but it is -0.2.",
     ),
     "a law that is not smoothed": (
-        ['contact = { sliding = { kind = "smoothed-coulomb", kinetic = 0.2, smoothing = 0.0 } }'],
-        "Key `contact.sliding.smoothing` must be a positive number, but it is 0.0.",
+        ['contact = { friction = { kind = "smoothed-coulomb", kinetic = 0.2, smoothing = 0.0 } }'],
+        "Key `contact.friction.smoothing` must be a positive number, but it is 0.0.",
     ),
     "a law that there is not": (
-        ['contact = { sliding = { kind = "smooth-coulomb", kinetic = 0.2, smoothing = 0.1 } }'],
-        'Key `contact.sliding.kind` cannot be "smooth-coulomb"; did you mean "smoothed-coulomb"?',
+        ['contact = { friction = { kind = "smooth-coulomb", kinetic = 0.2, smoothing = 0.1 } }'],
+        'Key `contact.friction.kind` cannot be "smooth-coulomb"; did you mean "smoothed-coulomb"?',
     ),
     "static below sliding": (
-        ["contact = { sliding = 0.3, static = 0.2 }"],
-        "Key `contact.static` must be no less than the coefficient `sliding`, because friction cannot be larger on a "
-        "body that slips, but it is 0.2.",
+        ["contact = { friction = 0.3, static_friction = 0.2 }"],
+        "Key `contact.static_friction` must be no less than the coefficient `friction`, because friction cannot be "
+        "larger on a body that slips, but it is 0.2.",
     ),
     "impacts that create energy": (
-        ["contact = { sliding = 0.3, restitution = 1.1 }"],
+        ["contact = { friction = 0.3, restitution = 1.1 }"],
         "Key `contact.restitution` must be from 0 to 1, or impacts would create energy, but it is 1.1.",
     ),
     "bounces that never end": (
-        ["contact = { sliding = 0.3, slowest = 0.0 }"],
+        ["contact = { friction = 0.3, slowest = 0.0 }"],
         "Key `contact.slowest` must be a positive number, or bounces would never end, but it is 0.0.",
     ),
-    "no room": (
-        ["contact = { sliding = 0.3, room = 0 }"],
-        "Key `contact.room` must be a whole number from 1 to 1000000, but it is 0.",
+    "no capacity": (
+        ["contact = { friction = 0.3, capacity = 0 }"],
+        "Key `contact.capacity` must be a whole number from 1 to 1000000, but it is 0.",
     ),
     "no friction": (
         ["contact = { restitution = 0.5 }"],
-        "Key `contact.sliding` must be a finite number, but it is missing.",
+        "Key `contact.friction` must be a finite number, but it is missing.",
     ),
     "a start below the plane": (
         [LAW, "initial = { height = -0.5 }"],
@@ -166,12 +166,12 @@ def test_joints_that_stick_have_no_law_of_contact_beside_them():
 def test_traced_numbers_make_the_law_and_the_start():
     """The static coefficient that is left out follows that of sliding, and their rules become conditions."""
     document = tomllib.loads(with_contact(LAW, "initial = { velocity = [1.0, 0.0, 0.0], height = 0.5 }"))
-    structure = Structure(document, ("contact.sliding", "initial.velocity[0]", "initial.height"))
+    structure = Structure(document, ("contact.friction", "initial.velocity[0]", "initial.height"))
     parts = structure.build(jnp.array([0.3, 2.0, 0.1]))
-    assert [float(x) for x in (parts.contact.sliding, parts.contact.static)] == [0.3, 0.3]
+    assert [float(x) for x in (parts.contact.friction, parts.contact.static_friction)] == [0.3, 0.3]
     assert [*parts.state.V.tolist(), float(parts.state.height)] == [2.0, 0.0, 0.0, 0.1]
     hold = jax.jit(structure.conditions)(jnp.array([-0.1, 2.0, -0.1]))
-    assert {path for path, holds in hold.items() if not holds} == {"contact.sliding", "initial.height"}
+    assert {path for path, holds in hold.items() if not holds} == {"contact.friction", "initial.height"}
 
 
 @pytest.mark.long

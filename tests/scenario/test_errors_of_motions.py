@@ -110,16 +110,16 @@ MOTIONS = {
         "`times`, but it is one of 2 rows.",
     ),
     "times not increasing": (
-        with_schedule('{ kind = "waypoints", times = [0, 2, 1], angles = [0, 1, 2] }'),
+        with_schedule('{ kind = "waypoints", times = [0, 2, 1], theta = [0, 1, 2] }'),
         "Key `masses[0].schedule.times` must be a list of increasing numbers, but it is [0, 2, 1].",
     ),
     "one waypoint": (
-        with_schedule('{ kind = "waypoints", times = [0], angles = [0] }'),
+        with_schedule('{ kind = "waypoints", times = [0], theta = [0] }'),
         "Key `masses[0].schedule.times` must be a list of two times or more, but it is one of 1.",
     ),
     "an angle too few": (
-        with_schedule('{ kind = "waypoints", times = [0, 1], angles = [0] }'),
-        "Key `masses[0].schedule.angles` must be as long as `times`, which has 2 entries, but it is one of 1.",
+        with_schedule('{ kind = "waypoints", times = [0, 1], theta = [0] }'),
+        "Key `masses[0].schedule.theta` must be as long as `times`, which has 2 entries, but it is one of 1.",
     ),
 }
 

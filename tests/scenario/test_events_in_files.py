@@ -31,7 +31,7 @@ format = 1
 kind = "ball"
 body = { mass = 1.0, radius = 1.0, inertia = [0.4, 0.4, 0.4], gravity = 1.0 }
 initial = { velocity = [0.3, 0.0, 2.0], height = 0.5 }
-contact = { sliding = 0.3 }
+contact = { friction = 0.3 }
 time = { start = 0.0, end = 4.0, saves = 5 }
 """
 PARTICLE = """
@@ -64,7 +64,7 @@ class Beyond(jaxball.AbstractEvent):
     place: float
     direction: int = eqx.field(static=True, default=1)
     terminal: bool = eqx.field(static=True, default=False)
-    room: int = eqx.field(static=True, default=4)
+    capacity: int = eqx.field(static=True, default=4)
     from_start = False
     status = Status.EVENT
 
@@ -152,7 +152,13 @@ def test_functions_and_classes_of_ones_own_are_named(own):
     assert run.scenario is not None
     again = tomllib.loads(write_scenario(run.scenario))["events"]
     assert again["turned"] == {"of": "own_events:turned"}
-    assert again["beyond"] == {"kind": "own_events:Beyond", "place": 2.4, "terminal": False, "room": 4, "direction": 1}
+    assert again["beyond"] == {
+        "kind": "own_events:Beyond",
+        "place": 2.4,
+        "terminal": False,
+        "capacity": 4,
+        "direction": 1,
+    }
 
 
 def test_what_is_written_is_what_was_read():
@@ -167,12 +173,12 @@ def test_what_is_written_is_what_was_read():
         others, same = jax.tree.flatten(again.events[name])
         assert tree == same
         assert [float(leaf) for leaf in leaves] == [float(leaf) for leaf in others]
-    assert "post: Event(of='z', direction=1, terminal=True, room=1, level=1.5)" in repr(scenario)
+    assert "post: Event(of='z', direction=1, terminal=True, capacity=1, level=1.5)" in repr(scenario)
 
 
 def test_defaults_are_left_out_and_none_is_no_table():
     text = write_scenario(
-        read_scenario(ROLLING + '[events.origin]\nof = "z"\nlevel = 0\nroom = 64\ndirection = "both"')
+        read_scenario(ROLLING + '[events.origin]\nof = "z"\nlevel = 0\ncapacity = 64\ndirection = "both"')
     )
     assert tomllib.loads(text)["events"] == {"origin": {"of": "z"}}
     assert "events" not in tomllib.loads(write_scenario(read_scenario(ROLLING + "[events]")))
@@ -286,9 +292,9 @@ ERRORS = {
         ROLLING + POST + "direction = -1",
         'Key `events.post.direction` must be one of "rising", "falling", "both", but it is -1.',
     ),
-    "no room": (
-        ROLLING + POST + "room = 0",
-        "Key `events.post.room` must be a whole number from 1 to 1000000, but it is 0.",
+    "no capacity": (
+        ROLLING + POST + "capacity = 0",
+        "Key `events.post.capacity` must be a whole number from 1 to 1000000, but it is 0.",
     ),
     "a misspelt kind": (
         ROLLING + '[events.post]\nkind = "slipp"',
@@ -300,7 +306,7 @@ ERRORS = {
     ),
     "a kind of a number": (
         ROLLING + '[events.lift]\nkind = "detachment"\nof = "z"',
-        "Key `events.lift.of` is not known; the keys here are room, terminal.",
+        "Key `events.lift.of` is not known; the keys here are capacity, terminal.",
     ),
     "a name with a dash": (
         ROLLING + '[events.the-post]\nof = "z"',

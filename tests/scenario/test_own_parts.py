@@ -42,7 +42,7 @@ PARTS = {
         "point = [0.0, 0.1, 0.2]"),
     "grass": ("Grass", 'initial = { Omega = [0.0, 1.0, 0.0] }\n[resistance]\nkind = "grass:Grass"\nrolling = 0.14'),
     "stribeck": ("Stribeck", 'initial = { velocity = [1.0, 0.0, 0.0] }\n[contact]\n'
-        'sliding = { kind = "stribeck:Stribeck", kinetic = 0.1, static = 0.2, scale = 0.3 }'),
+        'friction = { kind = "stribeck:Stribeck", kinetic = 0.1, static = 0.2, scale = 0.3 }'),
     "scales": ("Scales", '[sensors.scales]\nkind = "scales:Scales"'),
     "shaken": ("ShakenPendulum", None),
     "bouncing": ("Bouncing", None),

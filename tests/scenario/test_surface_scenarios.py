@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import brentq
 from scipy.special import ellipj, ellipk
 
-from jaxball import Cause, Detachment
+from jaxball import Detachment, SwitchCause
 from jaxball.scenario import load_scenario
 from tests.support.on_surfaces import time_of_landing
 
@@ -124,7 +124,7 @@ def test_a_ball_jumps_over_a_wave():
     trajectory, times, seen = run("jumping-ball")
     r, A, k = 0.02, 0.04, 2 * np.pi / 0.8
     switches = trajectory.contact.switches
-    assert [int(x) for x in switches.cause[:3]] == [Cause.GIVES_WAY, Cause.LIFTS, Cause.LANDS]
+    assert [int(x) for x in switches.cause[:3]] == [SwitchCause.GIVES_WAY, SwitchCause.LIFTS, SwitchCause.LANDS]
 
     def wave(x):
         return -A * np.cos(k * x)

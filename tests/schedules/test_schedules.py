@@ -156,7 +156,7 @@ def test_kinks_are_where_the_acceleration_breaks_and_nowhere_else(index):
             lambda: jaxball.PiecewiseAcceleration(0.0, [0.0, 1.0], [[1.0], [2.0]]),
             r"`accelerations` must have the shape \(n, k\)",
         ),
-        (lambda: jaxball.Waypoints([0.0, 1.0], [0.0]), "`times` and `angles` must have the same length"),
+        (lambda: jaxball.Waypoints([0.0, 1.0], [0.0]), "`times` and `theta` must have the same length"),
         (lambda: jaxball.Waypoints([0.0], [0.0]), "two or more"),
         (lambda: jaxball.Sinusoids(0.0, [1.0, 2.0], [1.0]), "must have one entry for each sinusoid"),
     ],

@@ -112,7 +112,7 @@ def test_runs_of_a_batch_have_different_noise():
 def test_a_position_is_that_of_a_marker_over_the_plane():
     """On a disk that is thrown: z₁ grows with its velocity, the height falls with g = 1, and the marker goes round."""
     start = ReleasedState(DiskState(phidot=-2.0), V=(0.5, 0.0, 0.3), height=1.0)
-    run = jaxball.simulate(Disk(mass=1.0, inertia=0.5), SAVED, start, contact=Contact(sliding=0.2))
+    run = jaxball.simulate(Disk(mass=1.0, inertia=0.5), SAVED, start, contact=Contact(friction=0.2))
     aloft = np.flatnonzero(SAVED < 1.5)
     t = SAVED[aloft]
     found = readings(run, Position(at=(0.0, 0.0, 0.5)))[aloft]

@@ -95,7 +95,7 @@ def modes(rng, robot, setting, moment):
     ):
         start = ReleasedState(state_of(moment), rolls + slip, height)
         moved = moment if contact is None else dataclasses.replace(moment, V=rolls + slip)
-        yield moved, contact, Contact(0.3, static=0.3 if contact else 1e6), start
+        yield moved, contact, Contact(0.3, static_friction=0.3 if contact else 1e6), start
 
 
 @pytest.mark.long

@@ -168,7 +168,7 @@ class Cautious(diffrax.Tsit5):
 def test_a_solver_says_how_near_to_the_end_of_a_slip_a_step_may_come():
     """It takes at most a fiftieth of the time until then at once, and so more steps, to the same end."""
     assert approach_of(ADAMS) == approach_of(Projected(ADAMS, lambda x: x)) < approach_of(DOPRI8)
-    law = Contact(sliding=0.2)
+    law = Contact(friction=0.2)
     thrown = ReleasedState(BallState(), V=(1.0, 0.0, 0.0))
     plain, cautious = (
         simulate(

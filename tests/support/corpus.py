@@ -70,7 +70,7 @@ accelerations = [[0.1, 0.2], [0.0, 0.1]]
 [[masses]]
 mass = 0.5
 rail = { kind = "tube", direction = [1.0, 0.0, 0.0], centre = [0.0, 0.1, 0.0] }
-schedule = { kind = "waypoints", times = [0.0, 1.0, 5.0], angles = [0.0, 0.2, 0.1], end_rates = [0.0, 0.1] }
+schedule = { kind = "waypoints", times = [0.0, 1.0, 5.0], theta = [0.0, 0.2, 0.1], end_rates = [0.0, 0.1] }
 
 [[masses]]
 mass = 0.5
@@ -91,11 +91,11 @@ mass = 0.2
 free = { constant = [0.0, 0.0, 0.3], amplitude = [[0.2, 0.0, 0.0]], frequency = [1.0], phase = [0.2] }
 
 [contact]
-sliding = { kind = "smoothed-coulomb", kinetic = 0.3, smoothing = 0.01 }
+friction = { kind = "smoothed-coulomb", kinetic = 0.3, smoothing = 0.01 }
 static = 0.4
 restitution = 0.5
 slowest = 1e-5
-room = 16
+capacity = 16
 
 [ground.motion]
 free = { constant = [0.0, 0.0, 0.0], powers = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]] }
@@ -156,23 +156,23 @@ of = "z"
 level = 1.5
 direction = "rising"
 terminal = true
-room = 1
+capacity = 1
 
 [events.speed]
 of = "tests.support.corpus:speed_of"
 direction = "falling"
-room = 2
+capacity = 2
 
 [events.slide]
 kind = "slip"
 friction = 0.3
 terminal = false
-room = 3
+capacity = 3
 
 [events.lift]
 kind = "detachment"
 terminal = false
-room = 4
+capacity = 4
 """
 
 EVERY_AXIS = """
@@ -389,7 +389,7 @@ least = 0.3
 
 [[constraints]]
 kind = "friction"
-mu = 0.3
+friction = 0.3
 
 [[constraints]]
 kind = "clear-of-obstacles"
@@ -398,8 +398,8 @@ radii = [0.2]
 
 [[constraints]]
 kind = "within"
-low = LOW
-high = HIGH
+lower = LOW
+upper = HIGH
 """
 OF_A_BALL = {"KIND": "ball", "INERTIA": "[1.0, 1.0, 1.0]", "PLACE": "[1.0, 0.5]", "HEIGHT": "1.0"}
 OF_A_BALL |= {"LOW": "[-5.0, -5.0]", "HIGH": "[5.0, 5.0]"}

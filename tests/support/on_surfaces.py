@@ -96,7 +96,7 @@ def released_residuals(plane, t, state, place, torque=None):
     Masses are at c + Λχ with ċ = V, so nothing is taken from the contact but R. ``place(t, u1, u2)`` is the foot, and
     ``torque(t, state, N)`` is on the ball while it touches the ground, in space.
     """
-    ball, mu = plane.body, plane.contact.sliding
+    ball, mu = plane.body, plane.contact.friction
     r, g = ball.radius, ball.gravity
 
     def normal(t, u):

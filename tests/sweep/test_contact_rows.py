@@ -13,7 +13,7 @@ SHELL, TIMES = DISK[: DISK.index("[[masses]]")].replace("inertia = 1.0", "inerti
 THROWN = f"{SHELL}{TIMES}[contact]\nsliding = 0.25\n[initial]\nvelocity = [1.0, 0.0, 0.0]\n"
 AXES = """
 [[axes]]
-path = "contact.sliding"
+path = "contact.friction"
 values = [0.1, 0.25]
 
 [[axes]]
@@ -42,7 +42,7 @@ def test_rows_slide_as_far_as_their_friction_says(tmp_path):
     np.testing.assert_array_equal(data["modes"], np.where(stops, 1 + 2, 2))
     np.testing.assert_allclose(data["friction_loss"][stops], V[stops] ** 2 / 6, rtol=1e-8)
     (scenario,) = row_scenarios(tmp_path / "s.zarr", [1])
-    assert [float(scenario.contact.static), float(scenario.state.V[0])] == [0.1, 1.0]
+    assert [float(scenario.contact.static_friction), float(scenario.state.V[0])] == [0.1, 1.0]
 
 
 @pytest.mark.slow

@@ -95,9 +95,9 @@ level = 0.5
 
 
 def test_rooms_and_names_that_do_not_fit_are_refused(tmp_path):
-    axes = '[[axes]]\npath = "events.near.room"\nvalues = [1, 2]'
-    with pytest.raises(ScenarioError, match=r"`events.near.room`, which must be the same in all rows"):
-        study(tmp_path, axes, scenario=ROLLING + "room = 4\n")
+    axes = '[[axes]]\npath = "events.near.capacity"\nvalues = [1, 2]'
+    with pytest.raises(ScenarioError, match=r"`events.near.capacity`, which must be the same in all rows"):
+        study(tmp_path, axes, scenario=ROLLING + "capacity = 4\n")
     named = ROLLING.replace("events.near", "events.detachment")
     with pytest.raises(StudyError, match="Key `detachment` must be false where the scenario has an event of that name"):
         study(tmp_path, settings="detachment = true", scenario=named)

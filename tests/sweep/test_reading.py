@@ -21,7 +21,7 @@ from tests.scenario.documents import BALL, DISK, edited, with_motion, with_rail,
 from tests.sweep.studies import study
 
 PULSE = '{ kind = "pulse", theta = 0.3, height = 0.5, rate = 0.1, start = 0.1, hold = 0.5, end = 1.5 }'
-WAYPOINTS = '{ kind = "waypoints", times = [0.0, 0.7, 2.0], angles = [0.1, 0.5, 0.2], end_rates = [0.1, 0.0] }'
+WAYPOINTS = '{ kind = "waypoints", times = [0.0, 0.7, 2.0], theta = [0.1, 0.5, 0.2], end_rates = [0.1, 0.0] }'
 TUBE = '{ kind = "tube", direction = [1.0, 0.5, 0.2], centre = [0.1, 0.0, 0.0] }'
 FOURIER = (
     '{ kind = "fourier", cosine = [[0.5, 0.1, 0.0], [0.05, 0.0, 0.02]], sine = [[0.0, 0.3, 0.4], [0.0, 0.1, 0.0]], '

@@ -49,7 +49,7 @@ class PoincareMap(Printed):
     def message(self) -> str:
         """A sentence on how the run ended, and one on how many crossings were kept."""
         kept = f"Of {self.count} crossings {len(self.times)} were kept"
-        more = "; raise `room` to keep them all." if self.count > len(self.times) else "."
+        more = "; raise `capacity` to keep them all." if self.count > len(self.times) else "."
         return f"{Status(self.status).sentence(self.reached, self.end, alone=True)} {kept}{more}"
 
 
@@ -60,7 +60,7 @@ def poincare_map(
     state: AbstractState | None = None,
     *,
     direction: int = 1,
-    room: int = 1024,
+    capacity: int = 1024,
     solver: diffrax.AbstractAdaptiveSolver | None = None,
     rtol: Numbers = DEFAULT_TOLERANCE,
     atol: Numbers = DEFAULT_TOLERANCE,
@@ -77,7 +77,7 @@ def poincare_map(
     - ``times``: the start and the end.
     - ``state``: the state at the start. A :class:`~jaxball.ReducedState` is the smallest for a ball.
     - ``direction``: 1 for crossings at which ``section`` rises, −1 where it falls, 0 for both.
-    - ``room``: how many crossings are kept.
+    - ``capacity``: how many crossings are kept.
     - ``solver``, ``rtol``, ``atol``, ``max_steps``: as for :func:`jaxball.simulate`.
 
     **Raises:** as :func:`jaxball.simulate` and :class:`jaxball.Event` do.
@@ -90,11 +90,11 @@ def poincare_map(
         rtol=rtol,
         atol=atol,
         max_steps=max_steps,
-        events={"section": Event(of=section, direction=direction, room=room)},  # pyright: ignore[reportCallIssue]
+        events={"section": Event(of=section, direction=direction, capacity=capacity)},  # pyright: ignore[reportCallIssue]
     )
     crossings = trajectory.events["section"]
     count = int(crossings.count)
-    kept = slice(0, min(count, room))
+    kept = slice(0, min(count, capacity))
     return PoincareMap(
         times=np.asarray(crossings.times)[kept],
         state=jax.tree.map(lambda leaf: np.asarray(leaf)[kept], crossings.state),

@@ -30,24 +30,24 @@ class NormalForce(AbstractRunningConstraint):
 
 
 class Friction(AbstractRunningConstraint):
-    """|f| ≤ mu N at all times; in this form the violation stays smooth where N is small.
+    """|f| ≤ μ N at all times; in this form the violation stays smooth where N is small.
 
     **Arguments:**
 
-    - ``mu``: μ, dimensionless.
+    - ``friction``: the coefficient μ, dimensionless.
     """
 
-    mu: Float[Array, ""] = eqx.field(converter=numbers("mu"))
+    friction: Float[Array, ""] = eqx.field(converter=numbers("friction"))
 
     def __call__(self, run: Run):
         contact = run.observables
-        return norm(contact.friction / run.weight) - self.mu * contact.normal_force / run.weight
+        return norm(contact.friction / run.weight) - self.friction * contact.normal_force / run.weight
 
     def margins(self, run: Run):
-        """That of |f|² / N ≤ mu² N: with N > 0 it is the same."""
+        """That of |f|² / N ≤ μ² N: with N > 0 it is the same."""
         contact = run.observables
         friction, normal = contact.friction / run.weight, contact.normal_force / run.weight
-        return (self.mu * normal**2 - jnp.sum(friction**2, axis=-1) / self.mu) / 2
+        return (self.friction * normal**2 - jnp.sum(friction**2, axis=-1) / self.friction) / 2
 
 
 class ClearOfObstacles(AbstractRunningConstraint):
@@ -81,25 +81,25 @@ def discs_to_avoid(requirements: Iterable[Requirement]) -> tuple[tuple[Float[np.
 
 
 class Within(AbstractRunningConstraint):
-    """The geometric centre within a rectangle of the plane, from ``low`` to ``high``; shape (t, 4).
+    """The geometric centre within a rectangle of the plane, from ``lower`` to ``upper``; shape (t, 4).
 
     For a disk, the bounds are single numbers, and the shape is (t, 2).
 
     **Arguments:**
 
-    - ``low``, ``high``: the corners, length, shape (2,); for a disk, single numbers.
+    - ``lower``, ``upper``: the corners, length, shape (2,); for a disk, single numbers.
     """
 
-    low: Float[Array, " d"] = eqx.field(converter=corner("low"))
-    high: Float[Array, " d"] = eqx.field(converter=corner("high"))
+    lower: Float[Array, " d"] = eqx.field(converter=corner("lower"))
+    upper: Float[Array, " d"] = eqx.field(converter=corner("upper"))
 
     def __call__(self, run: Run):
-        z = run.z[:, : self.low.size]
-        return jnp.concatenate([self.low[None] - z, z - self.high[None]], axis=1) / run.length
+        z = run.z[:, : self.lower.size]
+        return jnp.concatenate([self.lower[None] - z, z - self.upper[None]], axis=1) / run.length
 
     def unreachable_by_disk(self):
         """A range of e2: even one that contains 0 leaves an interior-point method no room."""
-        return "a range of e2, in which it is always 0" if np.size(self.low) > 1 else ""
+        return "a range of e2, in which it is always 0" if np.size(self.lower) > 1 else ""
 
 
 class MassesApart(AbstractRunningConstraint):

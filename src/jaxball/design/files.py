@@ -166,9 +166,11 @@ def constraints_of(plane: Plane) -> Family:
         "force-limit": Module(constraints.ForceLimit, {"most": Key(SIZE)}),
         "joint-effort-limit": Module(constraints.JointEffortLimit, {"most": Key(SIZE)}),
         "normal-force": Module(constraints.NormalForce, {"least": Key(NUMBER)}),
-        "friction": Module(constraints.Friction, {"mu": Key(SIZE)}),
+        "friction": Module(constraints.Friction, {"friction": Key(SIZE)}),
         "clear-of-obstacles": Module(constraints.ClearOfObstacles, _discs(plane), check=_check_discs),
-        "within": Module(constraints.Within, {"low": Key(plane.place), "high": Key(plane.place)}, check=_check_corners),
+        "within": Module(
+            constraints.Within, {"lower": Key(plane.place), "upper": Key(plane.place)}, check=_check_corners
+        ),
         "function": Module(constraints.FunctionConstraint, FUNCTION, check=_check_function),
         "running-function": Module(constraints.FunctionRunningConstraint, FUNCTION, check=_check_function),
     }
@@ -229,9 +231,9 @@ def _check_times(values: dict[str, Any], path: str) -> None:
 
 
 def _check_corners(values: dict[str, Any], path: str) -> None:
-    low, high = np.asarray(values["low"]), np.asarray(values["high"])
-    if not np.all(low < high):
-        raise key_error(join(path, "high"), f"above `low`, {low.tolist()}", str(high.tolist()))
+    lower, upper = np.asarray(values["lower"]), np.asarray(values["upper"])
+    if not np.all(lower < upper):
+        raise key_error(join(path, "upper"), f"above `lower`, {lower.tolist()}", str(upper.tolist()))
 
 
 FORMAT = 1

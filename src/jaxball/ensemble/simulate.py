@@ -135,7 +135,7 @@ def simulate_ensemble(
     max_steps: int = 16384,
     reductions: Mapping[str, AbstractReduction] | None = None,
     lanes: int | None = None,
-    block: int | None = None,
+    chunk: int | None = None,
     threads: int | None = None,
     inside: bool = True,
     in_axes: Any = 0,
@@ -151,8 +151,7 @@ def simulate_ensemble(
       step within which the first terminal event ends the run.
     - ``contact``: a :class:`~jaxball.Contact`, as for one run: each run may roll, slide and fly, and
       ``trajectory.contact`` has its modes. Each of its numbers is for all runs or, made by ``jax.vmap``, of shape
-      (runs,). ``state`` may then be a :class:`~jaxball.ReleasedState`. Its ``room`` for switches is the same for every
-      run.
+      (runs,). ``state`` may then be a :class:`~jaxball.ReleasedState`. Its ``capacity`` is the same for every run.
     - ``solver``, ``step_to_times``, ``dae``, ``project``, ``inside``, ``max_steps``: as for one run.
     - ``rtol``, ``atol``: for all runs, or of shape (runs,).
     - ``adjoint``: as for one run.
@@ -162,7 +161,7 @@ def simulate_ensemble(
     - ``lanes``: how many runs XLA computes side by side; by default 64 on a CPU, where 512 were no faster, or all on a
       GPU. Native programs always take 8 runs, or a single one where each step makes matrices for its stages, as with
       ``RadauIIA``. The next begin when the longest of these has ended: put runs of similar length next to each other.
-    - ``block``: how many runs are in memory at a time while they are computed; by default all.
+    - ``chunk``: how many runs are in memory at a time while they are computed; by default all.
     - ``threads``: how many threads compute native programs; by default the number of this process's cores. Results do
       not depend on it.
     - ``in_axes``: which arrays of ``(system, state)`` have the runs as leading axis, as ``jax.vmap`` takes it: 0 for
@@ -222,21 +221,21 @@ def simulate_ensemble(
     lanes = lanes or (DEFAULT_LANES if jax.default_backend() == "cpu" else runs)
     settings = Settings(method, tuple(reductions.items()), lanes)
     with in_threads(threads):
-        ends, reported, executed = _in_blocks(settings, shared, block, parameters, whole, *limits)
+        ends, reported, executed = _in_chunks(settings, shared, chunk, parameters, whole, *limits)
     system, state = for_all_rows((system, state), own_shared, runs, jnp if _is_any_traced(system, state) else np)
     return Ensemble(Trajectory(system, whole, **ends._asdict(), start=state), reported, executed)
 
 
-def _in_blocks(
-    settings: Settings, shared: tuple[bool, ...], block: int | None, parameters: Any, *others: Any
+def _in_chunks(
+    settings: Settings, shared: tuple[bool, ...], chunk: int | None, parameters: Any, *others: Any
 ) -> tuple[Any, ...]:
-    """The results of all runs; outside a trace computed in blocks, where that is asked for."""
+    """The results of all runs; outside a trace computed in chunks, where that is asked for."""
     runs = len(others[0])
-    if block is None or block >= runs or _is_any_traced(parameters, others):
+    if chunk is None or chunk >= runs or _is_any_traced(parameters, others):
         return solve_all(settings, shared, parameters, *others)
     leaves, structure = jax.tree.flatten(parameters)
-    starts, results = list(range(0, runs, block)), []
-    if starts[-1] == runs - 1 and block > 1:  # A run alone would be another program, which rounds otherwise.
+    starts, results = list(range(0, runs, chunk)), []
+    if starts[-1] == runs - 1 and chunk > 1:  # A run alone would be another program, which rounds otherwise.
         starts.pop()
     for start, end in itertools.pairwise([*starts, runs]):
         rows = slice(start, end)

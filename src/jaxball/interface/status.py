@@ -66,11 +66,11 @@ _SENTENCES = {
     ),
     Status.JAMMED: (
         "The run ended at t = {reached:.10g} before t = {end:.10g}, because friction is so large there that the normal "
-        "force of a sliding body has no solution (Painlevé's paradox); lower the coefficient `sliding`."
+        "force of a sliding body has no solution (Painlevé's paradox); lower the coefficient `friction`."
     ),
     Status.CHATTERED: (
         "The run ended at t = {reached:.10g} before t = {end:.10g}, because its mode switched over and over there in "
-        "almost no time; with a law of contact, a coefficient `static` larger than `sliding` may prevent this."
+        "almost no time; with a law of contact, `static_friction` larger than `friction` may prevent this."
     ),
     Status.LEFT_SURFACE: (
         "The run ended at t = {reached:.10g} before t = {end:.10g}, because the body reached the edge of its ground "

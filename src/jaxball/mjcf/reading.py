@@ -154,7 +154,7 @@ def read_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Im
     system = _system(shell, sphere, own, angles, inside, surface, _gravity(root))
     state = _state(system, shell, own, angles, key, inside.joints)
     rolls = not contact and _rolls(system, state)
-    law = None if rolls else Contact(sliding=surface.friction[0])
+    law = None if rolls else Contact(friction=surface.friction[0])
     if law is not None:
         for joint in shell.iter("joint"):
             refuse_values(joint, ("frictionloss",), "joints cannot stick in a body that slips and flies")

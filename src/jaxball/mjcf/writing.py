@@ -152,10 +152,10 @@ def _check(system: System) -> None:
 
 def _check_friction(scenario: Scenario) -> None:
     """Raises a :class:`MJCFError` for friction that depends on the slip speed."""
-    law = None if scenario.contact is None else scenario.contact.friction
+    law = None if scenario.contact is None else scenario.contact.friction_law
     if law is not None:
         raise MJCFError(
-            "Key `contact.sliding` must be a number to be written as MJCF, where friction does not depend on the slip "
+            "Key `contact.friction` must be a number to be written as MJCF, where friction does not depend on the slip "
             f"speed, but it is a {type(law).__name__}; give its coefficient."
         )
 

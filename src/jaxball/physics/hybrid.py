@@ -188,7 +188,7 @@ class AbstractHistory(Printed):
 
     @property
     def coefficients(self) -> dict[str, Array]:
-        """The coefficients of friction between a body and its plane, ``static`` and ``sliding``, if a law has them."""
+        """The coefficients ``friction`` and ``static_friction`` between a body and its plane, if a law has them."""
         return {}
 
     @property

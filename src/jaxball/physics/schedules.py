@@ -307,7 +307,7 @@ class Pulse(AbstractPiecewise):
 
 
 class Waypoints(AbstractPiecewise):
-    """The smooth schedule that takes ``angles`` at ``times``: a cubic spline with θ̈ continuous.
+    """The smooth schedule that takes ``theta`` at ``times``: a cubic spline with θ̈ continuous.
 
     Before the first waypoint and after the last, the mass moves at the constant rate ``end_rates`` (by default at
     rest).
@@ -315,36 +315,36 @@ class Waypoints(AbstractPiecewise):
     **Arguments:**
 
     - ``times``: increasing, shape (n,).
-    - ``angles``: θ at these times, rad on a closed rail and length in a tube, shape (n,).
+    - ``theta``: θ at these times, rad on a closed rail and length in a tube, shape (n,).
     - ``end_rates``: θ̇ at the first and the last, shape (2,).
 
-    **Raises:** ``ValueError`` unless ``times`` and ``angles`` have the same length, two or more.
+    **Raises:** ``ValueError`` unless ``times`` and ``theta`` have the same length, two or more.
 
     **Example:**
 
     >>> import jax.numpy as jnp
     >>> from jaxball import Waypoints
-    >>> schedule = Waypoints(times=[0.0, 1.0, 2.0], angles=[0.0, 0.5, 0.0])
+    >>> schedule = Waypoints(times=[0.0, 1.0, 2.0], theta=[0.0, 0.5, 0.0])
     >>> round(float(schedule(jnp.array(1.0))), 6)
     0.5
     """
 
     times: Float[Array, "*group n"] = eqx.field(converter=numbers("times", ("n",)))
-    angles: Float[Array, "*group n"] = eqx.field(converter=numbers("angles", ("n",)))
+    theta: Float[Array, "*group n"] = eqx.field(converter=numbers("theta", ("n",)))
     end_rates: Float[Array, "*group 2"] = eqx.field(converter=numbers("end_rates", (2,)), default=(0.0, 0.0))
 
     def __check_init__(self):
-        if self.times.shape != self.angles.shape or self.times.ndim < 1 or self.times.shape[-1] < 2:
+        if self.times.shape != self.theta.shape or self.times.ndim < 1 or self.times.shape[-1] < 2:
             raise ValueError(
-                "Arguments `times` and `angles` must have the same length, two or more, but their shapes "
-                f"are {self.times.shape} and {self.angles.shape}."
+                "Arguments `times` and `theta` must have the same length, two or more, but their shapes "
+                f"are {self.times.shape} and {self.theta.shape}."
             )
 
     def prepare(self) -> PiecewiseSchedule:
-        inner = cubic_spline_with_slopes(self.times, self.angles, self.end_rates)
-        still = jnp.zeros((2,), dtype=self.angles.dtype)
-        first = jnp.concatenate([jnp.stack([self.angles[0], self.end_rates[0]]), still])
-        last = jnp.concatenate([jnp.stack([self.angles[-1], self.end_rates[1]]), still])
+        inner = cubic_spline_with_slopes(self.times, self.theta, self.end_rates)
+        still = jnp.zeros((2,), dtype=self.theta.dtype)
+        first = jnp.concatenate([jnp.stack([self.theta[0], self.end_rates[0]]), still])
+        last = jnp.concatenate([jnp.stack([self.theta[-1], self.end_rates[1]]), still])
         return PiecewiseSchedule(
             PiecewisePolynomial(
                 breaks=self.times,
@@ -354,7 +354,7 @@ class Waypoints(AbstractPiecewise):
         )
 
     def advanced(self, by: Float[Array, ""]) -> "Waypoints":
-        return eqx.tree_at(lambda s: s.angles, self, self.angles + by)
+        return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
 
     def kinks(self) -> Float[Array, " kinks"]:
         return self.times

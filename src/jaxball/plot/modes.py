@@ -62,7 +62,7 @@ def modes_of(trajectory: Trajectory[Any, Any]) -> Modes:
         return NO_MODES
     times = np.asarray(trajectory.times)[rows]
     saved, switches = np.asarray(history.mode)[rows], history.switches
-    kept = min(int(switches.count), history.law.room)
+    kept = min(int(switches.count), history.law.capacity)
     when = np.asarray(switches.times)[:kept]
     first = np.asarray(switches.source)[0] if kept else saved[0]
     begins = [(times[0], first), *zip(when, np.asarray(switches.target)[:kept], strict=True)]

@@ -100,7 +100,7 @@ def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     times, seen = record(run)
     N, f = seen.normal_force, np.linalg.norm(seen.friction, axis=1)
     series = [Series(N, "$N$", COMPONENTS[0]), Series(f, r"$|\,\mathbf{f}\,|$", COMPONENTS[1])]
-    if (static := float(run.history.coefficients.get("static", 0.0))) > 0:
+    if (static := float(run.history.coefficients.get("static_friction", 0.0))) > 0:
         series.append(Series(static * N, r"$\mu_s N$", INK, DASHED))
     ax = over_run(run, series, "contact force", ax, size=sizes_of(run.system).force, jumps=True)
     up_to_ticks(ax, low=0.0)
@@ -152,9 +152,9 @@ def _within_the_cone(
     """|f| / N with the coefficients of the law that are not 0; Coulomb's friction never exceeds the larger."""
     history = trajectory.history
     flies = np.asarray(history.over_time["mode"])[finite_rows(trajectory)] == Mode.FLIGHT
-    static, sliding = (float(history.coefficients[name]) for name in ("static", "sliding"))
-    coefficients = {rf"$\mu_s = {static:.4g}$": (static, DASHED), rf"$\mu = {sliding:.4g}$": (sliding, DOTTED)}
-    if static == sliding:
+    static, kinetic = (float(history.coefficients[name]) for name in ("static_friction", "friction"))
+    coefficients = {rf"$\mu_s = {static:.4g}$": (static, DASHED), rf"$\mu = {kinetic:.4g}$": (kinetic, DOTTED)}
+    if static == kinetic:
         coefficients = {rf"$\mu_s = \mu = {static:.4g}$": (static, DASHED)}
     ends = times[[0, -1]] if len(times) else times
     ax = plane_axes(ax, system=trajectory.system)
@@ -275,7 +275,7 @@ def height(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     >>> from jaxball import Contact, Disk, DiskState, ReleasedState, plot, simulate
     >>> thrown = ReleasedState(DiskState(), V=(1.0, 0.0, 0.0), height=0.1)
-    >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], thrown, contact=Contact(sliding=0.2))
+    >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], thrown, contact=Contact(friction=0.2))
     >>> plot.height(run).get_ylabel()
     '$h$'
     """
@@ -296,7 +296,7 @@ def slip_speed(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     >>> from jaxball import Contact, Disk, DiskState, ReleasedState, plot, simulate
     >>> thrown = ReleasedState(DiskState(), V=(1.0, 0.0, 0.0), height=0.1)
-    >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], thrown, contact=Contact(sliding=0.2))
+    >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], thrown, contact=Contact(friction=0.2))
     >>> [band.get_label() for band in plot.slip_speed(run).patches]
     ['flight', 'sliding']
     """
@@ -332,7 +332,7 @@ def _of_contact(trajectory: Trajectory) -> Trajectory:
     if "height" not in run.history.over_time:
         raise ValueError(
             "Argument `trajectory` must be of a run with a law of contact, but it has none; a body that rolls neither "
-            "slips nor leaves the plane. Give one: simulate(..., contact=Contact(sliding=0.3))."
+            "slips nor leaves the plane. Give one: simulate(..., contact=Contact(friction=0.3))."
         )
     return run
 

@@ -56,8 +56,8 @@ def attributes(
     file format, which :func:`load_run` checks. ``ok`` is 1 for a solve that reached its end and 0 for one that failed.
     A run with dense output also has the extremes of the contact force over the whole run, ``friction_needed`` and the
     others of :class:`~jaxball.ContactExtremes`, with the same names as in the store of a sweep. One with a law of
-    contact has its coefficients instead, ``contact_sliding`` and so on, and its ``contact_switches``. ``event_…_count``
-    says how often each event happened.
+    contact has its coefficients instead, ``contact_friction`` and so on, and its ``contact_switches``.
+    ``event_…_count`` says how often each event happened.
     """
     known = trajectory.scenario if scenario is None else scenario
     if scenario is not None:

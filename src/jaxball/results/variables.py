@@ -13,7 +13,7 @@ from ..numerics.arrays import to_array
 from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import NOWHERE, ContactHistory
 from ..physics.contact.law import COEFFICIENTS, AbstractFriction, Contact
-from ..physics.contact.modes import Cause, ContactSwitches, Mode
+from ..physics.contact.modes import ContactSwitches, Mode, SwitchCause
 from ..physics.contact.released import ReleasedState
 from ..physics.contact.resting import RestingHistory
 from ..physics.hybrid import NO_HISTORY, AbstractHistory, History, Switches
@@ -234,7 +234,7 @@ def _of_run_with_law(history: ContactHistory) -> dict[str, Any]:
             "time": float(switches.times[k]),
             "from": _mode_name(switches.source[k]),
             "to": _mode_name(switches.target[k]),
-            "cause": Cause(int(switches.cause[k])).sentence,
+            "cause": SwitchCause(int(switches.cause[k])).sentence,
             "lost": float(switches.lost[k]),
             "grazing": bool(switches.grazing[k]),
         }
@@ -264,7 +264,7 @@ def _of_all_events(history: History) -> dict[str, int | float]:
 @history_attributes.register
 def _of_law(history: ContactHistory) -> dict[str, int | float]:
     law = {f"contact_{name}": float(getattr(history.law, name)) for name in COEFFICIENTS}
-    return law | {"contact_room": history.law.room, "contact_switches": int(history.switches.count)}
+    return law | {"contact_capacity": history.law.capacity, "contact_switches": int(history.switches.count)}
 
 
 def read_history(
@@ -278,7 +278,7 @@ def read_history(
 
     ``law`` is that of the scenario in the file, whose friction may be a function instead of one coefficient.
     """
-    if "contact_sliding" in about:
+    if "contact_friction" in about:
         return _read_contact(arrays, attribute, states, getattr(law, "friction", None))
     if "switches" not in about:
         return NO_HISTORY
@@ -304,15 +304,17 @@ def _read_contact(
     arrays: Mapping[str, np.ndarray],
     attribute: Callable[[str, Callable[[Any], Any]], Any],
     states: Any,
-    friction: AbstractFriction | None,
+    friction_law: AbstractFriction | None,
 ) -> ContactHistory:
-    sliding, *others = (attribute(f"contact_{name}", float) for name in COEFFICIENTS)
-    law = Contact(sliding if friction is None else friction, *others, room=attribute("contact_room", int))
+    friction, *others = (attribute(f"contact_{name}", float) for name in COEFFICIENTS)
+    law = Contact(
+        friction if friction_law is None else friction_law, *others, capacity=attribute("contact_capacity", int)
+    )
     over_time = {
         name: to_array(arrays[name]) if variable.flags is None else jnp.asarray(arrays[name], dtype=int)
         for name, variable in HISTORY.items()
     }
-    switches = _read_switches(arrays, attribute("contact_switches", int), law.room, vars(states), type(states))
+    switches = _read_switches(arrays, attribute("contact_switches", int), law.capacity, vars(states), type(states))
     if not all(name in arrays for name in HISTORY_OF_REST):
         return ContactHistory(law=law, **over_time, switches=switches)
     rests, spin, rolling = (jnp.asarray(arrays[name]) for name in HISTORY_OF_REST)
@@ -322,9 +324,9 @@ def _read_contact(
 
 
 def _read_switches(
-    arrays: Mapping[str, np.ndarray], count: int, room: int, fields: Mapping[str, Array], state_type: Any
+    arrays: Mapping[str, np.ndarray], count: int, capacity: int, fields: Mapping[str, Array], state_type: Any
 ) -> ContactSwitches:
-    filled = _pad_arrays(arrays, count, room)
+    filled = _pad_arrays(arrays, count, capacity)
 
     def state_on(side: str) -> ReleasedState:
         body = {name: filled(f"{side}_{name}", leaf.shape[1:]) for name, leaf in fields.items()}

@@ -12,7 +12,7 @@ from ..numerics.arrays import to_array
 from ..physics.body import AbstractBody, Ball, Disk, System
 from ..physics.contact.law import (
     COEFFICIENTS,
-    DEFAULT_ROOM,
+    DEFAULT_CAPACITY,
     SLOWEST_REBOUND,
     AbstractFriction,
     Contact,
@@ -116,7 +116,7 @@ FRICTIONS = Open(
 )
 
 
-def _read_sliding(value: Any, path: str) -> Any:
+def _read_friction(value: Any, path: str) -> Any:
     """The coefficient, or a law that has it for each slip speed."""
     if names_own(value):
         return read_own(value, path, FRICTIONS)
@@ -127,35 +127,38 @@ def _read_sliding(value: Any, path: str) -> Any:
     return friction
 
 
-def _write_sliding(value: Any, path: str) -> Any:
+def _write_friction(value: Any, path: str) -> Any:
     return (
         write_family(value, path, FRICTIONS) if isinstance(value, AbstractFriction) else _COEFFICIENT.write(value, path)
     )
 
 
 _COEFFICIENT = Numbers()
-_SLIDING = Nested(_read_sliding, _write_sliding, _COEFFICIENT.words, keys_of(FRICTIONS))
+_FRICTION = Nested(_read_friction, _write_friction, _COEFFICIENT.words, keys_of(FRICTIONS))
 
 
-def _law(sliding: Any, static: Any = None, *, room: int, **others: Any) -> Contact:
+def _law(friction: Any, static_friction: Any = None, *, capacity: int, **others: Any) -> Contact:
     """The law, without the checks of its constructor, because a reader reports these in the words of the file."""
-    given, least = (sliding, sliding(jnp.zeros(()))) if isinstance(sliding, AbstractFriction) else (0.0, sliding)
-    values = {"sliding": least, "static": least if static is None else static, **others}
+    is_law = isinstance(friction, AbstractFriction)
+    at_rest = friction(jnp.zeros(())) if is_law else friction
+    static = at_rest if static_friction is None else static_friction
+    values = {"friction": at_rest, "static_friction": static, **others}
     arrays = [to_array(values[name], name) for name in COEFFICIENTS]
-    return eqx.tree_at(lambda law: [getattr(law, name) for name in COEFFICIENTS], Contact(given, room=room), arrays)
+    law = Contact(friction if is_law else 0.0, capacity=capacity)
+    return eqx.tree_at(lambda law: [getattr(law, name) for name in COEFFICIENTS], law, arrays)
 
 
 CONTACT = Module(
     Contact,
     {
-        "sliding": Key(_SLIDING),
-        "static": Key(Numbers(), None),
+        "friction": Key(_FRICTION),
+        "static_friction": Key(Numbers(), None),
         "restitution": Key(Numbers(), 0.0),
         "slowest": Key(Numbers(), SLOWEST_REBOUND),
-        "room": Key(Integer(1, 10**6), DEFAULT_ROOM),
+        "capacity": Key(Integer(1, 10**6), DEFAULT_CAPACITY),
     },
     build=_law,
-    attributes={"sliding": "law_of_sliding"},
+    attributes={"friction": "friction_or_law"},
 )
 
 

@@ -55,11 +55,11 @@ class _Direction(Choice):
         return next(name for name, direction in DIRECTIONS.items() if value in (name, direction))
 
 
-def _crossing(of: Any, level: Any, direction: str, terminal: bool, room: int) -> Event:
-    return Event(of, DIRECTIONS[direction], terminal, room, level)
+def _crossing(of: Any, level: Any, direction: str, terminal: bool, capacity: int) -> Event:
+    return Event(of, DIRECTIONS[direction], terminal, capacity, level)
 
 
-_ENDING = {"terminal": Key(Flag(), True), "room": Key(Integer(1, MOST_KEPT), 8)}
+_ENDING = {"terminal": Key(Flag(), True), "capacity": Key(Integer(1, MOST_KEPT), 8)}
 CROSSING = Module(
     Event,
     {
@@ -67,7 +67,7 @@ CROSSING = Module(
         "level": Key(Numbers(), 0.0),
         "direction": Key(_Direction(tuple(DIRECTIONS)), "both"),
         "terminal": Key(Flag(), False),
-        "room": Key(Integer(1, MOST_KEPT), 64),
+        "capacity": Key(Integer(1, MOST_KEPT), 64),
     },
     build=_crossing,
 )

@@ -155,7 +155,7 @@ def release(
         does = "slides without a law of friction" if "height" not in released else "lands without a law of impact"
         raise ScenarioError(
             f"Key `{join(path, next(iter(released)))}` needs a table [contact], because otherwise the body {does}; "
-            "give one, such as `contact = { sliding = 0.3 }`."
+            "give one, such as `contact = { friction = 0.3 }`."
         )
     return ReleasedState(state, V=released.get("velocity", (0.0, 0.0, 0.0)), height=released.get("height", 0.0))
 

@@ -195,14 +195,14 @@ def row_for_each_interval(name: str, entry: str = "row") -> Callable[[dict[str, 
 
 
 def _check_waypoints(table: dict[str, Any], path: str) -> None:
-    times, angles = len(table["times"]), len(table["angles"])
+    times, values = len(table["times"]), len(table["theta"])
     if times < 2:
         raise key_error(join(path, "times"), "a list of two times or more", f"one of {times}")
-    if angles != times:
+    if values != times:
         raise key_error(
-            join(path, "angles"),
+            join(path, "theta"),
             f"as long as `times`, which has {number_of(times, 'entry', 'entries')}",
-            f"one of {angles}",
+            f"one of {values}",
         )
 
 
@@ -235,7 +235,7 @@ _SCHEDULES: Family = {
         Waypoints,
         {
             "times": Key(TIMES),
-            "angles": Key(Numbers((None,), dimension=ANGLE)),
+            "theta": Key(Numbers((None,), dimension=ANGLE)),
             "end_rates": Key(Numbers((2,), dimension=RATE), (0.0, 0.0)),
         },
         check=_check_waypoints,

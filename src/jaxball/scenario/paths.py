@@ -21,7 +21,7 @@ EXACT = 2**53  # the largest number up to which float64 holds every whole one
 # These change what is compiled or how much is saved, and not the motion.
 _OF_ALL = (
     r"format|time\.saves|solve\.max_steps|.*\.balance\.masses\[\d+\]|actuation\.masses\[\d+\]|mechanisms.*\.(on|joint)"
-    r"|feedback\.horizon|events\.\w+\.room"
+    r"|feedback\.horizon|events\.\w+\.capacity"
 )
 _FIXED = re.compile(rf"{_OF_ALL}|sensors\..*")
 # Where sensors are read, and the motion is one under feedback.

@@ -94,7 +94,7 @@ class Scenario:
 
     def friction_or(self, otherwise: float) -> float:
         """The kinetic friction coefficient of the law of contact, or ``otherwise`` where the body always rolls."""
-        return otherwise if self.contact is None else float(self.contact.sliding)
+        return otherwise if self.contact is None else float(self.contact.friction)
 
     @property
     def system_to_solve(self) -> AbstractSystem:

@@ -153,7 +153,7 @@ def require_kind_of_state(system: AbstractSystem, state: AbstractState | Release
     if isinstance(state, ReleasedState) and not isinstance(system, BodyOnPlane):
         raise TypeError(
             "Argument `contact` must be given where `state` is a ReleasedState, because a body that may slip or fly "
-            "needs a law of friction and impact, such as Contact(sliding=0.3), but it is None."
+            "needs a law of friction and impact, such as Contact(friction=0.3), but it is None."
         )
     require_state(system, state)
 
@@ -245,7 +245,7 @@ def system_to_solve(system: AbstractSystem, contact: Contact | None) -> Abstract
         if system.is_held:
             return DryStickSlip(system) if system.sticking else DryRolling(system)
         return StickSlip(system) if system.sticking else system
-    require("contact", contact, Contact, "a Contact, such as Contact(sliding=0.3)")
+    require("contact", contact, Contact, "a Contact, such as Contact(friction=0.3)")
     if not isinstance(system, AbstractBody):
         raise TypeError(
             f"Argument `contact` must be None for a {type(system).__name__}, which is neither a Ball nor a Disk, but "

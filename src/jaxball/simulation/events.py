@@ -24,8 +24,8 @@ class Occurrences(Printed):
     """The occurrences of one event in a run, in the order of time.
 
     - ``count``: how many there were.
-    - ``times``: when, shape (room,); NaN where there are fewer.
-    - ``state``: the states then; each of its arrays has ``room`` as leading axis.
+    - ``times``: when, shape (capacity,); NaN where there are fewer.
+    - ``state``: the states then; each of its arrays has ``capacity`` as leading axis.
     - ``least``, ``largest``: the extreme values of the event's function, where the solve evaluated it.
     - ``unresolved``: in how many parts of steps the function changed too quickly to be followed, in each of which
       occurrences may have been missed.
@@ -34,7 +34,7 @@ class Occurrences(Printed):
     """
 
     count: Int[Array, "*batch"]
-    times: Float[Array, "*batch room"]
+    times: Float[Array, "*batch capacity"]
     state: Any
     least: Float[Array, "*batch"]
     largest: Float[Array, "*batch"]
@@ -46,7 +46,7 @@ class Occurrences(Printed):
     @property
     def message(self) -> str:
         """A sentence on how often it happened. For one trajectory, not for a batch."""
-        count, room, unresolved = int(self.count), self.times.shape[-1], int(self.unresolved)
+        count, capacity, unresolved = int(self.count), self.times.shape[-1], int(self.unresolved)
         span = f"was between {float(self.least):.6g} and {float(self.largest):.6g}"
         if unresolved:
             places = "one part of a step" if unresolved == 1 else f"{unresolved} parts of steps"
@@ -60,9 +60,10 @@ class Occurrences(Printed):
         first = f"first at t = {float(np.asarray(self.times)[0]):.10g}"
         if count == 1:
             return f"It happened once, at t = {float(np.asarray(self.times)[0]):.10g}."
-        if count <= room:
+        if count <= capacity:
             return f"It happened {count} times, {first}."
-        return f"It happened {count} times, {first}; the first {room} are kept, and a larger `room` would keep more."
+        kept = f"the first {capacity} are kept, and a larger `capacity` would keep more"
+        return f"It happened {count} times, {first}; {kept}."
 
 
 UP, DOWN, EITHER = 1, -1, 0
@@ -74,16 +75,16 @@ class AbstractEvent(Printed):
     - ``direction``: 1 if it happens only where the function rises, −1 if only where it falls, 0 for both.
     - ``terminal``: whether it ends the run.
     - ``from_start``: whether it counts as having happened in a run that starts beyond zero.
-    - ``room``: how many of its times and states are kept; all are counted.
+    - ``capacity``: how many of its times and states are kept; all are counted.
     - ``status``: the status of a run that it ended.
     """
 
     if TYPE_CHECKING:  # to a type checker, fields declared here would come before `of` among the arguments
-        direction, terminal, room = cast(int, None), cast(bool, None), cast(int, None)
+        direction, terminal, capacity = cast(int, None), cast(bool, None), cast(int, None)
     else:
         direction: eqx.AbstractVar[int]
         terminal: eqx.AbstractVar[bool]
-        room: eqx.AbstractVar[int]
+        capacity: eqx.AbstractVar[int]
     from_start: ClassVar[bool]
     status: ClassVar[Status]
 
@@ -91,8 +92,8 @@ class AbstractEvent(Printed):
         require_flags(terminal=self.terminal)
         if self.direction not in (UP, DOWN, EITHER):
             raise ValueError(f"Argument `direction` must be 1, -1 or 0, but it is {self.direction}.")
-        if self.room < 1:
-            raise ValueError(f"Argument `room` must be 1 or more, but it is {self.room}.")
+        if self.capacity < 1:
+            raise ValueError(f"Argument `capacity` must be 1 or more, but it is {self.capacity}.")
 
     @abc.abstractmethod
     def value(self, system: Any, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
@@ -115,7 +116,7 @@ class Event(AbstractEvent):
       its laws.
     - ``direction``: 1 for upward crossings only, −1 for downward ones, 0 for both.
     - ``terminal``: whether the first crossing ends the run.
-    - ``room``: how many crossings are kept; all are counted.
+    - ``capacity``: how many crossings are kept; all are counted.
     - ``level``: the value that is crossed, in the units of the function.
 
     **Raises:** ``ValueError`` for the name of no number of the run, when it is solved.
@@ -139,7 +140,7 @@ class Event(AbstractEvent):
     of: Callable[..., Float[Array, ""]] | str = eqx.field(static=True)
     direction: int = eqx.field(static=True, default=EITHER)
     terminal: bool = eqx.field(static=True, default=False)
-    room: int = eqx.field(static=True, default=64)
+    capacity: int = eqx.field(static=True, default=64)
     level: Float[Array, ""] = eqx.field(converter=numbers("level"), default=0.0)
     from_start: ClassVar[bool] = False
     status: ClassVar[Status] = Status.EVENT
@@ -183,7 +184,7 @@ class Detachment(AbstractEvent):
     **Arguments:**
 
     - ``terminal``: whether it ends the run.
-    - ``room``: how many of its times and states are kept; all are counted.
+    - ``capacity``: how many of its times and states are kept; all are counted.
 
     **Example:**
 
@@ -195,7 +196,7 @@ class Detachment(AbstractEvent):
     """
 
     terminal: bool = eqx.field(static=True, default=True)
-    room: int = eqx.field(static=True, default=8)
+    capacity: int = eqx.field(static=True, default=8)
     direction: int = eqx.field(static=True, default=DOWN, init=False)
     from_start: ClassVar[bool] = True
     status: ClassVar[Status] = Status.DETACHED
@@ -211,7 +212,7 @@ class Slip(AbstractEvent):
 
     - ``friction``: μ, dimensionless.
     - ``terminal``: whether it ends the run.
-    - ``room``: how many of its times and states are kept; all are counted.
+    - ``capacity``: how many of its times and states are kept; all are counted.
 
     **Example:**
 
@@ -224,13 +225,18 @@ class Slip(AbstractEvent):
 
     friction: Float[Array, ""] = eqx.field(converter=numbers("friction"))
     terminal: bool = eqx.field(static=True)
-    room: int = eqx.field(static=True)
+    capacity: int = eqx.field(static=True)
     direction: int = eqx.field(static=True)
     from_start: ClassVar[bool] = True
     status: ClassVar[Status] = Status.SLIPPED
 
-    def __init__(self, friction: Numbers, terminal: bool = True, room: int = 8):
-        self.friction, self.terminal, self.room, self.direction = numbers("friction")(friction), terminal, room, DOWN
+    def __init__(self, friction: Numbers, terminal: bool = True, capacity: int = 8):
+        self.friction, self.terminal, self.capacity, self.direction = (
+            numbers("friction")(friction),
+            terminal,
+            capacity,
+            DOWN,
+        )
         if not is_traced(self.friction) and not 0 < self.friction < jnp.inf:
             raise ValueError(f"Argument `friction` must be a positive number, but it is {float(self.friction):g}.")
 
@@ -248,7 +254,7 @@ class Leaving(AbstractEvent):
 
     direction: int = eqx.field(static=True, default=DOWN, init=False)
     terminal: bool = eqx.field(static=True, default=False, init=False)
-    room: int = eqx.field(static=True, default=1, init=False)
+    capacity: int = eqx.field(static=True, default=1, init=False)
     from_start: ClassVar[bool] = False
     status: ClassVar[Status] = Status.LEFT_SHELL
 

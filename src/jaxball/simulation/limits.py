@@ -29,7 +29,7 @@ def with_limits(trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
 
     Nothing jumps between switches, so a curve through these rows shows each jump where it is. The two rows replace a
     saved time that coincides with a switch. Rows without a switch have states of NaN and are at the end: there are
-    always 2 ``room`` more rows than saved times, so that programs for them do not depend on how many switches there
+    always 2 ``capacity`` more rows than saved times, so that programs for them do not depend on how many switches there
     were. A run without a law of contact is returned as it is.
 
     **Arguments:**
@@ -53,9 +53,9 @@ def _of_rest(history: RestingHistory, trajectory: Trajectory[Any, Any]) -> Traje
 def _of_contact(history: ContactHistory, trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
     times, state = np.asarray(trajectory.times), trajectory.state
     sides = _sides(trajectory, history)
-    size = len(times) + 2 * history.law.room
-    order = _order(times, sides, history.law.room)
-    rows = np.concatenate([order, np.full(size - len(order), len(times) + 2 * history.law.room)])
+    size = len(times) + 2 * history.law.capacity
+    order = _order(times, sides, history.law.capacity)
+    rows = np.concatenate([order, np.full(size - len(order), len(times) + 2 * history.law.capacity)])
 
     def join_rows(saved: Any, limits: Any, nothing: float | int) -> Any:
         """Rows of saved values and of limits, in order; ``nothing`` in unused ones."""
@@ -101,7 +101,7 @@ class _Sides(NamedTuple):
 
 def _sides(trajectory: Trajectory[Any, Any], history: ContactHistory) -> _Sides:
     switches = history.switches
-    kept = min(int(switches.count), history.law.room)
+    kept = min(int(switches.count), history.law.capacity)
 
     def both(before: Any, after: Any) -> np.ndarray:
         pair = np.stack([np.asarray(before), np.asarray(after)], axis=1)
@@ -153,7 +153,7 @@ def _is_still(trajectory: Trajectory[Any, Any], sides: _Sides) -> Bool[np.ndarra
     return (sides.modes == Mode.SLIDING) & slow
 
 
-def _order(times: Float[np.ndarray, " T"], sides: _Sides, room: int) -> Int[np.ndarray, " rows"]:
+def _order(times: Float[np.ndarray, " T"], sides: _Sides, capacity: int) -> Int[np.ndarray, " rows"]:
     """The rows of the run in the order of time: saved ones by their index, sides by theirs after all of these."""
     when = sides.times[: 2 * sides.kept]
     rows = np.arange(len(when))
@@ -225,6 +225,6 @@ def _first_slips(system: BodyOnPlane, times: Array, states: ContactState) -> Arr
     prepared = system.prepare()
 
     def first(at: tuple[Array, ContactState]) -> Array:
-        return friction.first_slip(prepared.response(*at), prepared.contact.sliding).sigma
+        return friction.first_slip(prepared.response(*at), prepared.contact.friction).sigma
 
     return jax.lax.map(first, (times, states))

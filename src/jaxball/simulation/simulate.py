@@ -142,7 +142,7 @@ def simulate(
     'The solve reached t = 2.'
     >>> from jaxball import Contact, ReleasedState
     >>> thrown = ReleasedState(DiskState(), V=(1.0, 0.0, 0.0))
-    >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], thrown, contact=Contact(sliding=0.25))
+    >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], thrown, contact=Contact(friction=0.25))
     >>> run.contact.switches
     Switches
       t = 1.333333333: from sliding to rolling, as the slip ended

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..physics.contact.modes import Cause, Mode
+from ..physics.contact.modes import Mode, SwitchCause
 
 
 class Variable(NamedTuple):
@@ -130,7 +130,7 @@ HISTORY_OF_REST = {
 # By the names of the fields of ContactSwitches. Those of the states before and after come with the kind of the state.
 SWITCHES = {
     "times": Variable((), "time", "time of a change of mode"),
-    "cause": Variable((), "1", "why the mode ended", flags=Cause),
+    "cause": Variable((), "1", "why the mode ended", flags=SwitchCause),
     "source": Variable((), "1", "mode before the switch", flags=Mode),
     "target": Variable((), "1", "mode after the switch", flags=Mode),
     "lost": Variable((), "energy", "energy dissipated by the impact"),

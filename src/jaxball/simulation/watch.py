@@ -27,7 +27,7 @@ class Watched(NamedTuple):
     """
 
     log: Log
-    rows: Float[Array, "room width"]
+    rows: Float[Array, "capacity width"]
 
     @property
     def buffers(self) -> Any:
@@ -49,7 +49,7 @@ class Watch:
     def begin(self, t0: Float[Array, ""], x: Float[Array, " size"], parameters: Any) -> Watched:
         """Returns what is carried before the first step, from ``x`` at ``t0``."""
         width = 1 + jax.eval_shape(self._state, t0, x, parameters).size
-        rows = jnp.full((self._kinds.room, width), jnp.nan, x.dtype)
+        rows = jnp.full((self._kinds.capacity, width), jnp.nan, x.dtype)
         return Watched(Log.empty(self._kinds, jax.lax.stop_gradient(t0)), rows)
 
     def glance(self, watched: Watched, step: "Within", parameters: Any) -> Glance:
@@ -134,7 +134,7 @@ def _kinds(events: Mapping[str, AbstractEvent]) -> Kinds:
         tuple(event.direction for event in each),
         tuple(event.from_start for event in each),
         tuple(event.terminal for event in each),
-        tuple(event.room for event in each),
+        tuple(event.capacity for event in each),
     )
 
 
@@ -156,7 +156,7 @@ def occurrences_of(
     log, rows = watched.log, once("times and states of events", watched.rows)
     occurrences = {}
     for k, ((name, event), part) in enumerate(zip(events.items(), _kinds(events).parts, strict=True)):
-        known = (jnp.arange(event.room) < log.total[k]) & started
+        known = (jnp.arange(event.capacity) < log.total[k]) & started
         own = rows[part]
         occurrences[name] = Occurrences(
             count=jnp.where(started, log.total[k], 0),

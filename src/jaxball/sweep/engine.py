@@ -71,7 +71,7 @@ def _solve_rows(
         project=first.project,
         max_steps=first.max_steps,
         reductions=reductions,
-        block=min(request.most, ROWS_OF_CALL if jax.default_backend() == "cpu" else ROWS_OF_CALL_ON_GPU),
+        chunk=min(request.most, ROWS_OF_CALL if jax.default_backend() == "cpu" else ROWS_OF_CALL_ON_GPU),
         threads=request.threads,
     )
     trajectory = ensemble.trajectory

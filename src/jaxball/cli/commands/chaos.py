@@ -158,7 +158,7 @@ def _poincare(options: argparse.Namespace) -> int:
             (scenario.times[0], scenario.times[-1] if options.end is None else options.end),
             state,
             direction=DIRECTIONS[options.direction or "rising"],
-            room=MOST_CROSSINGS,
+            capacity=MOST_CROSSINGS,
             solver=SOLVERS[scenario.solver](),
             rtol=scenario.rtol,
             atol=scenario.atol,

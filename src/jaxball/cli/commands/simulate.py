@@ -66,7 +66,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--contact",
         metavar="LAW",
         help="let the body slip and fly, with this kinetic coefficient of friction, as in 0.3, or with these keys of "
-        "[contact], as in sliding=0.3,static=0.4,restitution=0.5; replaces the scenario's law",
+        "[contact], as in friction=0.3,static_friction=0.4,restitution=0.5; replaces the scenario's law",
     )
     parser.add_argument("--friction", type=positive, metavar="MU", help="end where rolling needs more friction than MU")
     parser.add_argument("--detachment", action="store_true", help="end where the body would leave the plane")
@@ -274,7 +274,7 @@ def _with_contact(document: dict[str, Any], law: str | None) -> dict[str, Any]:
             "Argument `--contact` must be left out for a system that is no ball or disk, such as a scenario of the "
             f'kind "{document["kind"]}".'
         )
-    keys = law.split(",") if "=" in law else [f"sliding={law}"]
+    keys = law.split(",") if "=" in law else [f"friction={law}"]
     others = {name: value for name, value in document.items() if name != "contact"}
     return with_values(others, [f"contact.{key.strip()}" for key in keys])
 

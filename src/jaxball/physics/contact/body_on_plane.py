@@ -35,7 +35,7 @@ from ..state import ReducedState
 from ..system import AbstractSystem
 from . import friction, over_surface as over, slip as slips
 from .law import Contact
-from .modes import Cause, ContactState, ContactSwitches, Mode, cause_of
+from .modes import ContactState, ContactSwitches, Mode, SwitchCause, cause_of
 from .released import (
     PlacedState,
     ReleasedState,
@@ -181,7 +181,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
     ) -> tuple[Float[Array, ""], Float[Array, "2"]]:
         """μ and σ; where friction has faded with the slip, μ′(0) and v_s, for the derivative of their product."""
         mu, sigma = self.coefficient(slip), state.direction(t, slip)
-        if self.contact.friction is None:
+        if self.contact.friction_law is None:
             return mu, sigma
         has_faded = ~self.slips_end & (jnp.sum(slip[:2] ** 2) == 0)
         slope = jax.jvp(self.contact.coefficient, (jnp.zeros_like(mu),), (jnp.ones_like(mu),))[1]
@@ -190,7 +190,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
     @property
     def slips_end(self) -> Bool[Array, ""]:
         """Whether a slip ends in a finite time: not on a smooth plane, nor by friction that fades with the slip."""
-        return self.contact.sliding > 0
+        return self.contact.friction > 0
 
     def interaction(self, t: Float[Array, ""], state: ContactState, found: Response) -> friction.Interaction:
         """The reaction of the plane in the mode that the state is in."""
@@ -240,7 +240,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         """The same, where the response and the reaction are known."""
         slack = self.rounding_of_force(state, found)
         slip, one = slip_velocity(self.body, t, state.released), jnp.ones_like(state.height)
-        spare = friction.margin(acting.R, self.contact.static) + slack
+        spare = friction.margin(acting.R, self.contact.static_friction) + slack
         forward = jnp.sum(slip[:2] * reference.sigma) - reference.least
         forward = jnp.where(self.slips_end, forward, one)
         # A body that rises does not land, where rounding takes its height below zero as it lifts.
@@ -275,13 +275,13 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         slow = root(jnp.sum(slip[:2] ** 2)) <= 2 * least + errors
         cause = cause_of(state.mode, step.zero)
         weightless = guards[1, -1] <= NOTHING * jnp.max(jnp.abs(guards[1]))
-        cause = jnp.where((cause == int(Cause.GIVES_WAY)) & weightless, int(Cause.LIFTS), cause)
-        ends = (step.zero != NONE) & jnp.where(cause == int(Cause.STOPS), slow, step.has_fallen)
+        cause = jnp.where((cause == int(SwitchCause.GIVES_WAY)) & weightless, int(SwitchCause.LIFTS), cause)
+        ends = (step.zero != NONE) & jnp.where(cause == int(SwitchCause.STOPS), slow, step.has_fallen)
         before, after = guards[0, 0] + least, guards[0, -1] + least
         slides = state.is_in(Mode.SLIDING)
         slows_down = slides & self.slips_end
         stops = slows_down & slow & slips.nears_its_end(before, after, least)
-        otherwise = jnp.where(step.timed & slides, slips.WINDOW, jnp.where(stops, int(Cause.STOPS), NONE))
+        otherwise = jnp.where(step.timed & slides, slips.WINDOW, jnp.where(stops, int(SwitchCause.STOPS), NONE))
         longest = slips.longest_step(before, after, least, step.end - step.start, accuracy)
         longest = jnp.where(slows_down & ~ends, longest, jnp.inf)
         return Assessment(jnp.where(ends, cause, otherwise), longest)
@@ -350,7 +350,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
     @property
     def max_switches(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
         """How many switches are kept."""
-        return self.contact.room
+        return self.contact.capacity
 
     def history(self, times: Float[Array, " T"], states: ContactState, record: Any) -> "ContactHistory":
         slip, sigma = self.prepare().slips(times, states)
@@ -432,7 +432,7 @@ class ContactHistory(AbstractHistory):
 
     @property
     def coefficients(self) -> dict[str, Array]:
-        return {"static": self.law.static, "sliding": self.law.sliding}
+        return {"friction": self.law.friction, "static_friction": self.law.static_friction}
 
     @property
     def rubbed(self) -> Float[Array, "*batch T"]:

@@ -15,8 +15,8 @@ from ...numerics.arrays import Numbers, is_traced, namespace_of, numbers
 from ..conditions import Condition, positive
 
 SLOWEST_REBOUND = 1e-6
-DEFAULT_ROOM = 64
-COEFFICIENTS: tuple[str, ...] = ("sliding", "static", "restitution", "slowest")
+DEFAULT_CAPACITY = 64
+COEFFICIENTS: tuple[str, ...] = ("friction", "static_friction", "restitution", "slowest")
 
 
 class AbstractFriction(Printed):
@@ -25,7 +25,7 @@ class AbstractFriction(Printed):
     Friction is −μ(v) N v_s/|v_s| with v = |v_s|, so that it has the direction of Coulomb's law and is proportional to
     the normal force. An implementer supplies ``__call__``, which is traced: it is written with ``jax.numpy``, for one
     speed. It must be smooth for v ≥ 0 and not negative, or friction would do work on the body. Static friction is the
-    coefficient ``static`` of the :class:`~jaxball.Contact`, μ(0) if that is not given.
+    coefficient ``static_friction`` of the :class:`~jaxball.Contact`, μ(0) if that is not given.
     """
 
     @abc.abstractmethod
@@ -74,66 +74,66 @@ class SmoothedCoulomb(AbstractFriction):
         """What its numbers must be; traceable."""
         finite = namespace_of(self.kinetic).isfinite
         holds = (self.kinetic >= 0) & finite(self.kinetic)
-        yield Condition(holds, "contact.sliding.kinetic", self.kinetic, "0 or positive")
-        yield Condition(positive(self.smoothing), "contact.sliding.smoothing", self.smoothing, "a positive number")
+        yield Condition(holds, "contact.friction.kinetic", self.kinetic, "0 or positive")
+        yield Condition(positive(self.smoothing), "contact.friction.smoothing", self.smoothing, "a positive number")
 
 
 class Contact(Printed):
     """What happens when rolling ends: how large friction can be, and how an impact rebounds.
 
-    Friction up to |f| = ``static`` N holds a body that does not slip. On a body that slips with v_s, friction is
-    −``sliding`` N v_s/|v_s|. A body that lands on the ground rebounds with −``restitution`` times its normal velocity,
-    with sliding friction during the impact.
+    Friction up to |f| = ``static_friction`` N holds a body that does not slip. On a body that slips with v_s, friction
+    is −``friction`` N v_s/|v_s|. A body that lands on the ground rebounds with −``restitution`` times its normal
+    velocity, with sliding friction during the impact.
 
     **Arguments:**
 
-    - ``sliding``: the kinetic friction coefficient μ, dimensionless; 0 for a smooth ground. An
+    - ``friction``: the kinetic friction coefficient μ, dimensionless; 0 for a smooth ground. An
       :class:`~jaxball.AbstractFriction` makes it a function of the slip speed, except that it is constant during an
-      impact; ``sliding`` is then its value for speed 0.
-    - ``static``: the static friction coefficient μ_s; ``sliding`` if not given.
+      impact; ``friction`` is then its value for speed 0.
+    - ``static_friction``: the static friction coefficient μ_s; ``friction`` if not given.
     - ``restitution``: Newton's e, from 0 to 1.
     - ``slowest``: a rebound slower than this times √(g r) is treated as none, because bounces get shorter and shorter,
       and infinitely many of them end in a finite time (Zeno). Without gravity, g is the acceleration by which other
       forces press the body on.
-    - ``room``: how many switches of the mode are kept; all are counted.
-    - ``friction``: the function in the place of ``sliding``, as ``dataclasses.replace`` passes it on.
+    - ``capacity``: how many switches of the mode are kept; all are counted.
+    - ``friction_law``: the function in the place of ``friction``, as ``dataclasses.replace`` passes it on.
 
     **Raises:** ``ValueError`` for impossible coefficients.
 
     **Example:**
 
     >>> from jaxball import Contact
-    >>> Contact(sliding=0.2, restitution=0.5)
-    Contact(sliding=0.2, static=0.2, restitution=0.5, slowest=1e-06, room=64)
+    >>> Contact(friction=0.2, restitution=0.5)
+    Contact(friction=0.2, static_friction=0.2, restitution=0.5, slowest=1e-06, capacity=64)
     """
 
-    sliding: Float[Array, "*batch"]
-    static: Float[Array, "*batch"]
+    friction: Float[Array, "*batch"]
+    static_friction: Float[Array, "*batch"]
     restitution: Float[Array, "*batch"]
     slowest: Float[Array, "*batch"]
-    room: int = eqx.field(static=True)
-    friction: AbstractFriction | None = None
+    capacity: int = eqx.field(static=True)
+    friction_law: AbstractFriction | None = None
 
     def __init__(
         self,
-        sliding: Numbers | AbstractFriction,
-        static: Numbers | None = None,
+        friction: Numbers | AbstractFriction,
+        static_friction: Numbers | None = None,
         restitution: Numbers = 0.0,
         slowest: Numbers = SLOWEST_REBOUND,
-        room: int = DEFAULT_ROOM,
-        friction: AbstractFriction | None = None,
+        capacity: int = DEFAULT_CAPACITY,
+        friction_law: AbstractFriction | None = None,
     ):
-        if isinstance(sliding, AbstractFriction):
-            friction = sliding
-        self.friction = friction
-        least: Any = sliding if friction is None else friction(jnp.zeros(()))
-        self.sliding = numbers("sliding")(least)
-        self.static = self.sliding if static is None else numbers("static")(static)
+        if isinstance(friction, AbstractFriction):
+            friction_law = friction
+        self.friction_law = friction_law
+        at_rest: Any = friction if friction_law is None else friction_law(jnp.zeros(()))
+        self.friction = numbers("friction")(at_rest)
+        self.static_friction = self.friction if static_friction is None else numbers("static_friction")(static_friction)
         self.restitution = numbers("restitution")(restitution)
         self.slowest = numbers("slowest")(slowest)
-        self.room = room
-        if room < 1:
-            raise ValueError(f"Argument `room` must be 1 or more, but it is {room}.")
+        self.capacity = capacity
+        if capacity < 1:
+            raise ValueError(f"Argument `capacity` must be 1 or more, but it is {capacity}.")
         if not any(map(is_traced, jax.tree.leaves(self))):
             known = jax.tree.map(np.asarray, self)  # NumPy checks its conditions, without compiling anything
             for condition in known.conditions():
@@ -142,13 +142,18 @@ class Contact(Printed):
 
     def conditions(self) -> Iterator[Condition]:
         """What the coefficients must be; traceable."""
-        if self.friction is not None:  # first, because what it makes of impossible numbers says nothing
-            yield from self.friction.conditions()
-        finite = namespace_of(self.sliding).isfinite
+        if self.friction_law is not None:  # first, because what it makes of impossible numbers says nothing
+            yield from self.friction_law.conditions()
+        finite = namespace_of(self.friction).isfinite
         must = "0 or positive"
-        yield Condition((self.sliding >= 0) & finite(self.sliding), "contact.sliding", self.sliding, must)
-        must = "no less than the coefficient `sliding`, because friction cannot be larger on a body that slips"
-        yield Condition((self.static >= self.sliding) & finite(self.static), "contact.static", self.static, must)
+        yield Condition((self.friction >= 0) & finite(self.friction), "contact.friction", self.friction, must)
+        must = "no less than the coefficient `friction`, because friction cannot be larger on a body that slips"
+        yield Condition(
+            (self.static_friction >= self.friction) & finite(self.static_friction),
+            "contact.static_friction",
+            self.static_friction,
+            must,
+        )
         holds = (self.restitution >= 0) & (self.restitution <= 1)
         yield Condition(holds, "contact.restitution", self.restitution, "from 0 to 1, or impacts would create energy")
         holds = (self.slowest > 0) & finite(self.slowest)
@@ -156,9 +161,9 @@ class Contact(Printed):
 
     def coefficient(self, speed: Float[Array, ""]) -> Float[Array, ""]:
         """The kinetic friction coefficient for a slip speed, length/time."""
-        return self.sliding if self.friction is None else self.friction(speed)
+        return self.friction if self.friction_law is None else self.friction_law(speed)
 
     @property
-    def law_of_sliding(self) -> Any:
-        """What was given as ``sliding``: the coefficient, or the friction that has it."""
-        return self.sliding if self.friction is None else self.friction
+    def friction_or_law(self) -> Any:
+        """What was given as ``friction``: the coefficient, or the friction that has it."""
+        return self.friction if self.friction_law is None else self.friction_law

@@ -34,7 +34,7 @@ class Mode(enum.IntEnum):
     REST = 3
 
 
-class Cause(enum.IntEnum):
+class SwitchCause(enum.IntEnum):
     """Why a mode ends: friction gives way, a slip ends, the normal force falls to zero, the body lands.
 
     ``JAMS``: friction is so large that the normal force of a sliding body has no solution. Under exact dry resistance,
@@ -42,8 +42,8 @@ class Cause(enum.IntEnum):
 
     **Example:**
 
-    >>> from jaxball import Cause
-    >>> Cause.LANDS.sentence
+    >>> from jaxball import SwitchCause
+    >>> SwitchCause.LANDS.sentence
     'the body came down'
     """
 
@@ -65,30 +65,30 @@ class Cause(enum.IntEnum):
 
 
 _CLAUSES = {
-    Cause.START: "the run began",
-    Cause.GIVES_WAY: "friction gave way",
-    Cause.STOPS: "the slip ended",
-    Cause.LIFTS: "the normal force fell to zero",
-    Cause.LANDS: "the body came down",
-    Cause.JAMS: "the normal force had no solution",
-    Cause.ROLLING_ENDS: "its rolling ended",
-    Cause.BREAKS_LOOSE: "rolling friction gave way",
-    Cause.SPINNING_ENDS: "its spinning ended",
-    Cause.BEGINS_TO_SPIN: "the friction against spinning gave way",
+    SwitchCause.START: "the run began",
+    SwitchCause.GIVES_WAY: "friction gave way",
+    SwitchCause.STOPS: "the slip ended",
+    SwitchCause.LIFTS: "the normal force fell to zero",
+    SwitchCause.LANDS: "the body came down",
+    SwitchCause.JAMS: "the normal force had no solution",
+    SwitchCause.ROLLING_ENDS: "its rolling ended",
+    SwitchCause.BREAKS_LOOSE: "rolling friction gave way",
+    SwitchCause.SPINNING_ENDS: "its spinning ended",
+    SwitchCause.BEGINS_TO_SPIN: "the friction against spinning gave way",
 }
 
 
 # For each mode, the cause that each guard stands for.
 CAUSES = (
-    (Cause.GIVES_WAY, Cause.LIFTS, Cause.START),
-    (Cause.STOPS, Cause.LIFTS, Cause.JAMS),
-    (Cause.LANDS, Cause.START, Cause.START),
+    (SwitchCause.GIVES_WAY, SwitchCause.LIFTS, SwitchCause.START),
+    (SwitchCause.STOPS, SwitchCause.LIFTS, SwitchCause.JAMS),
+    (SwitchCause.LANDS, SwitchCause.START, SwitchCause.START),
 )
 
 
 def cause_of(mode: Float[Array, ""], guard: Int[Array, ""]) -> Int[Array, ""]:
     """The cause that a guard of a mode stands for; ``START`` for none."""
-    cause = jnp.full_like(guard, int(Cause.START))
+    cause = jnp.full_like(guard, int(SwitchCause.START))
     for of_mode, causes in enumerate(CAUSES):
         for k, one in enumerate(causes):
             cause = jnp.where((mode == of_mode) & (guard == k), int(one), cause)
@@ -146,27 +146,27 @@ class ContactState(AbstractState):
 
 
 class ContactSwitches(Switches):
-    """The switches of a body from one mode to another; ``event`` is the ``jaxball.Cause`` of each.
+    """The switches of a body from one mode to another; ``event`` is the ``jaxball.SwitchCause`` of each.
 
-    - ``source``, ``target``: the :class:`~jaxball.Mode` before and after it, shape (room,).
+    - ``source``, ``target``: the :class:`~jaxball.Mode` before and after it, shape (capacity,).
     - ``before``, ``after``: the :class:`~jaxball.ReleasedState` before and after it, with a leading axis.
-    - ``lost``: the energy lost in an impact, mass length²/time², shape (room,).
+    - ``lost``: the energy lost in an impact, mass length²/time², shape (capacity,).
     """
 
-    source: Int[Array, "*batch room"]
-    target: Int[Array, "*batch room"]
-    lost: Float[Array, "*batch room"]
+    source: Int[Array, "*batch capacity"]
+    target: Int[Array, "*batch capacity"]
+    lost: Float[Array, "*batch capacity"]
 
     @property
-    def cause(self) -> Int[Array, "*batch room"]:
-        """The ``jaxball.Cause`` of each, shape (room,); −1 where there are fewer."""
+    def cause(self) -> Int[Array, "*batch capacity"]:
+        """The ``jaxball.SwitchCause`` of each, shape (capacity,); −1 where there are fewer."""
         return self.event
 
     def words(self, k: int) -> str:
         source, target, cause = (int(np.asarray(column)[k]) for column in (self.source, self.target, self.event))
         modes = " to ".join(Mode(mode).name.lower() for mode in (source, target))
-        return f"from {modes}, as {Cause(cause).sentence}"
+        return f"from {modes}, as {SwitchCause(cause).sentence}"
 
     @property
     def remedy(self) -> str:
-        return "which a larger `room` of the Contact would keep"
+        return "which a larger `capacity` of the Contact would keep"

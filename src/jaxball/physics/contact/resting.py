@@ -26,7 +26,7 @@ from ..resistance import TurningMode
 from ..state import PlacedState
 from . import friction, slip as slips
 from .body_on_plane import BodyOnPlane, ContactHistory
-from .modes import Cause, ContactState, Mode
+from .modes import ContactState, Mode, SwitchCause
 from .released import ReleasedState, Response, response, slip_velocity
 from .resisted import DryTorque, Resisting
 from .resting_transition import Headings, transition
@@ -222,10 +222,10 @@ class RestingOnPlane(BodyOnPlane):
             nears = rolls & slow & slips.nears_its_end(before, after, least)
             braked = slips.longest_step(before, after, least, step.end - step.start, accuracy)
             longest = jnp.minimum(longest, jnp.where(rolls & ~ends, braked, jnp.inf))
-        rolling = jnp.where(state.rolls == 0, int(Cause.BREAKS_LOOSE), int(Cause.ROLLING_ENDS))
-        spinning = jnp.where(state.spin == 0, int(Cause.BEGINS_TO_SPIN), int(Cause.SPINNING_ENDS))
+        rolling = jnp.where(state.rolls == 0, int(SwitchCause.BREAKS_LOOSE), int(SwitchCause.ROLLING_ENDS))
+        spinning = jnp.where(state.spin == 0, int(SwitchCause.BEGINS_TO_SPIN), int(SwitchCause.SPINNING_ENDS))
         cause = jnp.where(step.zero == SPINNING_GUARD, spinning, rolling)
-        otherwise = jnp.where((contact.event < 0) & nears, int(Cause.ROLLING_ENDS), contact.event)
+        otherwise = jnp.where((contact.event < 0) & nears, int(SwitchCause.ROLLING_ENDS), contact.event)
         return Assessment(jnp.where(ends, cause, otherwise), longest)
 
     def _unit_of_rate(self, omega: Float[Array, "3"]) -> Float[Array, ""]:

@@ -21,7 +21,7 @@ from ..hybrid import START, Accuracy, Transition, at_zero
 from ..resistance import TurningMode
 from ..rest import candidates, resist
 from . import friction, slip as slips
-from .modes import CAUSES, Cause, Mode
+from .modes import CAUSES, Mode, SwitchCause
 from .released import ReleasedState, Response, rates, slip_velocity, with_slip
 from .resisted import Resisting
 from .slip import Beginning, Heading
@@ -45,9 +45,9 @@ TURNS_TAKEN = 6  # by the windows of a slip and of rolling that begin together
 def transition(
     plane: "RestingOnPlane", t: Float[Array, ""], state: "RestingState", event: Int[Array, ""], accuracy: Accuracy
 ) -> Transition:
-    """What follows a :class:`Cause` for which a mode ends, the end of a window, or the start of a run."""
+    """What follows a :class:`SwitchCause` for which a mode ends, the end of a window, or the start of a run."""
     starts = event == START
-    cause = jnp.where(starts, int(Cause.START), event)
+    cause = jnp.where(starts, int(SwitchCause.START), event)
     slip, rolling = without_derivatives(plane).step_reference(*without_derivatives((t, state, accuracy)))
     least = jnp.zeros_like(rolling.speed) if plane.body.planar else rolling.speed
     heading = Headings(slip._replace(least=slip.speed), rolling._replace(least=least))
@@ -58,27 +58,27 @@ def transition(
     def guards(plane: "RestingOnPlane", t: Float[Array, ""], state: "RestingState") -> Float[Array, "5"]:
         return plane.guards_in_step(t, state, heading)
 
-    t, before, slope = at_zero(guards, plane, t, state, which, cause > int(Cause.START))
+    t, before, slope = at_zero(guards, plane, t, state, which, cause > int(SwitchCause.START))
     done = _next_mode(plane, t, before, cause, accuracy.tolerance)
-    slows = _is_one_of(cause, Cause.STOPS) | _is_one_of(cause, Cause.ROLLING_ENDS) & (not plane.body.planar)
+    slows = _is_one_of(cause, SwitchCause.STOPS) | _is_one_of(cause, SwitchCause.ROLLING_ENDS) & (not plane.body.planar)
     return Transition(
         t=done.t,
         before=done.before,
         after=done.state,
-        event=jnp.where(starts, int(Cause.LANDS), cause),
+        event=jnp.where(starts, int(SwitchCause.LANDS), cause),
         slope=slope,
         switches=jnp.where(starts, done.lands, done.decides),
-        crowds=cause != int(Cause.LANDS),
+        crowds=cause != int(SwitchCause.LANDS),
         pauses=slows & done.decides,  # in ever shorter steps
-        status=jnp.where(cause == int(Cause.JAMS), int(Status.JAMMED), int(Status.SUCCESS)),
+        status=jnp.where(cause == int(SwitchCause.JAMS), int(Status.JAMMED), int(Status.SUCCESS)),
     )
 
 
-_ROLLING = Cause.ROLLING_ENDS, Cause.BREAKS_LOOSE
-_SPINNING = Cause.SPINNING_ENDS, Cause.BEGINS_TO_SPIN
+_ROLLING = SwitchCause.ROLLING_ENDS, SwitchCause.BREAKS_LOOSE
+_SPINNING = SwitchCause.SPINNING_ENDS, SwitchCause.BEGINS_TO_SPIN
 
 
-def _is_one_of(cause: Int[Array, ""], *causes: Cause) -> Bool[Array, ""]:
+def _is_one_of(cause: Int[Array, ""], *causes: SwitchCause) -> Bool[Array, ""]:
     return jnp.any(jnp.stack([cause == int(each) for each in causes]))
 
 
@@ -90,10 +90,10 @@ def _next_mode(
     tolerance: Float[Array, ""],
 ) -> Progress:
     """The state that follows the end of a mode: after the end of a slip or of rolling, or an impact."""
-    starts, decides = cause == int(Cause.START), cause >= int(Cause.START)
-    lands = (cause == int(Cause.LANDS)) | starts & (state.height <= 0) & (state.V[2] < 0)
-    still = (cause == int(Cause.GIVES_WAY)) | state.is_in(Mode.ROLLING)
-    flies = (cause == int(Cause.LIFTS)) | starts & ((state.height > 0) | (state.V[2] > 0))
+    starts, decides = cause == int(SwitchCause.START), cause >= int(SwitchCause.START)
+    lands = (cause == int(SwitchCause.LANDS)) | starts & (state.height <= 0) & (state.V[2] < 0)
+    still = (cause == int(SwitchCause.GIVES_WAY)) | state.is_in(Mode.ROLLING)
+    flies = (cause == int(SwitchCause.LIFTS)) | starts & ((state.height > 0) | (state.V[2] > 0))
     none = Beginning.none(state.height)
     begun, rolling = (select_tree(decides | (x.until <= t), none, x) for x in (state.begun, state.rolling))
     if plane.body.planar:
@@ -103,8 +103,8 @@ def _next_mode(
     )
     no = jnp.asarray(False)
     done = Progress(t, state, now, still, flies, lands, decides, no, stands=no, turns=no)
-    done = only_if(cause == int(Cause.STOPS), end_slip, plane, done, tolerance)
-    done = only_if(cause == int(Cause.ROLLING_ENDS), _end_rolling, plane, done, tolerance)
+    done = only_if(cause == int(SwitchCause.STOPS), end_slip, plane, done, tolerance)
+    done = only_if(cause == int(SwitchCause.ROLLING_ENDS), _end_rolling, plane, done, tolerance)
     done = only_if(lands, strike, plane, done)
     done = only_if(done.decides, _decide, plane, done, cause)
     return done._replace(state=_begin(plane, done))
@@ -259,14 +259,16 @@ def _decide(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> P
     still = done.still | plane.is_still(slip, given)
     mu = plane.coefficient(jnp.where(still, 0.0, slip))
     slack = plane.rounding_of_force(given, resisting.response)
-    deciding = _Deciding(resisting, still, mu, contact.static, slack)
+    deciding = _Deciding(resisting, still, mu, contact.static_friction, slack)
     moving = candidates(resisting.resistance, resisting.bare, omega)
-    may_rest = (cause == int(Cause.START)) | done.stands | done.lands | (given.rolls == 0)
+    may_rest = (cause == int(SwitchCause.START)) | done.stands | done.lands | (given.rolls == 0)
     moving = moving._replace(rests=moving.rests & may_rest)
-    gives_way = cause == int(Cause.GIVES_WAY)
-    sticks = still & (contact.static > 0) & ~gives_way
+    gives_way = cause == int(SwitchCause.GIVES_WAY)
+    sticks = still & (contact.static_friction > 0) & ~gives_way
     sigma = friction.slip_direction(slip, jnp.zeros_like(slip[:2]))
-    at_once = jnp.stack([jnp.asarray(False), cause == int(Cause.BREAKS_LOOSE), cause == int(Cause.BEGINS_TO_SPIN)])
+    at_once = jnp.stack(
+        [jnp.asarray(False), cause == int(SwitchCause.BREAKS_LOOSE), cause == int(SwitchCause.BEGINS_TO_SPIN)]
+    )
     choice = _choose(deciding, _Choice(sticks, sigma, moving), at_once)
     slips_now, turns = still & ~choice.sticks, moving.rests & ~choice.mode.rests
     choice = _direct(deciding, choice, slips_now, turns, plane.body.planar)
@@ -275,7 +277,7 @@ def _decide(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> P
     # The rest of a slip that ends is dissipated by friction; one without an end continues.
     stopped = with_slip(body, given.released, found, slip, jnp.zeros_like(slip))
     state: Any = select_tree(still & ~flies & (choice.sticks | plane.slips_end), given.moved(stopped), given)
-    V = state.V.at[2].set(jnp.where(flies & (cause != int(Cause.LIFTS)), state.V[2], 0.0))
+    V = state.V.at[2].set(jnp.where(flies & (cause != int(SwitchCause.LIFTS)), state.V[2], 0.0))
     mode = jnp.where(flies, int(Mode.FLIGHT), jnp.where(choice.sticks, int(Mode.ROLLING), int(Mode.SLIDING)))
     rolls = jnp.where(choice.mode.rests & ~flies, 0.0, 1.0).astype(V.dtype)
     spin = choice.mode.spin if plane.resists_spinning else jnp.zeros_like(choice.mode.spin)
@@ -294,7 +296,7 @@ def _clean(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> tu
     state: Any = done.state
     assert done.stands is not None
     omega = plane.unless_held(state, apply(state.body.Lambda, state.body.Omega))
-    spin_ends = cause == int(Cause.SPINNING_ENDS)
+    spin_ends = cause == int(SwitchCause.SPINNING_ENDS)
     omega = jnp.where(jnp.stack([done.stands, done.stands, spin_ends]), 0.0, omega)
     body = state.body.with_Omega(apply(state.body.Lambda.T, omega))
     return eqx.tree_at(lambda x: x.body, state, body), omega

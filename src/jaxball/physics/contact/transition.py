@@ -14,7 +14,7 @@ from ...programs.derivatives.differentiation import without_derivatives
 from ..hybrid import START, Accuracy, Transition, at_zero
 from . import friction, slip as slips
 from .impact import impact
-from .modes import CAUSES, Cause, ContactState, Mode
+from .modes import CAUSES, ContactState, Mode, SwitchCause
 from .released import ReleasedState, Response, rates, slip_velocity, with_rise, with_slip
 
 if TYPE_CHECKING:
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 def transition(
     plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState, event: Int[Array, ""], accuracy: Accuracy
 ) -> Transition:
-    """What follows a :class:`Cause` for which a mode ends, the end of a window, or the start of a run."""
+    """What follows a :class:`SwitchCause` for which a mode ends, the end of a window, or the start of a run."""
     starts = event == START
-    cause = jnp.where(starts, int(Cause.START), event)
+    cause = jnp.where(starts, int(SwitchCause.START), event)
     heading = without_derivatives(plane).step_reference(*without_derivatives((t, state, accuracy)))
     heading = heading._replace(least=heading.speed)
     which = jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == cause)
@@ -34,19 +34,19 @@ def transition(
     def guards(plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState) -> Float[Array, "3"]:
         return plane.guards_in_step(t, state, heading)
 
-    t, before, slope = at_zero(guards, plane, t, state, which, cause > int(Cause.START))
+    t, before, slope = at_zero(guards, plane, t, state, which, cause > int(SwitchCause.START))
     done = _next_mode(plane, t, before, cause, accuracy.tolerance)
     return Transition(
         t=done.t,
         before=done.before,
         after=done.state,
-        event=jnp.where(starts, int(Cause.LANDS), cause),
+        event=jnp.where(starts, int(SwitchCause.LANDS), cause),
         slope=slope,
         switches=jnp.where(starts, done.lands, done.decides & (cause != slips.WINDOW)),
-        crowds=cause != int(Cause.LANDS),
+        crowds=cause != int(SwitchCause.LANDS),
         # A slip has ended in ever shorter steps.
-        pauses=(cause == int(Cause.STOPS)) & done.decides,
-        status=jnp.where(cause == int(Cause.JAMS), int(Status.JAMMED), int(Status.SUCCESS)),
+        pauses=(cause == int(SwitchCause.STOPS)) & done.decides,
+        status=jnp.where(cause == int(SwitchCause.JAMS), int(Status.JAMMED), int(Status.SUCCESS)),
     )
 
 
@@ -63,14 +63,14 @@ def _next_mode(
     velocities after it, and then the direction in which a slip begins. A negative cause means none, and the mode
     continues, with the direction of its velocity.
     """
-    starts, rise = cause == int(Cause.START), plane.rise(t, state)
-    lands = (cause == int(Cause.LANDS)) | starts & (state.height <= 0) & (rise < 0)
-    still = (cause == int(Cause.GIVES_WAY)) | state.is_in(Mode.ROLLING)
-    flies = (cause == int(Cause.LIFTS)) | starts & ((state.height > 0) | (rise > 0))
+    starts, rise = cause == int(SwitchCause.START), plane.rise(t, state)
+    lands = (cause == int(SwitchCause.LANDS)) | starts & (state.height <= 0) & (rise < 0)
+    still = (cause == int(SwitchCause.GIVES_WAY)) | state.is_in(Mode.ROLLING)
+    flies = (cause == int(SwitchCause.LIFTS)) | starts & ((state.height > 0) | (rise > 0))
     height, begun = jnp.where(starts, state.height, 0.0), slips.Beginning.none(state.height)
     now = eqx.tree_at(lambda x: (x.height, x.begun), state, (height, begun))
-    done = Progress(t, state, now, still, flies, lands, cause >= int(Cause.START), jnp.asarray(False))
-    done = only_if(cause == int(Cause.STOPS), end_slip, plane, done, tolerance)
+    done = Progress(t, state, now, still, flies, lands, cause >= int(SwitchCause.START), jnp.asarray(False))
+    done = only_if(cause == int(SwitchCause.STOPS), end_slip, plane, done, tolerance)
     done = only_if(lands, strike, plane, done)
     done = only_if(done.decides, _decide, plane, done, cause)
     return done._replace(state=_begin(plane, done))
@@ -139,8 +139,8 @@ def _decide(plane: "BodyOnPlane", done: "Progress", cause: Int[Array, ""]) -> "P
     slip = slip_velocity(body, t, given)
     still = done.still | plane.is_still(slip, state)
     R, slack = friction.rolling(found).R, plane.rounding_of_force(state, found)
-    holds = (friction.margin(R, contact.static) > -slack) & (R[2] > -slack) & (contact.static > 0)
-    rolls = still & holds & (cause != int(Cause.GIVES_WAY))
+    holds = (friction.margin(R, contact.static_friction) > -slack) & (R[2] > -slack) & (contact.static_friction > 0)
+    rolls = still & holds & (cause != int(SwitchCause.GIVES_WAY))
     sigma = jax.lax.cond(
         still & ~rolls & ~flies,
         lambda: friction.first_slip(found, plane.coefficient(slip, 0.0)).sigma,
@@ -153,7 +153,7 @@ def _decide(plane: "BodyOnPlane", done: "Progress", cause: Int[Array, ""]) -> "P
     stopped = with_slip(body, given, found, slip, jnp.zeros_like(slip))
     state = select_tree(still & ~flies & (rolls | plane.slips_end), state.moved(stopped), state)
     rise = slip_velocity(body, t, state.released)[2]
-    V = with_rise(body, t, state.released, jnp.where(flies & (cause != int(Cause.LIFTS)), rise, 0.0))
+    V = with_rise(body, t, state.released, jnp.where(flies & (cause != int(SwitchCause.LIFTS)), rise, 0.0))
     begins = (mode == int(Mode.SLIDING)) & still
     begun = slips.Beginning.along(t, sigma)
     after = eqx.tree_at(lambda x: (x.V, x.mode, x.begun), state, (V, mode.astype(V.dtype), begun))

@@ -218,7 +218,7 @@ def _on_plane(bodies: Sequence[Shown], wanted: Float[np.ndarray, "k 2"] | None, 
         "axes": setting.page.tolist(),
         "floor": _floor(bodies, setting, [*([] if goal is None else [goal]), np.reshape(corners, (-1, 3))]),
         "obstacles": [[float(centre[0]), float(centre[1]), float(radius)] for centre, radius in discs],
-        **({"cone": coefficients["static"]} if coefficients.get("static", 0.0) > 0 else {}),
+        **({"cone": coefficients["static_friction"]} if coefficients.get("static_friction", 0.0) > 0 else {}),
         "camera": {"elevation": ELEVATION[planar], "azimuth": AZIMUTH[planar] + (0 if planar else setting.downhill)},
     }
     return stand, None if goal is None else goal @ setting.page.T, None
@@ -335,8 +335,8 @@ def _levels(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
     coefficients = _coefficients(bodies)
     if not coefficients:
         return []
-    static, sliding = coefficients["static"], coefficients["sliding"]
-    named = {"μₛ": static, "μ": sliding} if static != sliding else {"μₛ = μ": static}
+    static, kinetic = coefficients["static_friction"], coefficients["friction"]
+    named = {"μₛ": static, "μ": kinetic} if static != kinetic else {"μₛ = μ": static}
     return [{"name": name, "value": value} for name, value in named.items() if value > 0]
 
 

@@ -59,28 +59,28 @@ class Kinds(NamedTuple):
     - ``directions``: upwards (1), downwards (−1) or both (0).
     - ``from_start``: whether a run that starts beyond zero has crossed it at its start.
     - ``terminal``: whether nothing is sought beyond the first one.
-    - ``rooms``: how many are kept.
+    - ``capacities``: how many are kept.
     """
 
     directions: tuple[int, ...]
     from_start: tuple[bool, ...]
     terminal: tuple[bool, ...]
-    rooms: tuple[int, ...]
+    capacities: tuple[int, ...]
 
     @property
-    def room(self) -> int:
+    def capacity(self) -> int:
         """How many crossings are kept of all functions together."""
-        return sum(self.rooms)
+        return sum(self.capacities)
 
     @property
     def parts(self) -> list[slice]:
         """The places of those of each function."""
-        ends = np.cumsum(self.rooms)
-        return [slice(int(end) - room, int(end)) for end, room in zip(ends, self.rooms, strict=True)]
+        ends = np.cumsum(self.capacities)
+        return [slice(int(end) - capacity, int(end)) for end, capacity in zip(ends, self.capacities, strict=True)]
 
     def which(self, place: Int[Array, ""]) -> Int[Array, ""]:
         """Returns the index of the function whose crossings have a place."""
-        return jnp.sum(place >= np.cumsum(self.rooms))
+        return jnp.sum(place >= np.cumsum(self.capacities))
 
 
 class Signs(NamedTuple):
@@ -108,20 +108,20 @@ class Log(NamedTuple):
     least: Float[Array, " k"]
     largest: Float[Array, " k"]
     filled: Int[Array, ""]
-    times: Float[Array, " room"]
-    places: Int[Array, " room"]
+    times: Float[Array, " capacity"]
+    places: Int[Array, " capacity"]
     ended: Bool[Array, ""]
     halvings: Int[Array, ""]
 
     @classmethod
     def empty(cls, kinds: Kinds, start: Float[Array, ""]) -> "Log":
         """Makes the log before the first step; where a start beyond zero counts, the sign before is the other one."""
-        none = jnp.zeros(len(kinds.rooms), int)
+        none = jnp.zeros(len(kinds.capacities), int)
         before = [-direction if early else 0 for direction, early in zip(*kinds[:2], strict=True)]
         signs = Signs(jnp.asarray(before, start.dtype), jnp.full(none.shape, start))
         extremes = jnp.full(none.shape, jnp.inf, start.dtype)
-        times = jnp.full(kinds.room, jnp.inf, start.dtype)
-        nothing, places = jnp.asarray(0), jnp.zeros(kinds.room, int)
+        times = jnp.full(kinds.capacity, jnp.inf, start.dtype)
+        nothing, places = jnp.asarray(0), jnp.zeros(kinds.capacity, int)
         return cls(signs, none, none, extremes, -extremes, nothing, times, places, jnp.asarray(False), nothing)
 
     @property
