@@ -46,7 +46,7 @@ def test_a_breach_of_the_layers_would_be_seen(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=600)
     assert done.returncode == 1, done.stdout + done.stderr
-    assert "jaxball.physics.dynamics -> diffrax" in done.stdout
+    assert "jaxball.physics.dynamics.equations -> diffrax" in done.stdout
 
 
 def test_import_changes_nothing_global():
