@@ -276,7 +276,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         if isinstance(self.system, AbstractBody):
             raise ValueError(
                 f"Only other systems have `laws`, but this trajectory is of a {type(self.system).__name__}; "
-                "the modules jaxball.physics.dynamics.integrals and jaxball.physics.dynamics.momentum have its integrals."
+                "the modules `integrals` and `momentum` of jaxball.physics.dynamics have its integrals."
             )
         return self._evaluate(_laws_of_all, self.system, self.state)
 

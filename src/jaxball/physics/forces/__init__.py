@@ -1,1 +1,1 @@
-"""What acts on a body from outside, besides its weight and its ground: forces, wrenches, and resistance to its motion."""
+"""What acts on a body besides its weight and its ground: forces, wrenches, and resistance to its motion."""
