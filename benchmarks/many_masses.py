@@ -120,7 +120,7 @@ def moments_loop(ball):
     import jax.numpy as jnp
     from jaxball_ball import loop
 
-    from jaxball.physics.moments import velocity_moments
+    from jaxball.physics.dynamics.moments import velocity_moments
 
     nothing = jnp.zeros(0)
     return loop(LOOP, lambda t, ball: velocity_moments(ball, t, (nothing, nothing)), ball.prepare())

@@ -93,9 +93,9 @@ def sums_loop(ball, state):
     """The same of the sums over masses in it: moments, and the joints' inertia and its rate."""
     import jax.numpy as jnp
 
-    from jaxball.physics.coupling import inertia, inertia_rate
-    from jaxball.physics.linkage import linkages
-    from jaxball.physics.moments import velocity_moments
+    from jaxball.physics.dynamics.coupling import inertia, inertia_rate
+    from jaxball.physics.dynamics.linkage import linkages
+    from jaxball.physics.dynamics.moments import velocity_moments
 
     def sums(ball, t, state):
         links = linkages(ball, t, (state.theta, state.thetadot, state.thetadot))

@@ -78,7 +78,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         LinearLaw as LinearLaw,
         Servo as Servo,
     )
-    from .physics.force import (
+    from .physics.forces.force import (
         AbstractForce as AbstractForce,
         AbstractWrench as AbstractWrench,
         BodyMotion as BodyMotion,
@@ -87,13 +87,21 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         HarmonicForce as HarmonicForce,
         Wrench as Wrench,
     )
-    from .physics.frames import (
-        AbstractFrame as AbstractFrame,
-        MatrixFrame as MatrixFrame,
-        SphericalFrame as SphericalFrame,
-        VersorFrame as VersorFrame,
+    from .physics.forces.resistance import AbstractResistance as AbstractResistance, Resistance as Resistance
+    from .physics.grounds import (
+        AbstractSurface as AbstractSurface,
+        Bowl as Bowl,
+        Cylinder as Cylinder,
+        HeightField as HeightField,
+        MovingFrame as MovingFrame,
+        Paraboloid as Paraboloid,
+        ParametricSurface as ParametricSurface,
+        SphereOutside as SphereOutside,
+        TiltingPlane as TiltingPlane,
+        Turn as Turn,
+        Washboard as Washboard,
     )
-    from .physics.ground import AbstractGround as AbstractGround, Ground as Ground, Turntable as Turntable
+    from .physics.grounds.ground import AbstractGround as AbstractGround, Ground as Ground, Turntable as Turntable
     from .physics.hybrid import Switches as Switches
     from .physics.mechanisms import (
         AbstractJoint as AbstractJoint,
@@ -125,15 +133,21 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         spherical_pendulum as spherical_pendulum,
         turning_rail as turning_rail,
     )
-    from .physics.motion import (
+    from .physics.observables import Observables as Observables, observe as observe
+    from .physics.prescribed.frames import (
+        AbstractFrame as AbstractFrame,
+        MatrixFrame as MatrixFrame,
+        SphericalFrame as SphericalFrame,
+        VersorFrame as VersorFrame,
+    )
+    from .physics.prescribed.motion import (
         Driven as Driven,
         Fixed as Fixed,
         Free as Free,
         OnRail as OnRail,
         Oscillating as Oscillating,
     )
-    from .physics.observables import Observables as Observables, observe as observe
-    from .physics.rails import (
+    from .physics.prescribed.rails import (
         AbstractRail as AbstractRail,
         BernoulliEight as BernoulliEight,
         Circle as Circle,
@@ -144,10 +158,8 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         SplineRail as SplineRail,
         Tube as Tube,
     )
-    from .physics.recorded import RecordedSchedule as RecordedSchedule, RecordedSignal as RecordedSignal
-    from .physics.resistance import AbstractResistance as AbstractResistance, Resistance as Resistance
-    from .physics.rolling import AbstractRollingSystem as AbstractRollingSystem, Reaction as Reaction
-    from .physics.schedules import (
+    from .physics.prescribed.recorded import RecordedSchedule as RecordedSchedule, RecordedSignal as RecordedSignal
+    from .physics.prescribed.schedules import (
         AbstractSchedule as AbstractSchedule,
         ConstantRate as ConstantRate,
         FunctionSchedule as FunctionSchedule,
@@ -156,31 +168,19 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         Sinusoids as Sinusoids,
         Waypoints as Waypoints,
     )
-    from .physics.signals import (
+    from .physics.prescribed.signals import (
         AbstractIntegrableSignal as AbstractIntegrableSignal,
         AbstractSignal as AbstractSignal,
         ConstantSignal as ConstantSignal,
         PiecewiseSignal as PiecewiseSignal,
     )
+    from .physics.rolling import AbstractRollingSystem as AbstractRollingSystem, Reaction as Reaction
     from .physics.state import (
         BallState as BallState,
         DiskState as DiskState,
         ReducedState as ReducedState,
         RotationState as RotationState,
         State as State,
-    )
-    from .physics.surfaces import (
-        AbstractSurface as AbstractSurface,
-        Bowl as Bowl,
-        Cylinder as Cylinder,
-        HeightField as HeightField,
-        MovingFrame as MovingFrame,
-        Paraboloid as Paraboloid,
-        ParametricSurface as ParametricSurface,
-        SphereOutside as SphereOutside,
-        TiltingPlane as TiltingPlane,
-        Turn as Turn,
-        Washboard as Washboard,
     )
     from .physics.system import (
         AbstractState as AbstractState,

@@ -8,7 +8,7 @@ import pytest
 import jaxball
 from jaxball import Ball, BallState, Resistance
 from jaxball.classical import EllipsoidState, RollingEllipsoid
-from jaxball.physics.reaction import reaction
+from jaxball.physics.dynamics.reaction import reaction
 
 Q = np.array([0.6, 0.2, -0.5, 0.3]) / np.linalg.norm([0.6, 0.2, -0.5, 0.3])
 OMEGA = (0.7, -1.1, 0.4)

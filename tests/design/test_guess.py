@@ -9,7 +9,7 @@ import pytest
 import jaxball
 from jaxball import design
 from jaxball.design import control
-from jaxball.physics import dynamics
+from jaxball.physics.dynamics.equations import equations as dynamics
 
 
 def on(rail, theta, mass=1.0):

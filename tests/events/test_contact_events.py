@@ -10,7 +10,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 import jaxball
 from jaxball import Ball, BallState, Detachment, Disk, DiskState, Slip, Status, contact_extremes, simulate
-from jaxball.physics.reaction import reaction
+from jaxball.physics.dynamics.reaction import reaction
 from jaxball.solvers import Gauss
 from tests.support.paper import paper_ball, paper_disk
 

@@ -38,15 +38,15 @@ def test_a_breach_of_the_layers_would_be_seen(tmp_path):
     source = tmp_path / "src"
     subprocess.run(["cp", "-r", str(ROOT / "src"), str(source)], check=True)
     (tmp_path / "pyproject.toml").write_text((ROOT / "pyproject.toml").read_text())
-    dynamics = source / "jaxball" / "physics" / "dynamics.py"
-    dynamics.write_text(dynamics.read_text().replace("import jax.numpy", "import diffrax\nimport jax.numpy", 1))
+    equations = source / "jaxball" / "physics" / "dynamics" / "equations.py"
+    equations.write_text(equations.read_text().replace("import jax.numpy", "import diffrax\nimport jax.numpy", 1))
     program = (
         f"import sys; sys.path.insert(0, {str(source)!r}); "
         "from importlinter.cli import lint_imports_command; sys.exit(lint_imports_command())"
     )
     done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=600)
     assert done.returncode == 1, done.stdout + done.stderr
-    assert "jaxball.physics.dynamics -> diffrax" in done.stdout
+    assert "jaxball.physics.dynamics.equations -> diffrax" in done.stdout
 
 
 def test_import_changes_nothing_global():

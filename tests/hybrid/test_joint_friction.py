@@ -18,7 +18,7 @@ from jaxball.cli import main
 from jaxball.design import DesignError
 from jaxball.design.control.rolling import Rolling
 from jaxball.ensemble import simulate_ensemble
-from jaxball.physics.dynamics import accelerations
+from jaxball.physics.dynamics.equations import accelerations
 from jaxball.verify import verify
 
 MASS, STIFFNESS, KINETIC, STATIC, START = 0.5, 8.0, 0.3, 0.45, 0.62

@@ -39,8 +39,8 @@ from jaxball import (
     rigid_body_masses,
 )
 from jaxball.physics.contact.released import rates, response, slip_velocity
-from jaxball.physics.dynamics import equations
-from jaxball.physics.load import load
+from jaxball.physics.dynamics.equations import equations
+from jaxball.physics.dynamics.load import load
 from jaxball.physics.observables import Movement, Slip
 from jaxball.sensors import Accelerometer, Encoder, Gyroscope, Position, Tachometer
 

@@ -9,7 +9,7 @@ import pytest
 
 from jaxball import Circle, OnRail, Tube
 from jaxball.mjcf import to_mjcf
-from jaxball.physics.schedules import AbstractSchedule
+from jaxball.physics.prescribed.schedules import AbstractSchedule
 from tests.mjcf.robots import (
     free_ball,
     free_disk,

@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.physics import integrals, momentum
-from jaxball.physics.dynamics import angles_in_state
-from jaxball.physics.load import load
-from jaxball.physics.moments import moments
+from jaxball.physics.dynamics.equations import angles_in_state, integrals, momentum
+from jaxball.physics.dynamics.load import load
+from jaxball.physics.dynamics.moments import moments
 from tests.support.flow import along_flow
 from tests.support.systems import KINDS, all_masses, random_cases, random_disks
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.physics.dynamics import angles_in_state
+from jaxball.physics.dynamics.equations import angles_in_state
 from tests.support.direct_sum import newton_disk_acceleration
 from tests.support.flow import along_flow
 from tests.support.systems import all_masses, random_cases, random_disks

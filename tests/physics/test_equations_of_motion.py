@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.physics.dynamics import angles_in_state
+from jaxball.physics.dynamics.equations import angles_in_state
 from tests.support import direct_sum
 from tests.support.precision import scaled
 from tests.support.systems import (

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.physics.moments import kinematics, point_mass_values
+from jaxball.physics.dynamics.moments import kinematics, point_mass_values
 from tests.support.systems import random_cases
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.physics.dynamics import accelerations
+from jaxball.physics.dynamics.equations import accelerations
 from tests.support import lagrange, newton_euler, robots
 from tests.support.robot_balls import ball_of, follow, state_of
 

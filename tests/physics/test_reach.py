@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from jaxball.numerics.functions import HarmonicSeries
-from jaxball.physics.confinement import largest_angle, reach
-from jaxball.physics.motion import OnRail, Oscillating
-from jaxball.physics.rails import SplineRail, Tube
-from jaxball.physics.schedules import ConstantRate, Pulse, Sinusoids, Waypoints
+from jaxball.physics.limits.confinement import largest_angle, reach
+from jaxball.physics.prescribed.motion import OnRail, Oscillating
+from jaxball.physics.prescribed.rails import SplineRail, Tube
+from jaxball.physics.prescribed.schedules import ConstantRate, Pulse, Sinusoids, Waypoints
 
 START, END = jnp.array(0.2), jnp.array(3.0)
 TIMES = jnp.linspace(START, END, 2001)

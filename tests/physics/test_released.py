@@ -10,7 +10,7 @@ import pytest
 import jaxball
 from jaxball.physics.contact import friction
 from jaxball.physics.contact.released import ReleasedState, rates, released, released_energy, response, slip_velocity
-from jaxball.physics.dynamics import accelerations
+from jaxball.physics.dynamics.equations import accelerations
 from tests.support import lagrange, newton_euler, robots
 from tests.support.robot_balls import ball_of, state_of
 from tests.support.robots import Pushed, Slides

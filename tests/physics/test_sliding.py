@@ -18,8 +18,8 @@ from jaxball.physics.contact.released import (
     response,
     slip_velocity,
 )
-from jaxball.physics.dynamics import angles_in_state
-from jaxball.physics.moments import moments
+from jaxball.physics.dynamics.equations import angles_in_state
+from jaxball.physics.dynamics.moments import moments
 from tests.support.precision import differences_need_float64
 from tests.support.systems import ball_state, disk_state, random_cases, random_disks, stacked
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, strategies as st
 
 import jaxball
-from jaxball.physics.frames import frisvad, principal_angles, spherical_direction
+from jaxball.physics.prescribed.frames import frisvad, principal_angles, spherical_direction
 from tests.support.precision import scaled
 
 pytestmark = pytest.mark.any_precision

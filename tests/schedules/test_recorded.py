@@ -24,7 +24,7 @@ from jaxball import (
     planar_pendulum,
     simulate,
 )
-from jaxball.physics.recorded import MOST_KINKS
+from jaxball.physics.prescribed.recorded import MOST_KINKS
 
 FREQUENCY, END = 2.0, 2.0
 SINE = Sinusoids(0.0, amplitude=[1.0], frequency=[FREQUENCY])

@@ -9,7 +9,7 @@ import pytest
 import jaxball
 from jaxball import Ball, BallState, Disk, PointMass, Status, problems, simulate
 from jaxball.ensemble import simulate_ensemble
-from jaxball.physics.breaches import compute_furthest
+from jaxball.physics.limits.breaches import compute_furthest
 
 TIMES = np.linspace(0.0, 2.0, 5)
 SHELL = {"mass": 1.0, "inertia": (0.9, 1.0, 1.1)}

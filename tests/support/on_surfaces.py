@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
 from jaxball import observe, vector_field
-from jaxball.physics.moments import kinematics, point_mass_values
+from jaxball.physics.dynamics.moments import kinematics, point_mass_values
 from jaxball.physics.observables import compute_observables, movement
 
 

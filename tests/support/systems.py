@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.physics.moments import kinematics, point_mass_values
+from jaxball.physics.dynamics.moments import kinematics, point_mass_values
 
 
 def spiral(theta, shape):

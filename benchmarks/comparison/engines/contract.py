@@ -17,9 +17,9 @@ from jaxtyping import Float
 from jaxball.physics.body import Ball
 from jaxball.physics.contact.law import Contact
 from jaxball.physics.contact.released import ReleasedState
-from jaxball.physics.ground import Ground
+from jaxball.physics.grounds.ground import Ground
 from jaxball.physics.mechanisms import Motor, planar_pendulum
-from jaxball.physics.schedules import Sinusoids
+from jaxball.physics.prescribed.schedules import Sinusoids
 from jaxball.physics.state import BallState
 from jaxball.scenario import Scenario, load_scenario
 

@@ -11,8 +11,8 @@ from jaxtyping import Float
 
 from jaxball.mjcf import Exported, MJCFError
 from jaxball.physics.body import Ball, Disk
-from jaxball.physics.motion import OnRail
-from jaxball.physics.rails import Circle
+from jaxball.physics.prescribed.motion import OnRail
+from jaxball.physics.prescribed.rails import Circle
 from jaxball.scenario import Scenario
 
 

@@ -6,9 +6,9 @@ import jax.numpy as jnp
 
 from ..numerics.arrays import Numbers, to_array
 from ..physics.body import Ball, PointMass
-from ..physics.motion import OnRail
-from ..physics.rails import Circle
-from ..physics.schedules import ConstantRate
+from ..physics.prescribed.motion import OnRail
+from ..physics.prescribed.rails import Circle
+from ..physics.prescribed.schedules import ConstantRate
 
 
 def rolling_robot(

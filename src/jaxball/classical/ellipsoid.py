@@ -11,7 +11,7 @@ from ..numerics.arrays import Numbers, numbers
 from ..numerics.vectors import apply, cross, dot, inverse, outer, sine_cosine
 from ..numerics.versor import derivative
 from ..physics.conditions import Condition, positive, positive_inertia, real_inertia
-from ..physics.resistance import AbstractResistance
+from ..physics.forces.resistance import AbstractResistance
 from ..physics.rolling import AbstractRollingSystem, Reaction
 from .rigid_body import principal_moments, versor_squared
 from .state import AbstractClassicalSystem, OrientedState

@@ -10,7 +10,7 @@ no files: :mod:`jaxball.plot` draws the results.
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:  # for type checkers and editors, the same interface
-    from ..physics.force import Push as Push
+    from ..physics.forces.force import Push as Push
     from .basins import Basin as Basin, basin as basin
     from .feedback import (
         AbstractFeedback as AbstractFeedback,

@@ -15,7 +15,7 @@ from ..interface.arguments import require, whole_number
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, to_numpy
 from ..physics.body import System
-from ..physics.force import AbstractWrench
+from ..physics.forces.force import AbstractWrench
 from ..programs.operation import in_threads
 from .feedback import AbstractFeedback
 from .loop import plant_of, run_loop

@@ -13,9 +13,9 @@ from ..interface.arguments import require
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, default_dtype, is_traced
 from ..physics.body import Ball, Disk, System
-from ..physics.motion import OnRail
 from ..physics.observables import Observables
-from ..physics.schedules import AbstractSchedule
+from ..physics.prescribed.motion import OnRail
+from ..physics.prescribed.schedules import AbstractSchedule
 from ..physics.state import BallState, DiskState, RotationState
 from ..simulation.simulate import simulate
 from ..simulation.trajectory import Trajectory

@@ -13,12 +13,12 @@ from ..interface.wording import did_you_mean
 from ..numerics.arrays import default_dtype, is_traced
 from ..physics.body import Ball, Disk, PointMass, System
 from ..physics.feedback import AbstractLaw, FollowSchedules
-from ..physics.ground import AbstractGround
+from ..physics.grounds import TiltingPlane
+from ..physics.grounds.ground import AbstractGround
 from ..physics.mechanisms import AbstractJointForce, AbstractMechanism, Accelerated, Drive, JointForces, Motor
-from ..physics.motion import Driven, OnRail
-from ..physics.schedules import AbstractSchedule, PiecewiseAcceleration
-from ..physics.signals import PiecewiseSignal
-from ..physics.surfaces import TiltingPlane
+from ..physics.prescribed.motion import Driven, OnRail
+from ..physics.prescribed.schedules import AbstractSchedule, PiecewiseAcceleration
+from ..physics.prescribed.signals import PiecewiseSignal
 
 ANGLES = ("about_e1", "about_e2")  # of a TiltingPlane
 

@@ -16,7 +16,7 @@ from ..interface.printing import Printed
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, is_traced, to_array
 from ..physics.body import System
-from ..physics.force import AbstractWrench, Wrenches
+from ..physics.forces.force import AbstractWrench, Wrenches
 from ..physics.hybrid import NO_HISTORY
 from ..physics.system import require_one_state
 from ..simulation.trajectory import Trajectory

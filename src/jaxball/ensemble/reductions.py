@@ -16,7 +16,7 @@ from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.modes import ContactState, Mode
 from ..physics.contact.over_surface import surface_under
 from ..physics.contact.released import released_energy
-from ..physics.footing import footing
+from ..physics.dynamics.footing import footing
 from ..physics.observables import observe
 from ..physics.rolling import AbstractRollingSystem, Reaction
 from ..physics.state import BallState, DiskState, State

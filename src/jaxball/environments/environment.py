@@ -18,7 +18,7 @@ from ..interface.printing import Printed
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, is_traced, number_or_none, numbers
 from ..physics.body import System
-from ..physics.ground import require_plane
+from ..physics.grounds.ground import require_plane
 from ..physics.state import BallState, DiskState, RotationState
 from ..physics.system import require_one_state
 from ..sensors import AbstractSensor

@@ -15,9 +15,9 @@ from ..interface.printing import Printed
 from ..numerics.arrays import join_arrays
 from ..numerics.vectors import apply, cross, sine_cosine
 from ..physics.body import System
+from ..physics.dynamics.moments import kinematics
 from ..physics.mechanisms import Hinge, Mechanism
-from ..physics.moments import kinematics
-from ..physics.motion import Driven
+from ..physics.prescribed.motion import Driven
 from ..physics.state import DiskState
 from ..sensors import AbstractSensor
 from ..sensors.base import Measurement, require_sensors

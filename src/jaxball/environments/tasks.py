@@ -16,8 +16,8 @@ from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, number_or_none, numbers, to_array
 from ..numerics.vectors import dot, root
 from ..physics.body import System
-from ..physics.schedules import AbstractSchedule
-from ..physics.signals import AbstractSignal, ConstantSignal
+from ..physics.prescribed.schedules import AbstractSchedule
+from ..physics.prescribed.signals import AbstractSignal, ConstantSignal
 from ..physics.state import DiskState, centre_velocity
 from .randomisation import AbstractDistribution
 

@@ -22,7 +22,7 @@ from ..physics.mechanisms import (
     SpeedLimitedMotor,
     Spring,
 )
-from ..physics.schedules import AbstractSchedule, ConstantRate
+from ..physics.prescribed.schedules import AbstractSchedule, ConstantRate
 from .elements import MJCFError, add, label, number, numbers, refuse_values
 
 Signal = Callable[[Float[Array, ""]], Float[Array, ""]]

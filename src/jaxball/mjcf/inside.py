@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics.frames import MatrixFrame
+from ..physics.dynamics.parameters import PointMass
 from ..physics.mechanisms import (
     AbstractJoint,
     AbstractJointForce,
@@ -18,8 +18,8 @@ from ..physics.mechanisms import (
     Slider,
     rigid_body_masses,
 )
-from ..physics.motion import Fixed
-from ..physics.parameters import PointMass
+from ..physics.prescribed.frames import MatrixFrame
+from ..physics.prescribed.motion import Fixed
 from .drives import read_springs
 from .elements import MINVAL, Frame, MJCFError, frame_of, label, numbers, refuse_others, refuse_values
 from .sensors import Site

@@ -15,11 +15,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..physics.body import System
+from ..physics.dynamics.parameters import PointMass
 from ..physics.mechanisms import AbstractJoint, Carriage, Hinge, Mechanism, Slider
-from ..physics.motion import AbstractPrescribedMotion, Fixed, OnRail
-from ..physics.parameters import PointMass
-from ..physics.rails import AbstractRail, Circle, Tube
-from ..physics.schedules import AbstractSchedule, FunctionSchedule
+from ..physics.prescribed.motion import AbstractPrescribedMotion, Fixed, OnRail
+from ..physics.prescribed.rails import AbstractRail, Circle, Tube
+from ..physics.prescribed.schedules import AbstractSchedule, FunctionSchedule
 from .drives import Control, write_drive
 from .elements import MINVAL, MJCFError, add
 

@@ -13,8 +13,8 @@ from ..numerics.arrays import Numbers, to_array
 from ..physics.body import Ball, Disk, System
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState, released
-from ..physics.ground import Ground
-from ..physics.resistance import Resistance
+from ..physics.forces.resistance import Resistance
+from ..physics.grounds.ground import Ground
 from ..physics.state import BallState, DiskState
 from ..scenario import Scenario
 from .drives import read_actuators

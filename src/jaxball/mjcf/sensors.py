@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..physics.frames import MatrixFrame
+from ..physics.prescribed.frames import MatrixFrame
 from ..sensors import AbstractSensor, Accelerometer, Encoder, Gyroscope, Position, Tachometer
 from .elements import Frame, MJCFError, add, label, refuse_values
 

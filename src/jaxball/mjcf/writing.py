@@ -10,12 +10,12 @@ from ..interface.arguments import describe, require
 from ..numerics.arrays import to_array
 from ..physics.body import Ball, Disk, System
 from ..physics.contact.released import ReleasedState, released
-from ..physics.ground import Ground
+from ..physics.forces.resistance import Resistance
+from ..physics.grounds import AbstractSurface
+from ..physics.grounds.ground import Ground
 from ..physics.mechanisms import AbstractJointForce, AbstractMechanism, EndStops, JointForces, JointFriction
-from ..physics.resistance import Resistance
-from ..physics.schedules import ConstantRate
+from ..physics.prescribed.schedules import ConstantRate
 from ..physics.state import BallState, DiskState, RotationState
-from ..physics.surfaces import AbstractSurface
 from ..physics.system import AbstractState
 from ..scenario import Scenario
 from .drives import LIMITS, Control, control_values

@@ -6,10 +6,10 @@ Every number is the paper's; masses, radii and gravity are scaled so that m = r 
 import math
 
 from ..physics.body import Ball, Disk, PointMass
-from ..physics.frames import SphericalFrame
-from ..physics.motion import OnRail
-from ..physics.rails import Circle
-from ..physics.schedules import Pulse
+from ..physics.prescribed.frames import SphericalFrame
+from ..physics.prescribed.motion import OnRail
+from ..physics.prescribed.rails import Circle
+from ..physics.prescribed.schedules import Pulse
 
 # Both sections run from a = 0 to b = 20.
 PAPER_START, PAPER_END = 0.0, 20.0

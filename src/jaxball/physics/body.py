@@ -13,26 +13,26 @@ from .. import programs
 from ..interface.printing import is_array
 from ..interface.wording import all_of, number_of
 from ..numerics.arrays import AnyArray, Numbers, default_dtype, join_arrays, namespace_of, to_array
-from .breaches import breaches, in_plane
 from .conditions import Condition, ExplainedCondition, Problem, all_hold, positive, positive_inertia, real_inertia
-from .confinement import clearance, is_confined, is_off_plane, time_of_leaving
-from .coupling import mass_conditions
-from .dynamics import accelerations, solvable_friction
+from .dynamics.coupling import mass_conditions
+from .dynamics.equations import accelerations, solvable_friction
+from .dynamics.footing import rates, surface_under
+from .dynamics.load import load
+from .dynamics.locked import from_locked, locked_field, to_locked
+from .dynamics.moments import kinematics
+from .dynamics.parameters import BodyParameters, PointMass
+from .dynamics.reaction import reaction
+from .dynamics.sticking import sticking_slots
 from .feedback import AbstractLaw, FollowSchedules
-from .footing import rates, surface_under
-from .force import unknown_motion
-from .load import load
-from .locked import from_locked, locked_field, to_locked
+from .forces.force import unknown_motion
+from .limits.breaches import breaches, in_plane
+from .limits.confinement import clearance, is_confined, is_off_plane, time_of_leaving
 from .mechanisms import Accelerated
-from .moments import kinematics
-from .motion import Driven, OnRail
-from .parameters import BodyParameters, PointMass
-from .reaction import reaction
-from .recorded import coverages, is_recorded
+from .prescribed.motion import Driven, OnRail
+from .prescribed.recorded import coverages, is_recorded
+from .prescribed.schedules import AbstractSchedule
 from .rolling import AbstractRollingSystem, Reaction
-from .schedules import AbstractSchedule
 from .state import BallState, DiskState, ReducedState, RotationState, State
-from .sticking import sticking_slots
 from .system import AbstractSystem
 
 AnyBody = TypeVar("AnyBody", bound="AbstractBody")

@@ -13,8 +13,8 @@ from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, default_dtype, numbers, require_shape
 from ..numerics.functions import OfKinkedFunctionOfState
 from ..numerics.kinks import kinks_of_function, kinks_seen
-from .schedules import AbstractSchedule
-from .signals import AbstractSignal, as_signal
+from .prescribed.schedules import AbstractSchedule
+from .prescribed.signals import AbstractSignal, as_signal
 from .state import State
 
 

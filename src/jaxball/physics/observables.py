@@ -13,8 +13,7 @@ from .body import AbstractBody
 from .contact.body_on_plane import BodyOnPlane
 from .contact.modes import Mode
 from .contact.released import in_space, released_load
-from .dynamics import accelerations, equations
-from .energy import (
+from .dynamics.energy import (
     accelerations_of_masses,
     actuation_power,
     dissipation,
@@ -22,12 +21,13 @@ from .energy import (
     kinetic_energy,
     potential_energy,
 )
-from .ground import Ground
-from .load import Load, in_three, load
-from .moments import AbstractMoments, joint_motion, kinematics, point_mass_values, principal_inertia
-from .momentum import contact_momentum, linear_momentum
-from .motion import Kinematics
-from .reaction import ContactForce, reaction_in_body
+from .dynamics.equations import accelerations, equations
+from .dynamics.load import Load, in_three, load
+from .dynamics.moments import AbstractMoments, joint_motion, kinematics, point_mass_values, principal_inertia
+from .dynamics.momentum import contact_momentum, linear_momentum
+from .dynamics.reaction import ContactForce, reaction_in_body
+from .grounds.ground import Ground
+from .prescribed.motion import Kinematics
 from .state import BallState, DiskState, Rates, ReducedState, RotationState, centre_velocity
 from .system import require_one_state
 

@@ -12,10 +12,10 @@ from .. import programs
 from ..numerics.arrays import Numbers, to_array
 from ..numerics.kinks import just_before
 from ..physics.body import System
-from ..physics.dynamics import angles_in_state
+from ..physics.dynamics.equations import angles_in_state
 from ..physics.mechanisms import Carriage, Hinge, Slider
-from ..physics.motion import Driven, OnRail
-from ..physics.rails import AbstractRail, FunctionRail, Tube
+from ..physics.prescribed.motion import Driven, OnRail
+from ..physics.prescribed.rails import AbstractRail, FunctionRail, Tube
 from ..simulation.trajectory import Trajectory, times_looked_at
 from .modes import NO_MODES, draw_modes, modes_of
 from .over_time import Series, over_run, sizes_of, tell_apart

@@ -12,8 +12,8 @@ from jaxtyping import Float
 
 from .. import programs
 from ..numerics.arrays import to_array
-from ..physics.ground import Ground
-from ..physics.surfaces import AbstractSurface
+from ..physics.grounds import AbstractSurface
+from ..physics.grounds.ground import Ground
 from ..simulation.trajectory import Trajectory
 from .record import Record, finite_rows
 from .shapes import arms

@@ -15,8 +15,8 @@ from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ..physics.body import Disk
+from ..physics.grounds import AbstractSurface
 from ..physics.state import DiskState
-from ..physics.surfaces import AbstractSurface
 from ..simulation.trajectory import Trajectory
 from .floor import ROOM_AROUND, Floor, Placed, Setting, floor_under, ground_under, place
 from .modes import PATHS, Track, modes_of, track_of

@@ -11,8 +11,8 @@ from mpl_toolkits.mplot3d import Axes3D
 from .. import programs
 from ..numerics.arrays import to_array
 from ..physics.body import System
-from ..physics.motion import AbstractMotion, Driven, OnRail
-from ..physics.rails import Tube
+from ..physics.prescribed.motion import AbstractMotion, Driven, OnRail
+from ..physics.prescribed.rails import Tube
 from .palette import mass_colour
 
 BREAK = np.full((1, 3), np.nan)

@@ -17,7 +17,7 @@ from .. import programs
 from ..interface.wording import number_of
 from ..numerics.arrays import Numbers, to_array
 from ..physics.body import Disk, System
-from ..physics.moments import kinematics, moments
+from ..physics.dynamics.moments import kinematics, moments
 from ..simulation.trajectory import Trajectory
 from .labels import name_points
 from .modes import PATHS, SWITCH, draw_modes, modes_of, switch_points, track_of

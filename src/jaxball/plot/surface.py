@@ -15,7 +15,7 @@ from jaxtyping import Float
 from .. import programs
 from ..numerics.arrays import to_array
 from ..numerics.vectors import apply, cross, unit_vector
-from ..physics.surfaces import AbstractSurface, Bowl, Cylinder, MovingFrame, SphereOutside
+from ..physics.grounds import AbstractSurface, Bowl, Cylinder, MovingFrame, SphereOutside
 
 ROOM = 1.6  # from the path to the edge of the mesh, in radii
 CLOSE = 0.02  # radii, the allowed distance of the surface from the lines of the mesh

@@ -15,9 +15,9 @@ from .. import programs
 from ..numerics.arrays import to_array
 from ..physics.body import Disk
 from ..physics.contact.modes import Mode
-from ..physics.footing import footing
-from ..physics.ground import Ground
-from ..physics.surfaces import AbstractSurface
+from ..physics.dynamics.footing import footing
+from ..physics.grounds import AbstractSurface
+from ..physics.grounds.ground import Ground
 from ..sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory, always_rolls
 from .modes import share_bands

@@ -16,9 +16,9 @@ from ..physics.contact.law import COEFFICIENTS, AbstractFriction, Contact
 from ..physics.contact.modes import ContactSwitches, Mode, SwitchCause
 from ..physics.contact.released import ReleasedState
 from ..physics.contact.resting import RestingHistory
+from ..physics.grounds import AbstractSurface
 from ..physics.hybrid import NO_HISTORY, AbstractHistory, History, Switches
 from ..physics.state import AbstractBodyState, DiskState, ReducedState
-from ..physics.surfaces import AbstractSurface
 from ..scenario.body import CONTACT
 from ..sensors import AbstractSensor
 from ..simulation.events import Occurrences

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 from ..interface.wording import all_of, number_of
 from ..physics.body import PointMass, System
 from ..physics.feedback import AbstractLaw, FollowSchedules, LinearLaw, Servo
-from ..physics.motion import Driven, OnRail
-from ..physics.schedules import AbstractSchedule
-from ..physics.signals import AbstractSignal
+from ..physics.prescribed.motion import Driven, OnRail
+from ..physics.prescribed.schedules import AbstractSchedule
+from ..physics.prescribed.signals import AbstractSignal
 from .errors import each_of
 from .mechanisms import JointInState, ReadMechanism, joints_in_state
 from .motions import SIGNALS, read_signal, write_signal

@@ -19,9 +19,9 @@ from ..physics.contact.law import (
     SmoothedCoulomb,
 )
 from ..physics.contact.released import ReleasedState
-from ..physics.force import AbstractWrench, FunctionWrench, HarmonicForce, require_wrench
-from ..physics.ground import Ground
-from ..physics.resistance import SMOOTHING, AbstractResistance, Resistance
+from ..physics.forces.force import AbstractWrench, FunctionWrench, HarmonicForce, require_wrench
+from ..physics.forces.resistance import SMOOTHING, AbstractResistance, Resistance
+from ..physics.grounds.ground import Ground
 from ..physics.system import AbstractState
 from ..sensors import AbstractSensor, Accelerometer, Encoder, Gyroscope, Position, SensorErrors, Tachometer
 from .errors import each_of

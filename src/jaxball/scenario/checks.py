@@ -13,12 +13,12 @@ from .. import programs
 from ..interface.printing import is_array
 from ..numerics.arrays import to_array
 from ..physics.body import System
-from ..physics.breaches import breaches
 from ..physics.conditions import Condition, ExplainedCondition, Problem, all_hold
-from ..physics.confinement import is_confined, surely_stay
-from ..physics.coupling import mass_conditions
-from ..physics.dynamics import solvable_friction
-from ..physics.footing import has_end, surface_under
+from ..physics.dynamics.coupling import mass_conditions
+from ..physics.dynamics.equations import solvable_friction
+from ..physics.dynamics.footing import has_end, surface_under
+from ..physics.limits.breaches import breaches
+from ..physics.limits.confinement import is_confined, surely_stay
 from ..physics.state import BallState, DiskState
 from ..physics.validity import beyond_arithmetic
 from .errors import raise_first

@@ -23,7 +23,7 @@ from ..estimation import ErrorStateFilter, OutputFeedback
 from ..estimation.filter import samples_late, wanders
 from ..numerics.arrays import is_traced, to_array
 from ..physics.body import System
-from ..physics.force import Push, Wrenches
+from ..physics.forces.force import Push, Wrenches
 from ..physics.state import PlacedState
 from ..sensors import AbstractSensor
 from ..sensors.base import Measurement

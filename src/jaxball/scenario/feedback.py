@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ..physics.body import System
-from ..physics.force import Push
+from ..physics.forces.force import Push
 from ..sensors import AbstractSensor
 from .errors import ScenarioError, describe, each_of, key_error
 from .paths import check_number, with_numbers

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float
 from ..physics.body import Ball, Disk
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
-from ..physics.motion import Driven
+from ..physics.prescribed.motion import Driven
 from ..physics.system import AbstractState, AbstractSystem
 from ..sensors import AbstractSensor
 from ..simulation.events import AbstractEvent

@@ -2,8 +2,7 @@
 
 from typing import Any
 
-from ..physics.ground import AbstractGround, Ground, Turntable
-from ..physics.surfaces import (
+from ..physics.grounds import (
     Bowl,
     Cylinder,
     HeightField,
@@ -15,6 +14,7 @@ from ..physics.surfaces import (
     Turn,
     Washboard,
 )
+from ..physics.grounds.ground import AbstractGround, Ground, Turntable
 from .mechanisms import MOTIONS, read_motion, write_motion
 from .motions import SCHEDULE
 from .own import FUNCTION, Open, names_own, read_own, trying

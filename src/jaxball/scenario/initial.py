@@ -13,9 +13,9 @@ from ..numerics.arrays import is_traced, to_array
 from ..numerics.vectors import length
 from ..physics.body import Ball, Disk, PointMass, System
 from ..physics.contact.released import ReleasedState
-from ..physics.ground import Ground
-from ..physics.motion import Driven, OnRail
-from ..physics.schedules import AbstractSchedule
+from ..physics.grounds.ground import Ground
+from ..physics.prescribed.motion import Driven, OnRail
+from ..physics.prescribed.schedules import AbstractSchedule
 from ..physics.state import BallState, DiskState, State
 from .errors import UntraceableError
 from .mechanisms import ReadMechanism, joints_in_state

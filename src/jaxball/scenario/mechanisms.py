@@ -26,8 +26,8 @@ from ..physics.mechanisms import (
     SpeedLimitedMotor,
     Spring,
 )
-from ..physics.motion import AbstractMotion, Driven, Fixed, OnRail, Oscillating
-from ..physics.schedules import AbstractSchedule
+from ..physics.prescribed.motion import AbstractMotion, Driven, Fixed, OnRail, Oscillating
+from ..physics.prescribed.schedules import AbstractSchedule
 from .motions import OSCILLATING, RAILS, SCHEDULE, SIGNAL
 from .own import Open
 from .table import (

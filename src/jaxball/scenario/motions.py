@@ -10,13 +10,29 @@ from ..interface.arguments import require_function
 from ..interface.wording import number_of
 from ..numerics.arrays import a_number
 from ..numerics.functions import HarmonicSeries
-from ..physics.force import HarmonicForce
-from ..physics.frames import AbstractFrame, MatrixFrame, SphericalFrame, VersorFrame
-from ..physics.motion import Oscillating
-from ..physics.rails import AbstractRail, BernoulliEight, Circle, Ellipse, FourierRail, GeronoEight, SplineRail, Tube
-from ..physics.recorded import RecordedSchedule
-from ..physics.schedules import AbstractSchedule, ConstantRate, PiecewiseAcceleration, Pulse, Sinusoids, Waypoints
-from ..physics.signals import AbstractSignal, ConstantSignal, PiecewiseSignal
+from ..physics.forces.force import HarmonicForce
+from ..physics.prescribed.frames import AbstractFrame, MatrixFrame, SphericalFrame, VersorFrame
+from ..physics.prescribed.motion import Oscillating
+from ..physics.prescribed.rails import (
+    AbstractRail,
+    BernoulliEight,
+    Circle,
+    Ellipse,
+    FourierRail,
+    GeronoEight,
+    SplineRail,
+    Tube,
+)
+from ..physics.prescribed.recorded import RecordedSchedule
+from ..physics.prescribed.schedules import (
+    AbstractSchedule,
+    ConstantRate,
+    PiecewiseAcceleration,
+    Pulse,
+    Sinusoids,
+    Waypoints,
+)
+from ..physics.prescribed.signals import AbstractSignal, ConstantSignal, PiecewiseSignal
 from .logs import KIND as LOG
 from .own import Open
 from .recorded import SCHEDULE_FROM_LOG, SIGNAL_OR_SCHEDULE_FROM_LOG

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..physics.recorded import RecordedSchedule, RecordedSignal
+from ..physics.prescribed.recorded import RecordedSchedule, RecordedSignal
 from .errors import ScenarioError
 from .logs import TIME, VALUE, LogError, RecordedColumn, columns_of, text_of_file, text_of_log
 from .table import Key, Module, join, read_table

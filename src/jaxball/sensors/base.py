@@ -22,11 +22,11 @@ from ..interface.wording import did_you_mean
 from ..numerics.arrays import is_traced
 from ..numerics.calculus import two_derivatives
 from ..physics.body import AbstractBody, System
+from ..physics.dynamics.moments import kinematics
 from ..physics.mechanisms import Mechanism
 from ..physics.mechanisms.mechanism import EachJoint
-from ..physics.moments import kinematics
-from ..physics.motion import Kinematics
 from ..physics.observables import Movement, movement
+from ..physics.prescribed.motion import Kinematics
 from ..physics.state import PlacedState, Rates, RotationState
 from .errors import SensorErrors
 

@@ -9,10 +9,10 @@ from ..interface.arguments import require
 from ..numerics.arrays import numbers
 from ..numerics.vectors import apply
 from ..physics.body import AbstractBody
-from ..physics.energy import accelerations_of_masses
-from ..physics.frames import AbstractFrame, MatrixFrame
-from ..physics.motion import Kinematics
+from ..physics.dynamics.energy import accelerations_of_masses
 from ..physics.observables import Movement
+from ..physics.prescribed.frames import AbstractFrame, MatrixFrame
+from ..physics.prescribed.motion import Kinematics
 from .base import AbstractSensor, Mount, mount, mounts
 
 

@@ -7,8 +7,8 @@ from jaxtyping import Array, Float
 
 from ..interface.arguments import require
 from ..physics.body import AbstractBody
-from ..physics.motion import Driven, OnRail
 from ..physics.observables import Movement
+from ..physics.prescribed.motion import Driven, OnRail
 from .base import AbstractSensor, joint_rates, parts
 
 

@@ -17,10 +17,10 @@ from ..physics.contact.law import COEFFICIENTS, Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.contact.resting import RestingOnPlane
 from ..physics.dae import WITH_UNIT
-from ..physics.dry_rolling import DryRolling
-from ..physics.dry_stick_slip import DryStickSlip
-from ..physics.stick_slip import StickSlip
-from ..physics.surfaces import AbstractSurface
+from ..physics.grounds import AbstractSurface
+from ..physics.modes.dry_rolling import DryRolling
+from ..physics.modes.dry_stick_slip import DryStickSlip
+from ..physics.modes.stick_slip import StickSlip
 from ..physics.system import AbstractState, AbstractSystem, require_one, require_state, shapes_of_state
 from ..programs.derivatives.differentiation import is_differentiated_forward
 from ..solvers import NDF, TRBDF2, RadauIIA, Trapezoidal

@@ -19,14 +19,14 @@ from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..numerics.vectors import apply, cross, dot
 from ..physics.body import Ball, Disk, PointMass, System, with_masses
-from ..physics.coupling import join_coordinates, joint_forces, with_free_joints
-from ..physics.dynamics import angles_in_state
-from ..physics.ground import Ground, require_plane
-from ..physics.linkage import linkages
-from ..physics.load import load
-from ..physics.moments import kinematics, point_mass_values, velocity_moments
-from ..physics.motion import Driven, OnRail
-from ..physics.parameters import BodyParameters
+from ..physics.dynamics.coupling import join_coordinates, joint_forces, with_free_joints
+from ..physics.dynamics.equations import angles_in_state
+from ..physics.dynamics.linkage import linkages
+from ..physics.dynamics.load import load
+from ..physics.dynamics.moments import kinematics, point_mass_values, velocity_moments
+from ..physics.dynamics.parameters import BodyParameters
+from ..physics.grounds.ground import Ground, require_plane
+from ..physics.prescribed.motion import Driven, OnRail
 from ..physics.state import BallState, DiskState, RotationState, State
 
 STARTS_OF_BALANCE = 256

@@ -16,11 +16,11 @@ from ..interface.arguments import require_flags
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, is_traced
 from ..physics.body import System
-from ..physics.confinement import until_left
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
-from ..physics.footing import end_of_ground, has_end
+from ..physics.dynamics.footing import end_of_ground, has_end
 from ..physics.hybrid import Accuracy
+from ..physics.limits.confinement import until_left
 from ..physics.packing import Packing, ravel_state
 from ..physics.state import State
 from ..physics.system import AbstractState, AbstractSystem, require_system

@@ -271,12 +271,12 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         In a batch, those of each run.
 
         **Raises:** ``ValueError`` for a ball or a disk, whose integrals are functions of a state
-        (``jaxball.physics.integrals``).
+        (``jaxball.physics.dynamics.integrals``).
         """
         if isinstance(self.system, AbstractBody):
             raise ValueError(
                 f"Only other systems have `laws`, but this trajectory is of a {type(self.system).__name__}; "
-                "the modules jaxball.physics.integrals and jaxball.physics.momentum have its integrals."
+                "the modules `integrals` and `momentum` of jaxball.physics.dynamics have its integrals."
             )
         return self._evaluate(_laws_of_all, self.system, self.state)
 

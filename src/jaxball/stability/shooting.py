@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .. import programs
 from ..interface.status import Status
 from ..numerics.linear import least_squares
-from ..physics.ground import Ground
+from ..physics.grounds.ground import Ground
 from ..physics.packing import Packing, normal_of
 from ..physics.state import AbstractBodyState, BallState, DiskState
 from ..physics.system import AbstractState, AbstractSystem, vector_field

@@ -17,7 +17,7 @@ from ..interface.wording import all_of
 from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..numerics.vectors import cross
 from ..physics.body import Ball, System
-from ..physics.moments import moments
+from ..physics.dynamics.moments import moments
 from ..physics.packing import normal_of, phase_point
 from ..physics.state import ReducedState, State
 from ..physics.system import vector_field

@@ -12,7 +12,6 @@ from ..mjcf.elements import Frame, Inertial, label
 from ..mjcf.reading import TIMES, Imported
 from ..numerics.arrays import Numbers
 from ..physics.body import Ball
-from ..physics.frames import MatrixFrame
 from ..physics.mechanisms import (
     AbstractJoint,
     AbstractJointForce,
@@ -25,6 +24,7 @@ from ..physics.mechanisms import (
     Slider,
     rigid_body_masses,
 )
+from ..physics.prescribed.frames import MatrixFrame
 from ..physics.state import BallState
 from ..scenario import Scenario
 from .elements import CONTACT, LOOK, Shape, URDFError, number, numbers, parse, reach, shapes_of

@@ -10,11 +10,11 @@ from jaxtyping import Float
 
 from ..classical import HeavyTop
 from ..physics.body import AbstractBody, Disk
-from ..physics.ground import Ground
-from ..physics.moments import Moments
+from ..physics.dynamics.moments import Moments
+from ..physics.grounds import AbstractSurface
+from ..physics.grounds.ground import Ground
 from ..physics.rolling import AbstractRollingSystem
 from ..physics.state import DiskState
-from ..physics.surfaces import AbstractSurface
 from ..scenario import Scenario
 from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import always_rolls

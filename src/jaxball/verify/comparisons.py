@@ -12,7 +12,7 @@ import numpy as np
 from ..classical import NonholonomicParticle
 from ..physics.body import Disk
 from ..physics.dae import WITH_UNIT
-from ..physics.footing import in_space
+from ..physics.dynamics.footing import in_space
 from ..physics.state import DiskState
 from ..scenario.solvers import SOLVERS
 from ..simulation.trajectory import Trajectory

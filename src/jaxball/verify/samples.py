@@ -10,20 +10,20 @@ from jaxtyping import Array, Float
 
 from .. import programs
 from ..numerics.vectors import apply, cross, dot
-from ..physics import integrals
 from ..physics.body import AbstractBody
-from ..physics.dynamics import accelerations
-from ..physics.energy import velocities
-from ..physics.footing import footing
-from ..physics.frames import frisvad
-from ..physics.ground import Ground
-from ..physics.load import in_three, load
-from ..physics.moments import Moments, kinematics, point_mass_values, principal_inertia
-from ..physics.motion import Kinematics
+from ..physics.dynamics import integrals
+from ..physics.dynamics.energy import velocities
+from ..physics.dynamics.equations import accelerations
+from ..physics.dynamics.footing import footing
+from ..physics.dynamics.load import in_three, load
+from ..physics.dynamics.moments import Moments, kinematics, point_mass_values, principal_inertia
+from ..physics.grounds import Footing
+from ..physics.grounds.ground import Ground
 from ..physics.observables import Observables, observe
 from ..physics.packing import Packing
+from ..physics.prescribed.frames import frisvad
+from ..physics.prescribed.motion import Kinematics
 from ..physics.state import BallState, DiskState
-from ..physics.surfaces import Footing
 from ..simulation.trajectory import Interpolant, Trajectory
 from ..solvers.dense.steps import Steps
 

@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 from ... import programs
 from ...numerics import versor
 from ...numerics.vectors import apply, cross
-from ...physics.load import load
-from ...physics.moments import velocity_moments
-from ...physics.momentum import contact_momentum, contact_momentum_rate
+from ...physics.dynamics.load import load
+from ...physics.dynamics.moments import velocity_moments
+from ...physics.dynamics.momentum import contact_momentum, contact_momentum_rate
 from ...physics.state import BallState, DiskState
 from ...simulation.equilibrium import imbalance
 from ...solvers.tableau import gauss

@@ -14,9 +14,9 @@ from ...numerics.arrays import Numbers
 from ...numerics.vectors import room
 from ...physics.body import PointMass, System, with_integrated_angles
 from ...physics.mechanisms import AbstractJointForce, Drive, JointForces, Motor
-from ...physics.motion import OnRail
-from ...physics.schedules import AbstractSchedule
-from ...physics.signals import AbstractSignal, ConstantSignal
+from ...physics.prescribed.motion import OnRail
+from ...physics.prescribed.schedules import AbstractSchedule
+from ...physics.prescribed.signals import AbstractSignal, ConstantSignal
 from ...physics.state import BallState, DiskState, State
 from ..problem.requirements import AbstractRunningConstraint
 from ..problem.run import Run

@@ -14,11 +14,11 @@ from ...interface.status import Status
 from ...interface.wording import all_of
 from ...numerics.arrays import Numbers, to_array
 from ...physics.body import System
-from ...physics.force import AbstractForce
-from ...physics.ground import Ground, require_plane
+from ...physics.forces.force import AbstractForce
+from ...physics.grounds.ground import Ground, require_plane
 from ...physics.packing import Packing
-from ...physics.schedules import AbstractSchedule
-from ...physics.signals import AbstractSignal
+from ...physics.prescribed.schedules import AbstractSchedule
+from ...physics.prescribed.signals import AbstractSignal
 from ...physics.state import BallState, DiskState
 from ...simulation.equilibrium import Imbalance, imbalance
 from ..objectives import FollowTrajectory

@@ -11,8 +11,8 @@ from jaxtyping import Array, Float
 
 from ... import programs
 from ...physics.body import Ball, Disk, System
-from ...physics.schedules import PiecewiseAcceleration
-from ...physics.signals import PiecewiseSignal
+from ...physics.prescribed.schedules import PiecewiseAcceleration
+from ...physics.prescribed.signals import PiecewiseSignal
 from ...programs.batches import map_rows
 from ...scenario import Scenario
 from ...scenario.initial import starting_angles

@@ -11,17 +11,17 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ...physics.body import System
-from ...physics.coupling import join_coordinates, joint_forces
-from ...physics.dynamics import accelerations, angles_in_state
-from ...physics.energy import accelerations_of_masses
-from ...physics.footing import has_end, surface_under
-from ...physics.linkage import linkages
-from ...physics.load import load
+from ...physics.dynamics.coupling import join_coordinates, joint_forces
+from ...physics.dynamics.energy import accelerations_of_masses
+from ...physics.dynamics.equations import accelerations, angles_in_state
+from ...physics.dynamics.footing import has_end, surface_under
+from ...physics.dynamics.linkage import linkages
+from ...physics.dynamics.load import load
+from ...physics.dynamics.moments import kinematics, point_mass_values
 from ...physics.mechanisms import AbstractMechanism, Mechanism, Slider
-from ...physics.moments import kinematics, point_mass_values
-from ...physics.motion import Driven, Kinematics, OnRail
 from ...physics.observables import Observables, observe
-from ...physics.rails import AbstractRail
+from ...physics.prescribed.motion import Driven, Kinematics, OnRail
+from ...physics.prescribed.rails import AbstractRail
 from ...physics.state import BallState, DiskState
 from ...programs.batches import map_rows
 from ...scenario import Scenario

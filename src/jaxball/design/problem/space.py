@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from ... import programs
 from ...numerics.arrays import to_array
 from ...physics.body import Ball, Disk, System
-from ...physics.frames import principal_angles
+from ...physics.prescribed.frames import principal_angles
 from ...physics.state import BallState, DiskState
 from ...scenario import Scenario, ScenarioError, read_document
 from ...scenario.body import rolling_state

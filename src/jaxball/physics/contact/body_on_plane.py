@@ -29,8 +29,8 @@ from ...numerics.arrays import AnyArray
 from ...numerics.vectors import root
 from ..body import AbstractBody
 from ..conditions import Condition, ExplainedCondition, Problem
+from ..dynamics.load import Load
 from ..hybrid import NONE, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
-from ..load import Load
 from ..state import ReducedState
 from ..system import AbstractSystem
 from . import friction, over_surface as over, slip as slips

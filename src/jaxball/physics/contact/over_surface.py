@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from ...numerics.vectors import dot, root
 from ...programs.derivatives.differentiation import without_derivatives
 from ..body import AbstractBody
-from ..surfaces import AbstractSurface
+from ..grounds import AbstractSurface
 from .modes import ContactState, Mode
 from .released import position
 

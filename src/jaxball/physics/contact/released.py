@@ -33,16 +33,16 @@ from ...interface.printing import Printed
 from ...numerics.arrays import numbers
 from ...numerics.vectors import apply, cross, dot, inverse
 from ..body import AbstractBody
-from ..coupling import Joints, join_coordinates
-from ..dynamics import equations
-from ..energy import kinetic_energy, potential_energy
-from ..footing import released_footing
-from ..load import Load, in_three, load, place, table_under
-from ..moments import kinematics, point_mass_values, principal_inertia
-from ..motion import Kinematics
-from ..reaction import reaction_in_body
+from ..dynamics.coupling import Joints, join_coordinates
+from ..dynamics.energy import kinetic_energy, potential_energy
+from ..dynamics.equations import equations
+from ..dynamics.footing import released_footing
+from ..dynamics.load import Load, in_three, load, place, table_under
+from ..dynamics.moments import kinematics, point_mass_values, principal_inertia
+from ..dynamics.reaction import reaction_in_body
+from ..grounds import AbstractSurface, Footing
+from ..prescribed.motion import Kinematics
 from ..state import DiskState, PlacedState, centre_velocity
-from ..surfaces import AbstractSurface, Footing
 
 
 class ReleasedState(Printed):

@@ -21,8 +21,8 @@ from jaxtyping import Array, Bool, Float
 
 from ...numerics.vectors import apply, inverse
 from ..body import AbstractBody
-from ..resistance import Resistance, TurningMode
-from ..rest import Hold, Needs, Resisted, Turning, drag, needs
+from ..dynamics.rest import Hold, Needs, Resisted, Turning, drag, needs
+from ..forces.resistance import Resistance, TurningMode
 from .friction import Interaction, push
 from .released import Motion, Response, combine_rows
 

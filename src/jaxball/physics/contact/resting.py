@@ -20,9 +20,9 @@ from jaxtyping import Array, Bool, Float, Int
 from ...numerics.directions import unit
 from ...numerics.vectors import apply, root
 from ..body import AbstractBody
+from ..dynamics.load import Load
+from ..forces.resistance import TurningMode
 from ..hybrid import NONE, Accuracy, Assessment, GuardedStep, Transition
-from ..load import Load
-from ..resistance import TurningMode
 from ..state import PlacedState
 from . import friction, slip as slips
 from .body_on_plane import BodyOnPlane, ContactHistory

@@ -17,9 +17,9 @@ from ...numerics.arrays import select_tree
 from ...numerics.directions import diverging, unit
 from ...numerics.vectors import apply
 from ...programs.derivatives.differentiation import without_derivatives
+from ..dynamics.rest import candidates, resist
+from ..forces.resistance import TurningMode
 from ..hybrid import START, Accuracy, Transition, at_zero
-from ..resistance import TurningMode
-from ..rest import candidates, resist
 from . import friction, slip as slips
 from .modes import CAUSES, Mode, SwitchCause
 from .released import ReleasedState, Response, rates, slip_velocity, with_slip

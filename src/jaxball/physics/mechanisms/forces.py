@@ -24,8 +24,8 @@ from ...numerics.arrays import (
 from ...numerics.functions import OfKinkedFunctionOfState
 from ...numerics.kinks import kinks_of_function, kinks_seen
 from ..conditions import Condition
-from ..schedules import AbstractSchedule
-from ..signals import AbstractIntegrableSignal, AbstractSignal, as_signal
+from ..prescribed.schedules import AbstractSchedule
+from ..prescribed.signals import AbstractIntegrableSignal, AbstractSignal, as_signal
 from ..state import State
 
 

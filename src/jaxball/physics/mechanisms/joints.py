@@ -13,8 +13,8 @@ from ...interface.printing import Printed
 from ...numerics.arrays import numbers
 from ...numerics.vectors import apply, turn_about, unit_vector
 from ..conditions import Condition, a_direction
-from ..rails import AbstractRail
-from ..schedules import AbstractSchedule
+from ..prescribed.rails import AbstractRail
+from ..prescribed.schedules import AbstractSchedule
 from .forces import AbstractJointForce
 
 

@@ -15,7 +15,7 @@ from ...interface.printing import Printed
 from ...numerics.arrays import Numbers, default_dtype, join_arrays, numbers, stack_arrays
 from ...numerics.vectors import cross
 from ..conditions import Condition, positive
-from ..schedules import AbstractSchedule
+from ..prescribed.schedules import AbstractSchedule
 from ..state import State
 from .forces import AbstractJointForce
 from .friction import JointFriction

@@ -10,8 +10,8 @@ from ...interface.arguments import refusal
 from ...numerics.arrays import Numbers, is_traced, numbers
 from ...numerics.vectors import cross, root
 from ..conditions import real_inertia
-from ..frames import AbstractFrame, MatrixFrame
-from ..rails import AbstractRail
+from ..prescribed.frames import AbstractFrame, MatrixFrame
+from ..prescribed.rails import AbstractRail
 from .joints import Carriage, Drive, Hinge, Slider
 from .mechanism import CarriedMass, Mechanism
 

@@ -9,8 +9,8 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from ...physics.body import Disk, System
+from ...physics.grounds import AbstractSurface
 from ...physics.state import ReducedState
-from ...physics.surfaces import AbstractSurface
 from ...simulation.trajectory import Trajectory
 from ..coordinates import ANGLE, LENGTH, UNKNOWN, angles_of, joint_units, joints_of, mass_units
 from ..floor import Placed, Setting, floor_under, place

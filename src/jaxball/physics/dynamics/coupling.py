@@ -1,0 +1,170 @@
+"""The dynamic coupling of the body and the free joints of its mechanisms.
+
+With c_a = rΓ × p_a + ℓ_a and H_ab = Σ m χ_a·χ_b of the free joints, Ω and θ̇ together have the inertia
+
+    [ B   c ]
+    [ cᵀ  H ]
+
+symmetric positive definite, with a block of H for each mechanism. The joints are eliminated: what remains for Ω is
+the three by three matrix B − Σ c H⁻¹ cᵀ, so that the cost grows with the number of mechanisms and not faster.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ...numerics.linear import Factors, factor_symmetric
+from ...numerics.vectors import apply, cross, inverse
+from ..conditions import Condition
+from ..state import State
+from .footing import contact_normal
+from .linkage import Linkage, linkages
+from .parameters import BodyParameters
+
+SINGULAR = 1e-10  # of a joint's inertia, what those before it must leave to it
+MOVES = "a joint that moves some mass in a way that those before it do not, with a positive inertia of its own"
+
+# One array for each group that has free joints, with axes (mechanisms, joints).
+Joints = list[Float[Array, "_ _"]]
+
+
+class Inertia(NamedTuple):
+    """The inertia of the body and its free joints about the contact point."""
+
+    B: Float[Array, "3 3"]
+    c: list[Float[Array, "_ _ 3"]]
+    H: list[Float[Array, "_ _ _"]]
+
+    def times(self, Omega: Float[Array, "3"], thetadot: Joints) -> tuple[Float[Array, "3"], Joints]:
+        """The product with Ω and θ̇."""
+        torque, efforts = apply(self.B, Omega), []
+        for c, H, rate in zip(self.c, self.H, thetadot, strict=True):
+            torque = torque + jnp.sum(c * rate[..., None], axis=(0, 1))
+            efforts.append(jnp.sum(c * Omega[None, None], axis=-1) + jnp.sum(H * rate[:, None, :], axis=-1))
+        return torque, efforts
+
+    def holding(self, held: list[Bool[Array, "_ _"] | None]) -> "Inertia":
+        """The same where some joints are held, so that their accelerations are those of their efforts alone."""
+        c, H = [], []
+        for own, block, which in zip(self.c, self.H, held, strict=True):
+            if which is not None:
+                own = jnp.where(which[..., None], 0.0, own)
+                between = which[:, :, None] | which[:, None, :]
+                block = jnp.where(between, jnp.eye(which.shape[1], dtype=block.dtype), block)
+            c.append(own)
+            H.append(block)
+        return Inertia(self.B, c, H)
+
+    def factorise(self) -> "FactoredInertia":
+        """Factorises, to be solved with many right-hand sides."""
+        rest, eliminated = self.B, []
+        for c, H in zip(self.c, self.H, strict=True):
+            factors = jax.vmap(factor_symmetric)(H)
+            reduced = jax.vmap(Factors.solve_lower)(factors, c)
+            divided = jax.vmap(Factors.divide_by_pivots)(factors, reduced)
+            rest = rest - jnp.sum(reduced[..., :, None] * divided[..., None, :], axis=(0, 1))
+            eliminated.append((factors, reduced, divided))
+        return FactoredInertia(inverse(rest), eliminated)
+
+
+class FactoredInertia(NamedTuple):
+    """The inertia with its joints eliminated."""
+
+    inverse: Float[Array, "3 3"]  # of B − Σ c H⁻¹ cᵀ
+    eliminated: list[tuple[Factors, Array, Array]]  # the factors of H, L⁻¹cᵀ and D⁻¹L⁻¹cᵀ
+
+    def solve(self, torque: Float[Array, "3"], efforts: Joints) -> tuple[Float[Array, "3"], Joints]:
+        """Ω̇ and θ̈, or other rates, whose product with the inertia is ``torque`` and ``efforts``."""
+        reduced = []
+        for (factors, _, divided), effort in zip(self.eliminated, efforts, strict=True):
+            y = jax.vmap(Factors.solve_lower)(factors, effort)
+            torque = torque - jnp.sum(divided * y[..., None], axis=(0, 1))
+            reduced.append(y)
+        Omega, rates = apply(self.inverse, torque), []
+        for (factors, coupled, _), y in zip(self.eliminated, reduced, strict=True):
+            rest = y - jnp.sum(coupled * Omega[None, None], axis=-1)
+            rates.append(jax.vmap(lambda f, x: f.solve_upper(f.divide_by_pivots(x)))(factors, rest))
+        return Omega, rates
+
+
+def inertia(B: Float[Array, "3 3"], r: Float[Array, ""], Gamma: Float[Array, "3"], links: list[Linkage]) -> Inertia:
+    """The inertia, with B that of the body about the contact point, all masses in their places."""
+    c, H = [], []
+    for link in with_free_joints(links):
+        weighted = link.m[:, None, :, None] * link.partial
+        s = r * Gamma[None, None] + link.chi
+        c.append(jnp.sum(_cross(s[:, None], weighted), axis=2))
+        H.append(jnp.sum(weighted[:, :, None] * link.partial[:, None], axis=(-2, -1)))
+    return Inertia(B, c, H)
+
+
+def inertia_rate(
+    Bdot: Float[Array, "3 3"],
+    r: Float[Array, ""],
+    Gamma: Float[Array, "3"],
+    Gammadot: Float[Array, "3"],
+    links: list[Linkage],
+) -> Inertia:
+    """The rate of the inertia."""
+    c, H = [], []
+    for link in with_free_joints(links):
+        m = link.m[:, None, :, None]
+        partial, slope = link.partial, link.slope[:, link.free]
+        s = r * Gamma[None, None] + link.chi
+        sdot = r * Gammadot[None, None] + link.chidot
+        c.append(jnp.sum(_cross(sdot[:, None], m * partial) + _cross(s[:, None], m * slope), axis=2))
+        mixed = jnp.sum((m * slope)[:, :, None] * partial[:, None], axis=(-2, -1))
+        H.append(mixed + jnp.swapaxes(mixed, 1, 2))
+    return Inertia(Bdot, c, H)
+
+
+def joint_forces(t: Float[Array, ""], state: State, links: list[Linkage], impulses: bool = True) -> Joints:
+    """Q of the free joints; without ``impulses``, what :func:`joint_impulses` does not integrate of it."""
+    return [
+        eqx.filter_vmap(lambda mechanism, rates: mechanism.forces(t, rates, state, impulses))(link.group, link.rates)
+        for link in with_free_joints(links)
+    ]
+
+
+def joint_impulses(t: Float[Array, ""], links: list[Linkage]) -> Joints:
+    """∫ Q up to ``t`` of the parts of Q that are known in closed form."""
+    return [eqx.filter_vmap(lambda mechanism: mechanism.impulses(t))(link.group) for link in with_free_joints(links)]
+
+
+def with_free_joints(links: list[Linkage]) -> list[Linkage]:
+    """The groups that have free joints, which are those of :data:`Joints`."""
+    return [link for link in links if link.group.free]
+
+
+def join_coordinates(coordinates: Float[Array, " coordinates"], links: list[Linkage], values: Joints):
+    """Joins an array of all coordinates, with the values of free joints in their places."""
+    for link, value in zip(with_free_joints(links), values, strict=True):
+        places = np.full(coordinates.shape[0], -1)
+        places[link.slots.ravel()] = np.arange(link.slots.size)
+        spread = jnp.ravel(value)[np.maximum(places, 0)]
+        coordinates = jnp.where(places >= 0, spread, coordinates)
+    return coordinates
+
+
+def mass_conditions(system: BodyParameters, t: Float[Array, ""], state: State) -> Iterator[Condition]:
+    """Returns for each free joint the condition that it moves some mass in a way that its carriers do not; traceable.
+
+    The pivots of H say so: that of a joint is the inertia that is left to it when the joints before it give way.
+    ``system`` is prepared.
+    """
+    for link in with_free_joints(linkages(system, t, (state.theta, state.thetadot, state.thetadot))):
+        H = inertia(jnp.eye(3, dtype=link.m.dtype), system.radius, contact_normal(system, t, state), [link]).H[0]
+        pivots, alone = jax.vmap(factor_symmetric)(H).pivots, jnp.diagonal(H, axis1=1, axis2=2)
+        least = SINGULAR**2 * jnp.sum(link.m, axis=1, keepdims=True) * system.radius**2
+        names = tuple(system.coordinates[slot] for slot in link.slots.ravel())
+        holds = jnp.ravel((pivots > SINGULAR * alone) & (alone > least))
+        yield Condition(holds, names, jnp.ravel(pivots), MOVES)
+
+
+def _cross(a: Float[Array, "*some 3"], b: Float[Array, "*others 3"]) -> Float[Array, "*all 3"]:
+    return cross(*jnp.broadcast_arrays(a, b))

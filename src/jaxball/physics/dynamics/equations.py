@@ -1,0 +1,273 @@
+"""The equations of motion of the rolling ball and disk: their accelerations.
+
+With these, a state knows its rates (``state``). A solve advances the equations of ``locked``, which are equivalent.
+Labels are those of the equations in Putkaradze & Rogers (2018).
+"""
+
+import dataclasses
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ...interface.arguments import require_value
+from ...numerics.vectors import apply, cross, dot, outer
+from ...programs.derivatives.differentiation import without_derivatives
+from ..conditions import Condition
+from ..forces.resistance import Resistance
+from ..state import Rates, State
+from .coupling import FactoredInertia, Inertia, Joints, inertia, join_coordinates, joint_forces, with_free_joints
+from .footing import carried_rate, contact_normal
+from .linkage import Linkage, along, linkages
+from .load import Load, load
+from .moments import AbstractMoments, Moments, moments, velocity_moments
+from .parameters import BodyParameters
+from .rest import Turning, mode_of, resist
+from .sticking import has_directions, of_sticking, release_joints, sticking_joints, sticking_slots, with_directions
+
+SOLVABLE = (
+    "so small, or the masses so nearly above the contact point, that friction at the start adds less to the normal "
+    "force than this force itself (Painlevé's paradox)"
+)
+
+
+class Accelerations(NamedTuple):
+    """Ω̇ in body axes, with θ, θ̇ and θ̈ of all that a state's ``theta`` holds.
+
+    ``at`` are all moments, ``dry`` is the torque of dry friction in body axes, and ``holding`` the friction in joints
+    that stick, among those of :func:`~jaxball.physics.dynamics.sticking.sticking_slots`; None without such joints.
+    """
+
+    Omegadot: Float[Array, "3"]
+    angles: Rates
+    at: Moments
+    dry: Float[Array, "3"] | None
+    holding: Float[Array, " sticking"] | None
+
+
+class Equations(NamedTuple):
+    """The equations for Ω̇ and for θ̈ of free joints at a state, which are linear with the matrix of ``coupling``.
+
+    ``angles`` and ``at`` hold no acceleration of a free joint, nor does ``apparent``, Ω × (Ω × p + 2ṗ) + p̈. In
+    ``matrix`` the joints that stick are ``held``; in ``inertia`` none is.
+    """
+
+    Omega: Float[Array, "3"]
+    Gamma: Float[Array, "3"]
+    angles: Rates
+    links: list[Linkage]
+    at: Moments
+    apparent: Float[Array, "3"]
+    inertia: Inertia
+    held: list[Bool[Array, "_ _"] | None]
+    matrix: FactoredInertia
+
+    @property
+    def free(self) -> list[Linkage]:
+        """The mechanisms that have free joints."""
+        return with_free_joints(self.links)
+
+    def solve(
+        self, r: Float[Array, ""], t: Float[Array, ""], state: State, acting: Load
+    ) -> tuple[Float[Array, "3"], Joints]:
+        """Solves for Ω̇ and θ̈ of the body of radius ``r`` under a load."""
+        Omega, Gamma, at = self.Omega, self.Gamma, self.at
+        turning = cross(Omega, apply(at.J, Omega) + at.l) + apply(at.Jdot, Omega) + at.ldot
+        inertial = turning + cross(r * Gamma, self.apparent)
+        efforts = [
+            effort if which is None else jnp.where(which, 0.0, effort)
+            for effort, which in zip(self.efforts(t, state, acting), self.held, strict=True)
+        ]
+        return self.matrix.solve(acting.about_contact(at, r) - inertial, efforts)
+
+    def efforts(self, t: Float[Array, ""], state: State, acting: Load) -> Joints:
+        """Q of the free joints, without what holds those that stick, less their inertial efforts."""
+        forces = joint_forces(t, state, self.links)
+        return [Q - _inertial_efforts(link, acting, self.Omega) for link, Q in zip(self.free, forces, strict=True)]
+
+    def holding(
+        self, t: Float[Array, ""], state: State, acting: Load, Omegadot: Float[Array, "3"], thetaddot: Joints
+    ) -> Joints:
+        """What Q lacks of the effort that these accelerations need: the friction in joints that stick."""
+        _, needed = self.inertia.times(Omegadot, thetaddot)
+        return [x - y for x, y in zip(needed, self.efforts(t, state, acting), strict=True)]
+
+    def reaction_without_motion(self, acting: Load) -> Float[Array, "3"]:
+        """What the reaction R̃ of the plane would be if Ω̇ and θ̈ were 0."""
+        resting = self.apparent + self.at.M * acting.weight
+        return resting if acting.force is None else resting - acting.force
+
+    def complete(self, thetaddot: Joints) -> Moments:
+        """Completes the moments with the accelerations of free joints: p̈ + Σ p_a θ̈_a and ℓ̇ + Σ ℓ_a θ̈_a."""
+        pddot, ldot = self.at.pddot, self.at.ldot
+        for link, rate in zip(self.free, thetaddot, strict=True):
+            momenta = link.m[..., None] * along(link.partial, rate)
+            pddot = pddot + jnp.sum(momenta, axis=(0, 1))
+            ldot = ldot + jnp.sum(cross(link.chi, momenta), axis=(0, 1))
+        return dataclasses.replace(self.at, pddot=pddot, ldot=ldot)
+
+
+def equations(
+    system: BodyParameters, t: Float[Array, ""], state: State, Gamma: Float[Array, "3"] | None = None
+) -> Equations:
+    """The equations at a state, whatever acts; with Γ for the normal of the contact, if it is given."""
+    r, Omega, Gamma = system.radius, state.Omega, contact_normal(system, t, state) if Gamma is None else Gamma
+    angles = angles_in_state(system, t, state)
+    links = linkages(system, t, angles)
+    at = moments(system, t, angles, links)
+    apparent = cross(Omega, cross(Omega, at.p) + 2 * at.pdot) + at.pddot
+    whole = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links)
+    which = [sticking_joints(link.group) for link in with_free_joints(links)]
+    return Equations(Omega, Gamma, angles, links, at, apparent, whole, which, whole.holding(which).factorise())
+
+
+def accelerations(
+    system: BodyParameters, t: Float[Array, ""], state: State, acting: Load | None = None
+) -> Accelerations:
+    """Ω̇ and θ̈ at a state, where the load is ``acting``.
+
+    With the free joints' accelerations left out of p̈ and ℓ̇, the equations for Ω̇ and for the free θ̈ are linear with
+    the matrix of ``coupling``, in which joints that stick are held. Dry friction at the contact, proportional to a
+    normal force that is linear in Ω̇ and θ̈ as well, adds one solution with the same factors.
+    """
+    acting = load(system, t, state) if acting is None else acting
+    if not has_directions(system):
+        system = with_directions(system, _directions(*without_derivatives((system, t, state, acting))))
+    r, found = system.radius, equations(system, t, state)
+    Gamma, at, free = found.Gamma, found.at, found.free
+    Omegadot, thetaddot = found.solve(r, t, state, acting)
+    dry = None if system.resistance is None else system.resistance.dry_torque(r, acting.resisted, Gamma)
+    if isinstance(system.resistance, Resistance) and system.resistance.holds:
+        turns = _turning(system, found, acting, Omegadot, thetaddot, carried_rate(system, t, state))
+        mode = mode_of(system.resistance, turns, acting.resisted)
+        dry = resist(system.resistance, turns, mode).torque
+        change, joint_changes, _ = _dry_friction(at, Gamma, free, found.matrix, dry)
+        Omegadot = Omegadot + change
+        thetaddot = [x + y for x, y in zip(thetaddot, joint_changes, strict=True)]
+    elif dry is not None:
+        change, joint_changes, slope = _dry_friction(at, Gamma, free, found.matrix, dry)
+        # N = N(without dry friction) + N times what a unit of N changes; nothing where N would be negative.
+        without = dot(Gamma, found.reaction_without_motion(acting)) + _normal(at, Gamma, free, Omegadot, thetaddot)
+        N = jnp.maximum(without, 0.0) / jnp.where(slope < 1, 1 - slope, jnp.nan)
+        Omegadot = Omegadot + N * change
+        thetaddot = [x + N * y for x, y in zip(thetaddot, joint_changes, strict=True)]
+        dry = N * dry
+    theta, thetadot, given = found.angles
+    angles = theta, thetadot, join_coordinates(given, found.links, thetaddot)
+    holding = None
+    if any(which is not None for which in found.held):
+        holding = of_sticking(system, found.holding(t, state, acting, Omegadot, thetaddot))
+    return Accelerations(Omegadot, angles, found.complete(thetaddot), dry, holding)
+
+
+@jax.jit
+def turning(system: BodyParameters, t: Float[Array, ""], state: State) -> Turning:
+    """How a body would turn over its ground without dry friction, and how a torque at its contact changes that.
+
+    In body axes. On a surface, rates are those of the components along the axes of the contact.
+    """
+    found, acting = equations(system, t, state), load(system, t, state)
+    solved = found.solve(system.radius, t, state, acting)
+    return _turning(system, found, acting, *solved, carried_rate(system, t, state))
+
+
+def _turning(
+    system: BodyParameters,
+    found: Equations,
+    acting: Load,
+    Omegadot: Float[Array, "3"],
+    thetaddot: Joints,
+    carried: Float[Array, "3"] | None,
+) -> Turning:
+    at, Gamma, free = found.at, found.Gamma, found.free
+    torques = np.eye(3, dtype=Gamma.dtype)
+    changes = jax.vmap(lambda torque: _dry_friction(at, Gamma, free, found.matrix, torque))(jnp.asarray(torques))
+    normal = dot(Gamma, found.reaction_without_motion(acting)) + _normal(at, Gamma, free, Omegadot, thetaddot)
+    ahead = jnp.asarray(torques[1]) if system.planar else None
+    rate = Omegadot if carried is None else Omegadot + carried
+    return Turning(Gamma, ahead, rate, changes[0].T, normal, changes[2], system.radius)
+
+
+def holding_friction(
+    system: BodyParameters, t: Float[Array, ""], state: State, acting: Load | None = None
+) -> Float[Array, " sticking"]:
+    """The friction that holds the joints that stick, of a body whose joints have directions."""
+    holding = accelerations(system, t, state, acting).holding
+    assert holding is not None
+    return holding
+
+
+def _directions(system: BodyParameters, t: Float[Array, ""], state: State, acting: Load) -> Float[Array, " sticking"]:
+    """The directions in which joints with friction slip, as far as a state tells."""
+    moving = jnp.sign(state.thetadot[sticking_slots(system)])
+    return release_joints(system, moving, lambda system: holding_friction(system, t, state, acting))
+
+
+def solvable_friction(system: BodyParameters, t: Float[Array, ""], state: State) -> Iterator[Condition]:
+    """The condition on dry friction that there is a normal force with it: that a unit of N adds less than itself to N.
+
+    It adds more where much of the mass is far ahead of the contact point and friction is great. ``system`` is prepared.
+    """
+    if system.resistance is None or not system.resistance.is_dry:
+        return
+    r, Omega, Gamma = system.radius, state.Omega, contact_normal(system, t, state)
+    links = linkages(system, t, (state.theta, state.thetadot, state.thetadot))  # no rates are used
+    at = velocity_moments(system, t, (state.theta, state.thetadot), links)
+    matrix = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links).factorise()
+    dry = system.resistance.dry_torque(r, Omega, Gamma)
+    assert dry is not None
+    *_, slope = _dry_friction(at, Gamma, with_free_joints(links), matrix, dry)
+    # NaN is reported by other conditions.
+    yield Condition(~(slope >= 1), "resistance.dry", getattr(system.resistance, "dry", dry), SOLVABLE)
+
+
+def _dry_friction(
+    at: AbstractMoments, Gamma: Float[Array, "3"], free: list[Linkage], matrix: FactoredInertia, dry: Float[Array, "3"]
+) -> tuple[Float[Array, "3"], Joints, Float[Array, ""]]:
+    """Ω̇ and free θ̈ that the torque ``dry`` of a unit of normal force has, and the normal force that these add."""
+    still = [jnp.zeros(link.slots.shape, dtype=Gamma.dtype) for link in free]
+    change, joint_changes = matrix.solve(dry, still)
+    return change, joint_changes, _normal(at, Gamma, free, change, joint_changes)
+
+
+def _inertial_efforts(link: Linkage, acting: Load, Omega: Float[Array, "3"]) -> Float[Array, "mechanisms free"]:
+    """h_a = Σ m χ_a·(Ω × (Ω × χ + 2χ̇) + β + γ), where β is χ̈ without the accelerations of free joints."""
+    turning = jnp.broadcast_to(Omega, link.chi.shape)
+    a = cross(turning, cross(turning, link.chi) + 2 * link.chidot) + link.chiddot + acting.weight[None, None]
+    return jnp.sum((link.m[..., None] * a)[:, None] * link.partial, axis=(-2, -1))
+
+
+def _normal(
+    at: AbstractMoments, Gamma: Float[Array, "3"], free: list[Linkage], Omegadot: Float[Array, "3"], thetaddot: Joints
+) -> Float[Array, ""]:
+    """What Ω̇ and θ̈ of free joints add to the normal force: (p × Γ)·Ω̇ + Σ Γ·p_a θ̈_a."""
+    normal = dot(cross(at.p, Gamma), Omegadot)
+    for link, rate in zip(free, thetaddot, strict=True):
+        normal = normal + jnp.sum(rate * jnp.sum(link.weights * Gamma[None, None], axis=-1))
+    return normal
+
+
+def inertia_about_contact(at: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"]) -> Float[Array, "3 3"]:
+    """B = 𝕀 − Σ m ŝ², the inertia about the contact point, with s = rΓ + χ. Symmetric positive definite."""
+    identity = jnp.eye(3, dtype=Gamma.dtype)
+    mixed = outer(Gamma, at.p)
+    return (
+        at.J + at.M * r**2 * (identity - outer(Gamma, Gamma)) + r * (2 * dot(Gamma, at.p) * identity - mixed - mixed.T)
+    )
+
+
+def angles_in_state(system: BodyParameters, t: Float[Array, ""], state: State) -> Rates:
+    """Returns θ, θ̇ and θ̈ of all coordinates in a state's ``theta``: θ̈ = u(t, state) if a law drives them, else 0."""
+    if system.law is None:
+        return state.theta, state.thetadot, jnp.zeros_like(state.theta)
+    driven = system.accelerated
+    thetaddot = system.law.among(driven, t, state)
+    require_value("law", thetaddot, (len(driven),))
+    if len(driven) < len(system.coordinates):
+        places = np.full(len(system.coordinates), -1)
+        places[np.asarray(driven)] = np.arange(len(driven))
+        thetaddot = jnp.where(places >= 0, thetaddot[np.maximum(places, 0)], 0.0)
+    return state.theta, state.thetadot, thetaddot

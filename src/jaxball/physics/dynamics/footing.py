@@ -1,0 +1,177 @@
+"""How a ground of any form holds a body at a state: its footing, in body axes where the equations need them."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ...numerics.arrays import select_tree
+from ...numerics.vectors import apply, cross
+from ..grounds import AbstractSurface, Footing
+from ..state import BallState, PlacedState, Rates
+from .parameters import BodyParameters
+
+
+def surface_under(system: BodyParameters, t: Float[Array, ""], state: Any) -> AbstractSurface | None:
+    """The surface under a body at a state, which tells where a law has driven it; None on a plane."""
+    surface = system.ground
+    if not isinstance(surface, AbstractSurface):
+        return None
+    if not surface.driven:
+        return surface
+    assert system.law is not None
+    count = len(surface.driven)
+    accelerations = system.law.among(system.accelerated, t, state)
+    return surface.following(t, *(values[-count:] for values in (state.theta, state.thetadot, accelerations)))
+
+
+def footing(system: BodyParameters, t: Float[Array, ""], state: Any) -> Footing | None:
+    """How the surface under a body holds it; None on a plane."""
+    surface = surface_under(system, t, state)
+    if surface is None:
+        return None
+    assert isinstance(state, PlacedState)
+    return surface.footing(t, system.radius, state.z, apply(state.Lambda, state.Omega))
+
+
+def released_footing(
+    system: BodyParameters,
+    t: Float[Array, ""],
+    state: Any,
+    V: Float[Array, "3"],
+    height: Float[Array, ""],
+    touching: Bool[Array, ""] | bool,
+) -> Footing | None:
+    """How the surface under a body holds it while that slips or flies with the velocity ``V``; None on a plane.
+
+    In flight no ground acts, and the motion is described as on a level plane at rest, for any height: the normal is e3,
+    and the contact axes are those of space. ``coordinate_rates`` are always those of the piece that is nearest.
+    """
+    surface = surface_under(system, t, state)
+    if surface is None:
+        return None
+    assert isinstance(state, PlacedState)
+    r, omega = system.radius, apply(state.Lambda, state.Omega)
+    held = surface.footing(t, r, state.z, omega, V, height)
+    axes, none = jnp.eye(3, dtype=r.dtype), jnp.zeros_like(V)
+    free = held._replace(
+        normal=axes[2],
+        tangents=axes[:2],
+        velocity=none,
+        spin=none,
+        centre_velocity=r * cross(omega, axes[2]),
+        normal_rate=none,
+        acceleration=none,
+        turning=none,
+    )
+    return select_tree(jnp.asarray(touching), held, free)
+
+
+def contact_normal(system: BodyParameters, t: Float[Array, ""], state: Any) -> Float[Array, "3"]:
+    """The normal of the ground towards the body, in body axes: Γ on a plane."""
+    surface = surface_under(system, t, state)
+    if surface is None:
+        return state.Gamma
+    assert isinstance(state, PlacedState)
+    return apply(state.Lambda.T, surface.normal(t, state.z))
+
+
+def in_space(system: BodyParameters, state: Any) -> BallState:
+    """A state as that of a ball in space; on a surface ``z`` has both coordinates of the contact point of a disk."""
+    space, surface = state.in_space(), system.ground
+    if not isinstance(surface, AbstractSurface) or not system.planar:
+        return space
+    return eqx.tree_at(lambda x: x.z, space, surface.coordinates(state.z))
+
+
+def has_end(system: Any) -> bool:
+    """Whether a system is a body on a surface, which may not let it go on."""
+    return isinstance(getattr(system, "ground", None), AbstractSurface)
+
+
+def end_of_ground(system: BodyParameters, t: Float[Array, ""], state: Any) -> Int[Array, ""]:
+    """Whether the surface under a body does not let it go on from a state: a status, or SUCCESS if it does."""
+    surface = surface_under(system, t, state)
+    assert surface is not None
+    return surface.end(t, system.radius, state.z)
+
+
+def rates(
+    system: BodyParameters,
+    t: Float[Array, ""],
+    state: Any,
+    Omegadot: Float[Array, "3"],
+    angles: Rates,
+    under: Footing | None,
+) -> Any:
+    """ẋ where Ω̇ is known, and θ, θ̇, θ̈: the kinematics of rolling. ``under`` is the :func:`footing`."""
+    moved = state.rates(system.radius, Omegadot, angles, system.drift(t, state))
+    return moved if under is None else eqx.tree_at(lambda x: x.z, moved, under.coordinate_rates)
+
+
+class ContactAxes(NamedTuple):
+    """The axes of the contact, two along the ground and its normal: on a plane, those of space.
+
+    ``rows`` takes vectors from body axes to these. ``spin`` is the angular velocity of the ground's matter in them,
+    None on a plane.
+    """
+
+    rows: Float[Array, "3 3"]
+    spin: Float[Array, "3"] | None
+
+    @classmethod
+    def of(cls, system: BodyParameters, t: Float[Array, ""], state: Any) -> "ContactAxes":
+        """Those at a state."""
+        surface = system.ground
+        if not isinstance(surface, AbstractSurface):
+            return cls(state.Lambda, None)
+        axes, spin = _axes_and_spin(surface, t, system.radius, state.z)
+        rows = jnp.sum(axes[:, :, None] * state.Lambda[None], axis=1)
+        return cls(rows, apply(axes, spin))
+
+    def over_ground(self, Omega: Float[Array, "3"]) -> Float[Array, "3"]:
+        """The angular velocity of the body relative to the ground, from Ω."""
+        omega = apply(self.rows, Omega)
+        return omega if self.spin is None else omega - self.spin
+
+    def in_body(self, omega: Float[Array, "3"]) -> Float[Array, "3"]:
+        """Ω, from the angular velocity relative to the ground."""
+        return apply(self.rows.T, omega if self.spin is None else omega + self.spin)
+
+
+def carried_rate(system: BodyParameters, t: Float[Array, ""], state: Any) -> Float[Array, "3"] | None:
+    """The rate of the components of ω relative to the ground while ω is constant, in body axes; None on a plane.
+
+    These components change as the axes of the contact turn along the path of the contact point and with the ground.
+    """
+    surface = system.ground
+    if not isinstance(surface, AbstractSurface):
+        return None
+    omega, u = apply(state.Lambda, state.Omega), state.z
+    under = surface.footing(t, system.radius, u, omega)
+
+    def components(t: Float[Array, ""], u: Float[Array, "2"]) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
+        axes, spin = _axes_and_spin(surface, t, system.radius, u)
+        return apply(axes, omega - spin), axes
+
+    _, rate, axes = jax.jvp(components, (t, u), (jnp.ones_like(t), under.coordinate_rates), has_aux=True)
+    return apply(state.Lambda.T, apply(axes.T, rate))
+
+
+def rate_over_ground(
+    system: BodyParameters, t: Float[Array, ""], state: Any, Omegadot: Float[Array, "3"]
+) -> Float[Array, "3"]:
+    """The rate of ω relative to the ground, along the axes of the contact, from Ω̇."""
+    carried = carried_rate(system, t, state)
+    rate = Omegadot if carried is None else Omegadot + carried
+    return apply(ContactAxes.of(system, t, state).rows, rate)
+
+
+def _axes_and_spin(
+    surface: AbstractSurface, t: Float[Array, ""], r: Float[Array, ""], u: Float[Array, "2"]
+) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
+    """The axes of the contact as rows, space axes, and the angular velocity of the ground's matter."""
+    under = surface.footing(t, r, u, jnp.zeros((3,), r.dtype))
+    return jnp.concatenate([under.tangents, under.normal[None]]), under.spin

@@ -1,0 +1,175 @@
+"""External loads on the body: weight, the motion of the ground, the external force, and resistance."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from ...numerics.vectors import apply, cross
+from ..forces.force import BodyMotion, Wrench
+from ..grounds import Footing
+from ..grounds.ground import Ground, TableMotion
+from ..state import BallState, DiskState, ReducedState, RotationState, State, centre_velocity, rolling_velocity
+from .footing import footing
+from .moments import AbstractMoments
+from .parameters import BodyParameters
+
+
+class Load(NamedTuple):
+    """The load on a body, in body axes.
+
+    ``gamma`` is γ = Λ⁻¹(Ẍ + u̇ − **g**), and None on a level plane at rest, where it is gΓ. ``force`` is F̃ of all
+    forces at the geometric centre, ``torque`` T̃ of all torques, each None where there are none. ``applied`` is the
+    contribution of the external force and its torque to both. ``resisted`` is the angular velocity that friction at
+    the contact resists.
+
+    On a surface, ``footing`` says how it holds the body, Γ is its normal instead of the vertical, and
+    γ = Λ⁻¹(ẇ + r ω × ṅ − **g**), with ν × v_s more where the body slips and the contact axes turn at ν.
+    """
+
+    g: Float[Array, ""]
+    Gamma: Float[Array, "3"]
+    gamma: Float[Array, "3"] | None
+    force: Float[Array, "3"] | None
+    torque: Float[Array, "3"] | None
+    applied: Wrench | None
+    resisted: Float[Array, "3"]
+    footing: Footing | None = None
+    normal_rate: Float[Array, "3"] | None = None  # Λ⁻¹ṅ
+
+    @property
+    def weight(self) -> Float[Array, "3"]:
+        """γ: the upward weight of a unit of mass at rest in the space axes."""
+        return self.g * self.Gamma if self.gamma is None else self.gamma
+
+    def of_momenta(self, r: Float[Array, ""], Omega: Float[Array, "3"]) -> "Load":
+        """The load in the balances of momenta about the contact point, whose rates contain Γ̇: γ without Λ⁻¹ r ω × ṅ."""
+        if self.normal_rate is None:
+            return self
+        assert self.gamma is not None
+        return self._replace(gamma=self.gamma - r * cross(Omega, self.normal_rate))
+
+    def Gammadot(self, Omega: Float[Array, "3"]) -> Float[Array, "3"]:
+        """Γ̇ = Γ × Ω, and Λ⁻¹ṅ more on a surface."""
+        carried = cross(self.Gamma, Omega)
+        return carried if self.normal_rate is None else carried + self.normal_rate
+
+    def with_torque(self, torque: Float[Array, "3"] | None) -> "Load":
+        """The load with one more torque, body axes, if there is one."""
+        if torque is None:
+            return self
+        return self._replace(torque=torque if self.torque is None else self.torque + torque)
+
+    def about_contact(self, at: AbstractMoments, r: Float[Array, ""]) -> Float[Array, "3"]:
+        """The torque of the load about the contact point: γ × (MrΓ + p) + rΓ × F̃ + T̃."""
+        if self.gamma is None:
+            push = self.g * at.p if self.force is None else self.g * at.p + r * self.force
+            torque = cross(self.Gamma, push)
+        else:
+            torque = cross(self.gamma, at.M * r * self.Gamma + at.p)
+            torque = torque if self.force is None else torque + r * cross(self.Gamma, self.force)
+        return torque if self.torque is None else torque + self.torque
+
+
+def load(
+    system: BodyParameters,
+    t: Float[Array, ""],
+    state: State,
+    slip: Float[Array, "3"] | None = None,
+    touching: Bool[Array, ""] | None = None,
+    height: Float[Array, ""] | None = None,
+    under: Footing | None = None,
+) -> Load:
+    """The load at a state, except dry friction, which depends on the normal force.
+
+    ``slip`` is the slip velocity in space axes, where the body does not roll; ``touching`` whether the plane resists
+    its turning, which it does if not given; ``height`` how far the body is over the plane, 0 if not given; ``under``
+    its footing on a surface, that of rolling if not given. Reduced states, which do not contain Λ, are refused where an
+    external force acts or the ground is not level and at rest.
+    """
+    r, g, Gamma, resisted = system.radius, system.gravity, state.Gamma, state.Omega
+    normal_rate = gamma = force = torque = applied = velocity = W = None
+    under = footing(system, t, state) if under is None else under
+    if system.force is not None:
+        assert not isinstance(state, ReducedState)
+        applied = _external_wrench(system, t, state, slip, height, under)
+        force, torque = applied
+    if under is not None:
+        assert not isinstance(state, ReducedState)
+        assert system.ground is not None
+        into_body, turning = state.Lambda.T, apply(state.Lambda, state.Omega)
+        Gamma, normal_rate = apply(into_body, under.normal), apply(into_body, under.normal_rate)
+        velocity, resisted = apply(into_body, under.velocity), resisted - apply(into_body, under.spin)
+        carried = under.acceleration + r * cross(turning, under.normal_rate)
+        carried = carried if slip is None else carried + cross(under.turning, slip)
+        gamma = apply(into_body, carried + system.ground.lift(t, g))
+    elif system.ground is not None:
+        assert not isinstance(state, ReducedState)
+        lift = system.ground.lift(t, g)
+        table = table_under(system, t, state, slip)
+        if table is not None:
+            W, velocity = table.W, apply(state.Lambda.T, in_three(table.velocity))
+            lift = lift + in_three(table.acceleration)
+        gamma = apply(state.Lambda.T, lift)
+    if slip is not None:
+        assert not isinstance(state, ReducedState)
+        over = apply(state.Lambda.T, slip)
+        velocity = over if velocity is None else velocity + over
+    if system.resistance is not None:
+        resistance, Omega = system.resistance, state.Omega
+        rolling = r * cross(Omega, Gamma)
+        medium = resistance.medium(rolling if velocity is None else rolling + velocity, Omega)
+        resisting = resistance.contact_torque(resisted, Gamma, W)
+        resisting = resisting if touching is None else jnp.where(touching, resisting, 0.0)
+        if medium is not None:
+            force = medium[0] if force is None else force + medium[0]
+            resisting = resisting + medium[1]
+        torque = resisting if torque is None else torque + resisting
+    return Load(g, Gamma, gamma, force, torque, applied, resisted, under, normal_rate)
+
+
+def _external_wrench(
+    system: BodyParameters,
+    t: Float[Array, ""],
+    state: BallState | RotationState | DiskState,
+    slip: Float[Array, "3"] | None,
+    height: Float[Array, ""] | None,
+    under: Footing | None,
+) -> Wrench:
+    """Computes the external force and its torque in body axes; on a disk, their parts in its plane."""
+    assert system.force is not None
+    if under is not None:
+        position, velocity = under.centre, under.centre_velocity
+    else:
+        velocity = in_three(centre_velocity(state.Lambda, state.Omega, system.radius, system.drift(t, state)))
+        position = in_three(place(state))
+    velocity = velocity if slip is None else velocity + slip
+    position = position if height is None or under is not None else position.at[2].set(height)
+    motion = BodyMotion(position, velocity, state.Lambda, state.Omega, state.theta, state.thetadot)
+    force, torque = system.force.wrench(t, motion)
+    if system.planar:
+        force = force.at[1].set(0.0)
+        torque = None if torque is None else jnp.zeros_like(torque).at[1].set(torque[1])
+    into_body = state.Lambda.T
+    return Wrench(apply(into_body, force), None if torque is None else apply(into_body, torque))
+
+
+def place(state: BallState | RotationState | DiskState) -> Float[Array, "2"]:
+    """Where the geometric centre is over the plane; a disk moves along e1."""
+    return jnp.stack([state.z, jnp.zeros_like(state.z)]) if isinstance(state, DiskState) else state.z
+
+
+def table_under(
+    system: BodyParameters, t: Float[Array, ""], state: State, slip: Float[Array, "3"] | None = None
+) -> TableMotion | None:
+    """The motion of a turntable under the body's centre; None without one. ``slip`` is as in :func:`load`."""
+    if not isinstance(system.ground, Ground) or system.ground.turntable is None:
+        return None
+    assert isinstance(state, BallState | RotationState)
+    over = rolling_velocity(state.Lambda, state.Omega, system.radius)
+    return system.ground.table_motion(t, state.z, over if slip is None else over + slip[:2])
+
+
+def in_three(v: Float[Array, "2"]) -> Float[Array, "3"]:
+    """A horizontal vector with its third component, 0."""
+    return jnp.concatenate([v, jnp.zeros_like(v[:1])])

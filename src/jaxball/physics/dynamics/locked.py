@@ -1,0 +1,141 @@
+"""The equations of motion for the locked velocities, which a solve advances instead of Ω and of free joints' θ̇.
+
+Locked velocities (W, ϑ̇) are those that the ball and its free joints would have if everything prescribed or driven by a
+law were suddenly stopped in it, which does not change the momenta: Π about the contact point, and π_a = Σ m χ_a·v of
+each free joint. Without mechanisms, W = B⁻¹Π. Their rates do not contain the acceleration of a prescribed mass, unlike
+Ω̇ and θ̈. So where a prescribed θ̈ jumps, Ω̇ jumps but Ẇ does not, and the derivative of a solve with respect to the
+time of the jump is right for each mass, even when several masses jump at once.
+
+The effect of a torque whose integral I_a is known in closed form is removed in the same way: locked velocities belong
+to the momenta Π and π_a − I_a, whose rates do not contain it. Where any other force jumps, the rates jump with it. A
+solve ends a step there, which carries the derivative; where several of these jump at once, it belongs to all of them
+together.
+"""
+
+from typing import TypeVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...numerics.vectors import cross, dot, outer
+from ..state import BallState, DiskState, ReducedState, RotationState, State
+from .coupling import Joints, inertia, inertia_rate, join_coordinates, joint_forces, joint_impulses, with_free_joints
+from .equations import accelerations, angles_in_state, inertia_about_contact
+from .footing import contact_normal, rates as rates_of
+from .linkage import Linkage, linkages
+from .load import Load, load
+from .moments import AbstractMoments, VelocityMoments, velocity_moments
+from .momentum import contact_momentum_rate, internal_momentum
+from .parameters import BodyParameters
+
+AnyState = TypeVar("AnyState", BallState, RotationState, ReducedState, DiskState)
+
+
+def to_locked(system: BodyParameters, t: Float[Array, ""], state: AnyState) -> AnyState:
+    """``state`` with the locked velocities in place of Ω (for a disk, of φ̇) and of free joints' θ̇."""
+    return _move(system, t, state, 1.0)
+
+
+def from_locked(system: BodyParameters, t: Float[Array, ""], state: AnyState) -> AnyState:
+    """The inverse of :func:`to_locked`."""
+    return _move(system, t, state, -1.0)
+
+
+def locked_field(system: BodyParameters, t: Float[Array, ""], packed: AnyState) -> AnyState:
+    """The rates of a state that holds (W, ϑ̇): with 𝔐 the inertia of ``coupling``, 𝔐⁻¹ ((Π̇, π̇) − 𝔐̇ (W, ϑ̇))."""
+    r, W, Gamma = system.radius, packed.Omega, contact_normal(system, t, packed)
+    at, links = _stop_joints(system, t, packed)
+    free = with_free_joints(links)
+    locked = [link.own(packed.thetadot) for link in free]
+    matrix = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links)
+    factors = matrix.factorise()
+    excess = factors.solve(*_momenta_of_motions(t, at, r, Gamma, free))
+    state = _with_velocities(packed, links, -1.0, *excess)
+    Omega, angles = W - excess[0], angles_in_state(system, t, state)
+    if free:
+        links = [link.moving(link.own(state.thetadot)) if link.group.free else link for link in links]
+        at, free = velocity_moments(system, t, angles[:2], links), with_free_joints(links)
+    acting = _with_dry_friction(system, t, state, load(system, t, state))
+    Gammadot = acting.Gammadot(Omega)
+    acting = acting.of_momenta(r, Omega)
+    Pi, _ = matrix.times(W, locked)
+    Pidot = contact_momentum_rate(at, r, acting, Pi, Omega)
+    forces = joint_forces(t, state, links, impulses=False)
+    pidot = [Q + _momentum_rate(link, r, acting, Omega) for link, Q in zip(free, forces, strict=True)]
+    changing = inertia_rate(inertia_about_contact_rate(at, r, Gamma, Gammadot), r, Gamma, Gammadot, links)
+    turned, pulled = changing.times(W, locked)
+    Wdot, rates = factors.solve(Pidot - turned, [x - y for x, y in zip(pidot, pulled, strict=True)])
+    theta, thetadot, given = angles
+    return rates_of(system, t, state, Wdot, (theta, thetadot, join_coordinates(given, links, rates)), acting.footing)
+
+
+def inertia_about_contact_rate(
+    at: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"], Gammadot: Float[Array, "3"]
+) -> Float[Array, "3 3"]:
+    """Ḃ, by the rule of products."""
+    turn = outer(Gammadot, Gamma)
+    mixed = outer(Gammadot, at.p) + outer(Gamma, at.pdot)
+    trace = dot(Gammadot, at.p) + dot(Gamma, at.pdot)
+    identity = jnp.eye(3, dtype=Gamma.dtype)
+    return at.Jdot - at.M * r**2 * (turn + turn.T) + r * (2 * trace * identity - mixed - mixed.T)
+
+
+def _move(system: BodyParameters, t: Float[Array, ""], state: AnyState, sign: float) -> AnyState:
+    at, links = _stop_joints(system, t, state)
+    r, Gamma = system.radius, contact_normal(system, t, state)
+    factors = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links).factorise()
+    momenta = _momenta_of_motions(t, at, r, Gamma, with_free_joints(links))
+    return _with_velocities(state, links, sign, *factors.solve(*momenta))
+
+
+def _stop_joints(system: BodyParameters, t: Float[Array, ""], state: State) -> tuple[VelocityMoments, list[Linkage]]:
+    """Computes moments and mechanisms as they would be if the free joints were still."""
+    still = state.thetadot
+    if len(system.accelerated) < len(system.coordinates):
+        moving = np.zeros(len(system.coordinates), dtype=bool)
+        moving[list(system.accelerated)] = True
+        still = jnp.where(moving, still, 0.0)
+    links = linkages(system, t, (state.theta, still, still))  # θ̈ is not used
+    return velocity_moments(system, t, (state.theta, still), links), links
+
+
+def _momenta_of_motions(
+    t: Float[Array, ""], at: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"], free: list[Linkage]
+) -> tuple[Float[Array, "3"], Joints]:
+    """Computes the known parts of Π and π_a: from prescribed or driven motions in the ball, and from integrated forces.
+
+    The free joints are still.
+    """
+    pi = [jnp.sum((link.m[..., None] * link.chidot)[:, None] * link.partial, axis=(-2, -1)) for link in free]
+    return internal_momentum(at, r, Gamma), [x - I for x, I in zip(pi, joint_impulses(t, free), strict=True)]
+
+
+def _with_velocities(
+    state: AnyState, links: list[Linkage], sign: float, Omega: Float[Array, "3"], thetadot: Joints
+) -> AnyState:
+    """The state with changes of Ω and of free joints' θ̇ added, times ``sign``."""
+    moved = state.with_Omega(state.Omega + sign * Omega)
+    if not thetadot:
+        return moved
+    changes = join_coordinates(jnp.zeros_like(state.thetadot), links, thetadot)
+    return eqx.tree_at(lambda s: s.thetadot, moved, state.thetadot + sign * changes)
+
+
+def _momentum_rate(
+    link: Linkage, r: Float[Array, ""], acting: Load, Omega: Float[Array, "3"]
+) -> Float[Array, "mechanisms free"]:
+    """π̇_a − Q_a = Σ m [ v·(Ω × χ_a + d/dt χ_a) − χ_a·γ ], with v = Ω × s + χ̇."""
+    turning = jnp.broadcast_to(Omega, link.chi.shape)
+    v = cross(turning, r * acting.Gamma[None, None] + link.chi) + link.chidot
+    partial = link.partial
+    carried = cross(jnp.broadcast_to(Omega, partial.shape), partial) + link.slope[:, link.free]
+    power = jnp.sum(v[:, None] * carried, axis=-1) - jnp.sum(partial * acting.weight[None, None, None], axis=-1)
+    return jnp.sum(link.m[:, None] * power, axis=-1)
+
+
+def _with_dry_friction(system: BodyParameters, t: Float[Array, ""], state: State, acting: Load) -> Load:
+    if system.resistance is None or not system.resistance.is_dry:
+        return acting
+    return acting.with_torque(accelerations(system, t, state, acting).dry)

@@ -1,0 +1,200 @@
+"""The moments of the masses, on which the equations of motion depend.
+
+Sums run over the shell (i = 0) and the point masses. The paper's equations, which sum over the masses
+one by one, depend only on these sums, so the cost of the ball's equation does not grow with n.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ...numerics.vectors import outer
+from ..prescribed.motion import Driven, Kinematics
+from ..state import Angles, Rates
+from .linkage import Linkage, linkages
+from .parameters import BodyParameters
+
+
+class AbstractMoments(eqx.Module):
+    """Moments of the masses about the geometric centre, in body axes, and their rates."""
+
+    M: eqx.AbstractVar[Float[Array, ""]]  # Σ m
+    p: eqx.AbstractVar[Float[Array, "3"]]  # Σ m χ
+    pdot: eqx.AbstractVar[Float[Array, "3"]]
+    J: eqx.AbstractVar[Float[Array, "3 3"]]  # 𝕀 − Σ m χ̂², the inertia about the geometric centre
+    Jdot: eqx.AbstractVar[Float[Array, "3 3"]]
+    l: eqx.AbstractVar[Float[Array, "3"]]  # Σ m χ × χ̇
+
+
+class VelocityMoments(AbstractMoments):
+    """The moments that need no acceleration of a mass."""
+
+    M: Float[Array, ""]
+    p: Float[Array, "3"]
+    pdot: Float[Array, "3"]
+    J: Float[Array, "3 3"]
+    Jdot: Float[Array, "3 3"]
+    l: Float[Array, "3"]
+
+
+class Moments(AbstractMoments):
+    """All moments."""
+
+    M: Float[Array, ""]
+    p: Float[Array, "3"]
+    pdot: Float[Array, "3"]
+    J: Float[Array, "3 3"]
+    Jdot: Float[Array, "3 3"]
+    l: Float[Array, "3"]
+    pddot: Float[Array, "3"]
+    ldot: Float[Array, "3"]  # Σ m χ × χ̈
+
+
+def velocity_moments(
+    system: BodyParameters, t: Float[Array, ""], angles: Angles, links: list[Linkage] | None = None
+) -> VelocityMoments:
+    """The moments without accelerations at time ``t``, where ``angles`` are θ, θ̇ of the state.
+
+    ``links`` are the mechanisms then, if they have been found.
+    """
+    m0, chi0 = system.mass, system.offset
+    M, p, S = m0, m0 * chi0, m0 * outer(chi0, chi0)
+    pdot, V = jnp.zeros_like(chi0), jnp.zeros_like(S)
+    for m, (chi, chidot) in _velocities_by_group(system, t, angles, links):
+        M = M + jnp.sum(m)
+        p = p + jnp.sum(m[:, None] * chi, axis=0)
+        pdot = pdot + jnp.sum(m[:, None] * chidot, axis=0)
+        S = S + _second_moment(m, chi, chi)
+        V = V + _second_moment(m, chi, chidot)
+    return VelocityMoments(
+        M=M, p=p, pdot=pdot, J=principal_inertia(system) + _inertia_of(S), Jdot=_inertia_of(V + V.T), l=_axial(V)
+    )
+
+
+def moments(system: BodyParameters, t: Float[Array, ""], angles: Rates, links: list[Linkage] | None = None) -> Moments:
+    """All moments at time ``t``, where ``angles`` are θ, θ̇, θ̈ of the state.
+
+    ``links`` are the mechanisms then, if they have been found.
+    """
+    links = linkages(system, t, angles) if links is None else links
+    at = velocity_moments(system, t, angles[:2], links)
+    pddot = ldot = jnp.zeros_like(system.offset)
+    for m, (chi, _, chiddot) in _kinematics_by_group(system, t, angles, links):
+        pddot = pddot + jnp.sum(m[:, None] * chiddot, axis=0)
+        ldot = ldot + _axial(_second_moment(m, chi, chiddot))
+    return Moments(M=at.M, p=at.p, pdot=at.pdot, J=at.J, Jdot=at.Jdot, l=at.l, pddot=pddot, ldot=ldot)
+
+
+def kinematics(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> Kinematics:
+    """χ_i, χ̇_i and χ̈_i of the point masses i = 1 … n, in their own order, then those of mechanisms, each (n, 3)."""
+    links = linkages(system, t, angles)
+    parts = [part for _, part in _kinematics_by_group(system, t, angles, links)]
+    if not parts:
+        nothing = jnp.zeros((0, 3), dtype=system.mass.dtype)
+        return Kinematics(nothing, nothing, nothing)
+    places = _places(system)
+    return Kinematics(*(jnp.concatenate(arrays)[places] for arrays in zip(*parts, strict=True)))
+
+
+def point_mass_values(system: BodyParameters) -> Float[Array, " n"]:
+    """m_i of the point masses i = 1 … n, in the order of :func:`kinematics`."""
+    groups = (*system.groups, *system.mechanism_groups)
+    if not groups:
+        return jnp.zeros((0,), dtype=system.mass.dtype)
+    return jnp.concatenate([jnp.ravel(group.mass) for group in groups])[_places(system)]
+
+
+class JointMotion(NamedTuple):
+    """θ, θ̇ and the effort of every joint of every mechanism, in their order."""
+
+    theta: Float[Array, " joints"]
+    thetadot: Float[Array, " joints"]
+    effort: Float[Array, " joints"]
+
+
+def joint_motion(
+    system: BodyParameters, t: Float[Array, ""], angles: Rates, lifted: Float[Array, "n 3"]
+) -> JointMotion:
+    """The joints, with efforts Q_a = Σ m χ_a·(a + γ), where ``lifted`` has a + γ in the order of :func:`kinematics`."""
+    if not system.mechanism_groups:
+        nothing = jnp.zeros((0,), dtype=system.mass.dtype)
+        return JointMotion(nothing, nothing, nothing)
+    back = np.argsort(_places(system))  # from the order of kinematics to that of the groups
+    start, parts, keys = sum(len(indices) for indices in system.order), [], []
+    for link, indices in zip(linkages(system, t, angles), system.mechanism_order, strict=True):
+        count = link.m.size
+        forces = link.m[..., None] * lifted[back[start : start + count]].reshape(*link.m.shape, 3)
+        parts.append((link.rates[0], link.rates[1], jnp.sum(link.at.partial * forces[:, None], axis=(-2, -1))))
+        keys += [(index, a) for index in indices for a in range(link.group.n_joints)]
+        start += count
+    places = np.asarray(sorted(range(len(keys)), key=keys.__getitem__), dtype=int)
+    return JointMotion(
+        *(jnp.concatenate([jnp.ravel(x) for x in column])[places] for column in zip(*parts, strict=True))
+    )
+
+
+def principal_inertia(system: BodyParameters) -> Float[Array, "3 3"]:
+    """𝕀 = diag(d1, d2, d3) of the shell; for a disk, the matrix that has d2 in every place of its diagonal."""
+    return jnp.broadcast_to(system.inertia, (3,))[:, None] * jnp.eye(3, dtype=system.mass.dtype)
+
+
+def _places(system: BodyParameters) -> Int[np.ndarray, " n"]:
+    """Where each mass is in the arrays of the groups, one after the other."""
+    keys = [(0, index, 0) for indices in system.order for index in indices]
+    for group, indices in zip(system.mechanism_groups, system.mechanism_order, strict=True):
+        keys += [(1, index, i) for index in indices for i in range(group.mass.shape[-1])]
+    return np.asarray(sorted(range(len(keys)), key=keys.__getitem__), dtype=int)
+
+
+Part = tuple[Float[Array, " m"], Any]
+
+
+def _velocities_by_group(
+    system: BodyParameters, t: Float[Array, ""], angles: Angles, links: list[Linkage] | None
+) -> list[Part]:
+    """The masses of each group, and their χ and χ̇."""
+    links = linkages(system, t, (*angles, angles[1])) if links is None else links  # θ̈ is not used
+    parts = _by_group(system, angles, lambda motion: motion.velocity(t), lambda motion, *x: motion.velocity(*x))
+    carried = (
+        (jnp.ravel(link.m), (jnp.reshape(link.chi, (-1, 3)), jnp.reshape(link.chidot, (-1, 3)))) for link in links
+    )
+    return [*parts, *carried]
+
+
+def _kinematics_by_group(
+    system: BodyParameters, t: Float[Array, ""], angles: Rates, links: list[Linkage]
+) -> list[Part]:
+    """The masses of each group, and their χ, χ̇ and χ̈."""
+    parts = _by_group(system, angles, lambda motion: motion.kinematics(t), lambda motion, *x: motion.kinematics(*x))
+    return [*parts, *((jnp.ravel(link.m), link.kinematics()) for link in links)]
+
+
+def _by_group(system: BodyParameters, angles, prescribed: Callable[..., Any], driven: Callable[..., Any]) -> list[Part]:
+    """Each group's masses, with what ``prescribed`` finds of its motion, or ``driven`` of it and its own angles."""
+    slots = {index: slot for slot, index in enumerate(system.driven)}
+    parts = []
+    for group, indices in zip(system.groups, system.order, strict=True):
+        if isinstance(group.motion, Driven):
+            places = np.asarray([slots[index] for index in indices])
+            found = eqx.filter_vmap(driven)(group.motion, *(values[places] for values in angles))
+        else:
+            found = eqx.filter_vmap(prescribed)(group.motion)
+        parts.append((group.mass, found))
+    return parts
+
+
+def _second_moment(m, a, b):
+    return jnp.sum(m[:, None, None] * a[:, :, None] * b[:, None, :], axis=0)
+
+
+def _inertia_of(S):
+    trace = S[0, 0] + S[1, 1] + S[2, 2]
+    return trace * jnp.eye(3, dtype=S.dtype) - S
+
+
+def _axial(S):
+    return jnp.stack([S[1, 2] - S[2, 1], S[2, 0] - S[0, 2], S[0, 1] - S[1, 0]])

@@ -1,0 +1,61 @@
+"""The force of the plane on the ball at the contact point."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ...numerics.vectors import cross, dot
+from ..rolling import Reaction, friction_ratio
+from ..state import State
+from .equations import accelerations
+from .load import Load, load
+from .moments import Moments
+from .parameters import BodyParameters
+
+
+class ContactForce(NamedTuple):
+    """The reaction of the plane: ``normal`` N (> 0 while the ball is held down) and ``friction`` f."""
+
+    normal: Float[Array, ""]
+    friction: Float[Array, "2"]
+
+    @property
+    def ratio(self) -> Float[Array, ""]:
+        """|f| / N, the coefficient of friction that this instant needs; infinite where N ≤ 0."""
+        return friction_ratio(jnp.sqrt(jnp.sum(self.friction**2, axis=-1)), self.normal)
+
+
+def reaction_in_body(
+    at: Moments, r: Float[Array, ""], acting: Load, Omega: Float[Array, "3"], Omegadot: Float[Array, "3"]
+) -> Float[Array, "3"]:
+    """R̃ = Σ m a + Mγ − F̃ by Newton's second law for the whole system, in body axes.
+
+    With a_i = Ω̇ × s_i + Ω × (Ω × χ_i + 2χ̇_i) + χ̈_i, Σ m a depends only on the moments.
+    """
+    R = total_inertial_force(at, r, acting.Gamma, Omega, Omegadot) + at.M * acting.weight
+    return R if acting.force is None else R - acting.force
+
+
+def reaction(system: BodyParameters, t: Float[Array, ""], state: State) -> Reaction:
+    """N and |f|² from any kind of state, in body axes, so that the heading need not be known.
+
+    N = R̃·Γ, and f̃ = R̃ − NΓ.
+    """
+    acting = load(system, t, state)
+    found = accelerations(system, t, state, acting)
+    R = reaction_in_body(found.at, system.radius, acting, state.Omega, found.Omegadot)
+    normal = dot(R, acting.Gamma)
+    friction = R - normal * acting.Gamma
+    return Reaction(normal, dot(friction, friction))
+
+
+def total_inertial_force(
+    at: Moments,
+    r: Float[Array, ""],
+    Gamma: Float[Array, "3"],
+    Omega: Float[Array, "3"],
+    Omegadot: Float[Array, "3"],
+) -> Float[Array, "3"]:
+    """Σ m a in body axes, with a the accelerations in space."""
+    return cross(Omegadot, at.M * r * Gamma + at.p) + cross(Omega, cross(Omega, at.p) + 2 * at.pdot) + at.pddot

@@ -1,0 +1,112 @@
+"""Which joints of a body dry friction holds at rest, and which way the others slip.
+
+A joint with :class:`~jaxball.JointFriction` slips in the direction 1 or −1, or sticks, 0. A solve knows these
+directions (``stick_slip``). From a state alone they follow: a joint that moves slips, and one at rest sticks unless
+friction would have to exceed its largest level for that. Directions are in the order of :func:`sticking_slots`.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..mechanisms import AbstractMechanism
+from .coupling import Joints
+from .parameters import BodyParameters
+
+AnyParameters = TypeVar("AnyParameters", bound=BodyParameters)
+
+
+def sticking_slots(system: BodyParameters) -> Int[np.ndarray, " sticking"]:
+    """The indices in a state's ``theta`` of the joints that friction may hold."""
+    items = zip(system.mechanism_groups, system.mechanism_order, strict=True)
+    slots = [
+        system.slots(order, group.free)[:, list(group.frictions)].ravel() for group, order in items if group.frictions
+    ]
+    return np.concatenate([np.zeros(0, dtype=int), *slots])
+
+
+def largest_frictions(system: BodyParameters) -> Float[Array, " sticking"]:
+    """The largest friction of each of these joints at rest."""
+    levels = [
+        jnp.ravel(jnp.stack([friction.largest for friction in group.frictions.values()], axis=-1))
+        for group in system.mechanism_groups
+        if group.frictions
+    ]
+    return jnp.concatenate(levels)
+
+
+def has_directions(system: BodyParameters) -> bool:
+    """Whether it is known of all joints with friction in which direction they slip."""
+    frictions = (friction for group in system.mechanism_groups for friction in group.frictions.values())
+    return all(friction.direction is not None for friction in frictions)
+
+
+def with_directions(system: AnyParameters, directions: Float[Array, " sticking"]) -> AnyParameters:
+    """The same body where the joints slip in these directions, or stick, 0."""
+    groups, start = [], 0
+    for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
+        end = start + len(order) * len(group.frictions)
+        if group.frictions:
+            own = jnp.reshape(directions[start:end], (len(order), -1))
+            group = eqx.filter_vmap(lambda mechanism, own: mechanism.slipping(own))(group, own)
+        groups.append(group)
+        start = end
+    return eqx.tree_at(lambda body: body.mechanism_groups, system, tuple(groups))
+
+
+def sticking_joints(group: AbstractMechanism) -> Bool[Array, "mechanisms free"] | None:
+    """Finds which free joints of a group stick; None where there is no friction that may hold one."""
+    if not group.frictions:
+        return None
+    loose = jnp.zeros(group.mass.shape[0], bool)
+    columns = [loose for _ in group.free]
+    for place, friction in group.frictions.items():
+        assert friction.direction is not None
+        columns[place] = friction.direction == 0
+    return jnp.stack(columns, axis=-1)
+
+
+def of_sticking(system: BodyParameters, values: Joints) -> Float[Array, " sticking"]:
+    """The entries of the joints that friction may hold, of those of all free joints."""
+    groups = (group for group in system.mechanism_groups if group.free)
+    return jnp.concatenate(
+        [jnp.ravel(own[:, list(group.frictions)]) for group, own in zip(groups, values, strict=True) if group.frictions]
+    )
+
+
+def release_joints(
+    system: AnyParameters,
+    directions: Float[Array, " sticking"],
+    holding: Callable[[AnyParameters], Float[Array, " sticking"]],
+) -> Float[Array, " sticking"]:
+    """Releases every joint that friction cannot hold, the most overloaded one first, and returns the directions then.
+
+    ``holding`` gives the friction that would hold the joints that stick, in a body with directions.
+    """
+    largest, order = largest_frictions(system), np.arange(directions.size)
+
+    def with_one_less(directions: Float[Array, " sticking"]) -> Float[Array, " sticking"]:
+        friction = holding(with_directions(system, directions))
+        excess = jnp.where(directions == 0, jnp.abs(friction) / largest - 1, -jnp.inf)
+        goes = (order == jnp.argmax(excess)) & (excess > 0)
+        return jnp.where(goes, -jnp.sign(friction), directions)
+
+    if directions.size == 1:
+        return with_one_less(directions)
+    return jax.lax.fori_loop(0, directions.size, lambda _, directions: with_one_less(directions), directions)
+
+
+def describe_changes(
+    joints: Sequence[str], before: Float[Array, " joints"], after: Float[Array, " joints"]
+) -> list[str]:
+    """Describes which joints stick, break loose or turn back, by the directions of their slips, 0 where they stick."""
+    return [
+        f"{name} {'sticks' if then == 0 else 'breaks loose' if now == 0 else 'turns back'}"
+        for name, now, then in zip(joints, np.asarray(before), np.asarray(after), strict=True)
+        if now != then
+    ]

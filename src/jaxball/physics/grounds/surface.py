@@ -1,0 +1,430 @@
+"""The contract of a surface on which a ball rolls, and what follows from it where the ball touches it.
+
+With p the foot, the point of the ground under the centre c = p + r n, n its normal towards the ball, w the velocity of
+its matter there and u its two coordinates on the ground, rolling is ċ = w + r ω × n, and so
+
+    (∂c/∂u) u̇ = ċ − ∂c/∂t        c̈ = r ω̇ × n + [ẇ + r ω × ṅ]
+
+with rates along the motion of the contact point. The bracket is known at a state.
+"""
+
+import abc
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ...interface.arguments import require
+from ...interface.status import Status
+from ...numerics.arrays import join_arrays
+from ...numerics.vectors import cross, dot, root, unit_vector
+from ..conditions import Condition, ExplainedCondition, Problem
+from .ground import AbstractGround
+from .moving_frame import MovingFrame
+from .nearest import nearest
+
+CURVED = (
+    "curved less than the ball where it starts, on the side of the ball, because a ball that is more curved than its "
+    "ground touches it in one point"
+)
+ON_CHART = "coordinates of a place on the ground, away from its edge and from where they end"
+# What must be left of a chart, and of a fit, so that the equations can be evaluated, and so that a solve goes on, in
+# units of the square root of the rounding: a place is known that well where its coordinates have a turning point.
+LEAST_MARGIN, END_MARGIN = 4.0, 40.0
+SYMMETRIC = Problem(
+    "ground",
+    "be symmetric about the plane of e1 and e3, at e2 = 0, in which a disk rolls, near its start and as it moves",
+    "it is not; use a Ball",
+)
+SECTION_SAMPLES = np.linspace(-4.0, 4.0, 17)  # radii from the start of a disk at which its ground is looked at
+SYMMETRY = 1e-6
+Time = Float[Array, ""]
+Coordinates = Float[Array, "*two"]  # those of a ball's contact point, or the one of a disk's along its section
+Coordinate = Float[Array, ""]
+
+
+class Footing(NamedTuple):
+    """How a surface holds a ball at one moment, in space axes.
+
+    - ``centre``, ``foot``: the positions c of the ball's centre and p of the contact point.
+    - ``normal``: n, a unit vector towards the ball.
+    - ``tangents``: unit vectors along ∂p/∂u1 and across, which with n are right-handed.
+    - ``velocity``: w of the ground's matter at the contact; ``spin`` is the angular velocity of that matter.
+    - ``centre_velocity``, ``coordinate_rates``: w + r ω × n, which is ċ of a ball that rolls, and u̇.
+    - ``normal_rate``: ṅ along the motion of the contact point; ``acceleration`` is ẇ, likewise.
+    - ``turning``: the angular velocity of the tangents and the normal, likewise.
+    """
+
+    centre: Float[Array, "3"]
+    foot: Float[Array, "3"]
+    normal: Float[Array, "3"]
+    tangents: Float[Array, "2 3"]
+    velocity: Float[Array, "3"]
+    spin: Float[Array, "3"]
+    centre_velocity: Float[Array, "3"]
+    coordinate_rates: Coordinates
+    normal_rate: Float[Array, "3"]
+    acceleration: Float[Array, "3"]
+    turning: Float[Array, "3"]
+
+    @property
+    def axes(self) -> Float[Array, "3 3"]:
+        """The contact axes: the tangents and the normal, as rows."""
+        return jnp.concatenate([self.tangents, self.normal[None]])
+
+
+class Touch(NamedTuple):
+    """p, n and w, and a unit vector e along ∂p/∂u1, or their derivatives."""
+
+    p: Float[Array, "3"]
+    n: Float[Array, "3"]
+    w: Float[Array, "3"]
+    e: Float[Array, "3"]
+
+    @property
+    def axes(self) -> Float[Array, "3 3"]:
+        """The contact axes: the tangents and the normal, as rows."""
+        return jnp.stack([self.e, cross(self.n, self.e), self.n])
+
+
+class AbstractSurface(AbstractGround):
+    """A smooth ground of any form, which may move and deform, for a ball, or for a disk where it is symmetric.
+
+    An implementer supplies ``point(t, u1, u2)``, traced with ``jax.numpy``: where the piece of the ground with the
+    coordinates u = (u1, u2) is at a time, as ∂p/∂u1 × ∂p/∂u2 points towards the ball. A piece keeps its coordinates:
+    the velocity of the ground's matter is ∂p/∂t. And a field ``motion``, a :class:`~jaxball.MovingFrame` that moves
+    it as a rigid body, or None. Where the ground has an edge, or its coordinates do not reach all of it, also
+    ``reach(t, u1, u2)``; a run ends there with the status ``LEFT_SURFACE``.
+
+
+    With a law of contact the ball may fly, and the piece that is nearest to it is sought: ``nearest`` gives it in
+    closed form, or else ``over`` says where to begin; by default, at the piece that was nearest before.
+
+    The coordinates of the contact point are the ``z`` of a ball's state. A disk rolls along the ``section`` of the
+    ground by the plane of e1 and e3, about which the ground must be symmetric, and its ``z`` is the coordinate along
+    that. Methods take either as ``u``, coordinates of shape (2,) of a ball, and one number of a disk. Space axes are at
+    rest, and gravity is −g e3. That the ground is touched in one point only is checked near that point alone: where it
+    bends towards the ball as strongly as the ball is curved, a run ends with the status ``WEDGED``.
+    """
+
+    if TYPE_CHECKING:  # to a type checker, a field declared here would come first among the arguments
+        motion = cast(MovingFrame | None, None)
+    else:
+        motion: eqx.AbstractVar[MovingFrame | None]
+
+    def __check_init__(self):
+        require("motion", self.motion, (MovingFrame, type(None)), "a MovingFrame or None")
+
+    @abc.abstractmethod
+    def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
+        """Where the piece with these coordinates is before ``motion`` moves it, length."""
+
+    def reach(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, ""]:
+        """How much of the ground is left ahead: 0 at its edge, or where its coordinates end, and positive inside.
+
+        A number without a unit, of the order of 1 far from there; 1 everywhere if not supplied.
+        """
+        return jnp.ones_like(u1)
+
+    def following(
+        self,
+        t: Time,
+        theta: Float[Array, " driven"],
+        thetadot: Float[Array, " driven"],
+        thetaddot: Float[Array, " driven"],
+    ) -> "AbstractSurface":
+        """The ground near the time ``t``, where its ``driven`` coordinates and their rates are these."""
+        return self
+
+    def section(self, z: Coordinate) -> tuple[Coordinate, Coordinate]:
+        """The coordinates of the point at ``z`` of the section along which a disk rolls: u1 = z and u2 = 0 at first."""
+        return z, jnp.zeros_like(z)
+
+    def coordinates(self, u: Coordinates) -> Float[Array, "2"]:
+        """Both coordinates of the contact point, of a ball or of a disk."""
+        return u if u.ndim else jnp.stack(self.section(u))
+
+    def conditions(self, planar: bool = False) -> Iterator[Condition]:
+        if self.motion is not None:
+            yield from self.motion.conditions("ground.motion")
+
+    def start_conditions(self, t: Time, r: Float[Array, ""], state: Any) -> Iterator[Condition | ExplainedCondition]:
+        """A ball must be on the ground, and more curved than it is towards the ball; r is the ball's radius."""
+        on_chart = self._way_to_edge(t, state.z) > _margin(END_MARGIN, r)
+        yield Condition(on_chart, "state.z", state.z, ON_CHART)
+        fits = jnp.where(on_chart, self.fit(t, r, state.z), 1.0)
+        yield Condition(fits > 0, "ground", fits, CURVED)
+        if not state.z.ndim:
+            aside = self._aside(t, r, state.z)
+            yield ExplainedCondition(~(aside > SYMMETRY), lambda: SYMMETRIC)
+
+    def _way_to_edge(self, t: Time, u: Coordinates) -> Float[Array, ""]:
+        """What is left of the ground ahead."""
+        both = self.coordinates(u)
+        return self.reach(t, both[0], both[1])
+
+    def _aside(self, t: Time, r: Float[Array, ""], z: Coordinate) -> Float[Array, ""]:
+        """How far the ground is from being symmetric about the plane of e1 and e3, near the ``z`` of a disk.
+
+        These are components along e2, of places relative to ``r``, and of rates relative to whole vectors.
+        """
+        _, by_z, _ = self._slopes_along(t, z)
+        scale = r / _length(by_z.p)
+
+        def aside(share: Float[Array, ""]) -> Float[Array, ""]:
+            contact, by_z, by_t = self._slopes_along(t, z + share * scale)
+            rates = (by_z.p, by_z.n, by_t.p, by_t.w)
+            whole = [_length(v) + 1e-3 * (_length(by_z.p) if k < 2 else r) for k, v in enumerate(rates)]
+            turned = [jnp.abs(v[1]) / size for v, size in zip(rates, whole, strict=True)]
+            return jnp.max(jnp.stack([jnp.abs(contact.p[1]) / r, jnp.abs(contact.n[1]), *turned]))
+
+        found = jax.vmap(aside)(jnp.asarray(SECTION_SAMPLES, z.dtype))
+        return jnp.max(jnp.where(jnp.isnan(found), 0.0, found))
+
+    def up(self) -> Float[Array, "3"]:
+        return jnp.zeros((3,)).at[2].set(1.0)
+
+    def lift(self, t: Time, g: Float[Array, ""]) -> Float[Array, "3"]:
+        return g * self.up().astype(g.dtype)
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        """The times at which the acceleration of its matter jumps or has a kink; by default those of its motion."""
+        return join_arrays([] if self.motion is None else [self.motion.kinks()])
+
+    def prepare(self) -> "AbstractSurface":
+        if self.motion is None:
+            return self
+        return eqx.tree_at(lambda surface: surface.motion, self, self.motion.prepare())
+
+    def nearest(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
+        """The coordinates of the piece that is nearest to the point ``x``, before ``motion`` moves both, length.
+
+        It is where ``x`` is on the normal. By default it is sought from ``over`` on, by Newton's method, so that it is
+        the nearest piece thereabouts. Where a surface knows it in closed form, this is overridden; for one on which
+        different coordinates belong to one place, ``near`` are those of a piece that was nearest before.
+        """
+        return nearest(self, t, x, self.over(t, x, near))
+
+    def over(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
+        """The coordinates from which ``nearest`` is sought; by default ``near``."""
+        return near
+
+    @property
+    def follows_foot(self) -> bool:
+        """Whether ``nearest`` has to be sought from pieces that were the nearest before."""
+        kind = type(self)
+        return kind.nearest is AbstractSurface.nearest and kind.over is AbstractSurface.over
+
+    def foot(self, t: Time, c: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
+        """The coordinates of the piece that is nearest to the point ``c``, space axes, length."""
+        return self.nearest(t, c if self.motion is None else self.motion.undo(t, c), near)
+
+    def placed(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
+        """p, where the piece with these coordinates is in space."""
+        own = self.point(t, u1, u2)
+        return own if self.motion is None else self.motion.place(t, own)
+
+    def normal(self, t: Time, u: Coordinates) -> Float[Array, "3"]:
+        """n at the coordinates ``u``, towards the ball, space axes."""
+        return self._touch_at(t, u).n
+
+    def place_of_centre(self, t: Time, r: Float[Array, ""], u: Coordinates) -> Float[Array, "3"]:
+        """c = p + r n of a ball of radius ``r`` that touches it at the coordinates ``u``, space axes, length."""
+        contact = self._touch_at(t, u)
+        return contact.p + r * contact.n
+
+    def fit(self, t: Time, r: Float[Array, ""], u: Coordinates) -> Float[Array, ""]:
+        """The lesser of 1 − r κ over both principal curvatures κ, positive where the ground bends towards the ball.
+
+        Positive where a ball of radius ``r`` fits the ground near the coordinates ``u``. For a disk, κ is the curvature
+        of the section along which it rolls.
+        """
+        if not u.ndim:
+            contact, by_z, _ = self._slopes_along(t, u)
+            return _stretch(by_z, r)
+        contact, (by_u1, by_u2, _) = self._slopes(t, u)
+        return _Chart.of(contact.n, by_u1, by_u2, r).fit
+
+    def end(self, t: Time, r: Float[Array, ""], u: Coordinates) -> Int[Array, ""]:
+        """Whether a ball of radius ``r`` cannot go on from the coordinates ``u``: a status, or SUCCESS if it can."""
+        least = _margin(END_MARGIN, r)
+        wedged, left = self.fit(t, r, u) < least, self._way_to_edge(t, u) < least
+        status = jnp.where(wedged, int(Status.WEDGED), int(Status.SUCCESS))
+        return jnp.where(left, int(Status.LEFT_SURFACE), status)
+
+    def footing(
+        self,
+        t: Time,
+        r: Float[Array, ""],
+        u: Coordinates,
+        omega: Float[Array, "3"],
+        V: Float[Array, "3"] | None = None,
+        height: Float[Array, ""] | None = None,
+    ) -> Footing:
+        """How it holds a ball of radius ``r`` that turns at ``omega``, space axes, where its coordinates are ``u``.
+
+        ``V`` is the velocity of its centre, that of rolling if not given, and ``height`` how far it is above the ground
+        there. Where the ball is not more curved than the ground, or rolls where the ground ends, u̇ is NaN, which ends a
+        solve with a status.
+        """
+        if not u.ndim:
+            return self._footing_along(t, r, u, omega)
+        contact, (by_u1, by_u2, by_t) = self._slopes(t, u)
+        reach = r if height is None else r + height
+        chart = _Chart.of(contact.n, by_u1, by_u2, reach)
+        rolling = r * cross(omega, contact.n)
+        over = rolling if V is None else V - contact.w
+        rates = chart.coordinates(over - reach * by_t.n)
+        if V is None:
+            rates = jnp.where(self._way_to_edge(t, u) > _margin(LEAST_MARGIN, r), rates, jnp.nan)
+        # The gradient of w along both tangents, of which the antisymmetric part is the turning of the ground's matter.
+        (a, b), tangents = chart.inverse.T, chart.tangents
+        along_1, along_2 = by_u1.w * a[0] + by_u2.w * a[1], by_u1.w * b[0] + by_u2.w * b[1]
+        about_normal = 0.5 * (dot(tangents[1], along_1) - dot(tangents[0], along_2))
+        spin = dot(contact.n, along_2) * tangents[0] - dot(contact.n, along_1) * tangents[1] + about_normal * contact.n
+        normal_rate, tangent_rate = (
+            from_t + from_u1 * rates[0] + from_u2 * rates[1]
+            for from_t, from_u1, from_u2 in ((by_t.n, by_u1.n, by_u2.n), (by_t.e, by_u1.e, by_u2.e))
+        )
+        return Footing(
+            centre=contact.p + reach * contact.n,
+            foot=contact.p,
+            normal=contact.n,
+            tangents=tangents,
+            velocity=contact.w,
+            spin=spin,
+            centre_velocity=contact.w + rolling,
+            coordinate_rates=rates,
+            normal_rate=normal_rate,
+            acceleration=by_t.w + by_u1.w * rates[0] + by_u2.w * rates[1],
+            turning=cross(contact.n, normal_rate) + dot(tangents[1], tangent_rate) * contact.n,
+        )
+
+    def _footing_along(self, t: Time, r: Float[Array, ""], z: Coordinate, omega: Float[Array, "3"]) -> Footing:
+        """How it holds a disk that turns at ``omega``, about e2, where its coordinate along the section is ``z``."""
+        contact, by_z, by_t = self._slopes_along(t, z)
+        length, fit = _length(by_z.p), _stretch(by_z, r)
+        along = by_z.p / length
+        tangents = jnp.stack([along, cross(contact.n, along)])
+        rolling = r * cross(omega, contact.n)
+        holds = (fit > _margin(LEAST_MARGIN, r)) & (self._way_to_edge(t, z) > _margin(LEAST_MARGIN, r))
+        rate = jnp.where(holds, dot(along, rolling - r * by_t.n) / (length * fit), jnp.nan)
+        normal_rate = by_t.n + by_z.n * rate
+        return Footing(
+            centre=contact.p + r * contact.n,
+            foot=contact.p,
+            normal=contact.n,
+            tangents=tangents,
+            velocity=contact.w,
+            spin=-dot(contact.n, by_z.w) / length * tangents[1],
+            centre_velocity=contact.w + rolling,
+            coordinate_rates=rate,
+            normal_rate=normal_rate,
+            acceleration=by_t.w + by_z.w * rate,
+            turning=cross(contact.n, normal_rate),
+        )
+
+    def _touch_at(self, t: Time, u: Coordinates) -> Touch:
+        both = self.coordinates(u)
+        return self.touch(t, both[0], both[1])
+
+    def touch(self, t: Time, u1: Coordinate, u2: Coordinate) -> Touch:
+        """The place of a piece, its normal, its velocity and the direction in which u1 grows, space axes."""
+        p, along_1 = _derivative(lambda x: self.placed(t, x, u2), u1)
+        _, along_2 = _derivative(lambda x: self.placed(t, u1, x), u2)
+        _, w = _derivative(lambda x: self.placed(x, u1, u2), t)
+        return Touch(p, unit_vector(cross(along_1, along_2)), w, unit_vector(along_1))
+
+    def _slopes(self, t: Time, u: Float[Array, "2"]) -> tuple[Touch, tuple[Touch, Touch, Touch]]:
+        """p, n and w, and their derivatives by u1, u2 and t."""
+        contact, by_u1 = _derivative(lambda x: self.touch(t, x, u[1]), u[0])
+        _, by_u2 = _derivative(lambda x: self.touch(t, u[0], x), u[1])
+        _, by_t = _derivative(lambda x: self.touch(x, u[0], u[1]), t)
+        return contact, (by_u1, by_u2, by_t)
+
+    def _slopes_along(self, t: Time, z: Coordinate) -> tuple[Touch, Touch, Touch]:
+        """p, n and w at the ``z`` of a disk, and their derivatives by z and t."""
+        contact, by_z = _derivative(lambda x: self._touch_at(t, x), z)
+        _, by_t = _derivative(lambda x: self._touch_at(x, z), t)
+        return contact, by_z, by_t
+
+
+class _Chart(NamedTuple):
+    """How the foot and the centre move with the coordinates, in components along two unit tangents.
+
+    ``inverse`` is that of ∂p/∂u; ``stretch`` takes steps of the foot to those of the centre: 1 + r ∂n/∂p.
+    """
+
+    tangents: Float[Array, "2 3"]
+    inverse: Float[Array, "2 2"]
+    stretch: Float[Array, "2 2"]
+
+    @staticmethod
+    def of(n: Float[Array, "3"], by_u1: Touch, by_u2: Touch, r: Float[Array, ""]) -> "_Chart":
+        first = unit_vector(by_u1.p)
+        tangents = jnp.stack([first, cross(n, first)])
+        inverse = _inverse(_components(tangents, by_u1.p, by_u2.p))
+        bending = _product(_components(tangents, by_u1.n, by_u2.n), inverse)
+        return _Chart(tangents, inverse, jnp.eye(2, dtype=n.dtype) + r * bending)
+
+    @property
+    def fit(self) -> Float[Array, ""]:
+        """The lesser eigenvalue of ``stretch``, which is symmetric: 1 − r κ of a principal curvature."""
+        S = self.stretch
+        apart = (0.5 * (S[0, 0] - S[1, 1])) ** 2 + S[0, 1] * S[1, 0]
+        return 0.5 * (S[0, 0] + S[1, 1]) - root(apart)
+
+    def coordinates(self, v: Float[Array, "3"]) -> Float[Array, "2"]:
+        """The rates of the coordinates with which the centre moves at the tangent velocity ``v`` over the ground.
+
+        NaN where the ball does not fit the ground.
+        """
+        S = self.stretch
+        fits = self.fit > _margin(LEAST_MARGIN, S)
+        steps = _product(_inverse(S), jnp.sum(self.tangents * v[None], axis=1, keepdims=True))
+        rates = _product(self.inverse, steps)[:, 0]
+        return jnp.where(fits, rates, jnp.nan)
+
+
+def _length(v: Float[Array, "3"]) -> Float[Array, ""]:
+    return jnp.sqrt(jnp.sum(v**2))
+
+
+def _stretch(by_z: Touch, r: Float[Array, ""]) -> Float[Array, ""]:
+    """1 − r κ of the section: how far the centre of a disk moves for a step of its foot."""
+    return 1 + r * dot(by_z.n, by_z.p) / jnp.sum(by_z.p**2)
+
+
+def _margin(size: float, x: Float[Array, "..."]) -> float:
+    """A margin in the precision of ``x``."""
+    return size * float(jnp.finfo(x.dtype).eps) ** 0.5
+
+
+def _derivative(function: Any, x: Float[Array, ""]) -> tuple[Any, Any]:
+    """The value and the derivative of a function of one number."""
+    return jax.jvp(function, (x,), (jnp.ones_like(x),))
+
+
+def _components(
+    tangents: Float[Array, "2 3"], first: Float[Array, "3"], second: Float[Array, "3"]
+) -> Float[Array, "2 2"]:
+    """The matrix whose columns are the components of two vectors along the tangents."""
+    return jnp.stack([jnp.sum(tangents * v[None], axis=1) for v in (first, second)], axis=1)
+
+
+def _product(A: Float[Array, "2 2"], B: Float[Array, "2 n"]) -> Float[Array, "2 n"]:
+    return jnp.sum(A[:, :, None] * B[None], axis=1)
+
+
+def _determinant(A: Float[Array, "2 2"]) -> Float[Array, ""]:
+    return A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
+
+
+def _inverse(A: Float[Array, "2 2"]) -> Float[Array, "2 2"]:
+    """A⁻¹ by cofactors; not finite where A is singular."""
+    cofactors = jnp.stack([jnp.stack([A[1, 1], -A[0, 1]]), jnp.stack([-A[1, 0], A[0, 0]])])
+    return cofactors / _determinant(A)

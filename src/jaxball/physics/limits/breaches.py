@@ -1,0 +1,241 @@
+"""Violations of the rule of ``confinement``: which mass, where and when, and how far it is from the centre.
+
+A force or a ground that would turn a disk out of its plane is reported here too.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from ... import programs
+from ...numerics.arrays import to_array
+from ...numerics.calculus import Furthest
+from ...numerics.vectors import length
+from ..conditions import Condition, Problem
+from ..dynamics.parameters import BodyParameters
+from ..forces.force import AbstractForce
+from ..grounds import AbstractSurface
+from ..grounds.ground import Ground
+from ..mechanisms import AbstractMechanism
+from ..prescribed.motion import AbstractPrescribedMotion, Driven, Fixed, OnRail, Oscillating
+from ..prescribed.rails import AbstractRail
+from ..prescribed.schedules import Sinusoids
+from .confinement import (
+    TIME_SAMPLES,
+    is_bounded,
+    is_moved_off,
+    is_off_plane,
+    is_outside,
+    mechanism_positions,
+    rail_of,
+    rail_points,
+    rounding,
+    sample_path,
+    time_of_crossing,
+    time_samples,
+)
+
+MOST_SAMPLES = 2**18
+SAMPLES_PER_WAVE = 64
+
+
+IN_PLANE = "lie in the plane of a disk, E1 and E3"
+
+
+def breaches(
+    system: BodyParameters, times: Float[np.ndarray, " T"], theta: Float[np.ndarray, "t driven"] | None
+) -> Iterator[Problem]:
+    """What is not in the body, from the first of ``times`` to the last; for numbers that are known.
+
+    ``theta`` is that of driven masses at the first of ``times``, or at all of them; without it, they are not checked.
+    """
+    with np.errstate(all="ignore"):
+        yield from _breaches(jax.tree.map(np.asarray, system), times, theta)  # NumPy arrays are indexed much faster
+
+
+def _breaches(
+    system: BodyParameters, times: Float[np.ndarray, " T"], theta: Float[np.ndarray, "t driven"] | None
+) -> Iterator[Problem]:
+    inside = f"inside the shell of radius {float(system.radius):g}"
+    for index, item in enumerate(system.point_masses):
+        motion, rail = item.motion, rail_of(item.motion)
+        if rail is not None:
+            yield from _of_rail(system, index, rail, inside)
+        if isinstance(motion, Fixed):
+            yield from _of_position(system, index, motion, inside)
+        elif isinstance(motion, AbstractPrescribedMotion) and not is_bounded(motion):
+            yield from _of_motion(system, index, motion, inside, times)
+        elif isinstance(motion, Driven) and rail is not None and rail.period is None and theta is not None:
+            yield from _of_driven(system, index, rail, inside, times, np.asarray(theta))
+    for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
+        if not group.in_state:
+            t = np.asarray(time_samples(jnp.asarray(times)))
+            yield from _of_mechanisms(system, group, order, inside, t, np.zeros((len(t), len(system.coordinates))))
+        elif theta is not None:
+            yield from _of_mechanisms(system, group, order, inside, times[: len(theta)], np.asarray(theta))
+
+
+def _of_position(system: BodyParameters, index: int, motion: Fixed, inside: str) -> Iterator[Problem]:
+    if is_outside(system, length(np.asarray(motion.position))):
+        yield Problem(f"masses[{index}].motion.position", f"be a point {inside}", f"it is {motion.position.tolist()}")
+    if is_off_plane(system, motion.position):
+        yield Problem(f"masses[{index}].motion.position", IN_PLANE, f"it passes {motion.position.tolist()}")
+
+
+def _of_rail(system: BodyParameters, index: int, rail: AbstractRail, inside: str) -> Iterator[Problem]:
+    if system.planar:
+        yield from _out_of_plane(
+            system, f"masses[{index}].motion.rail", np.asarray(compute_points(rail, system.radius))
+        )
+    if rail.period is None:
+        return
+    theta, distance = map(np.asarray, compute_furthest(rail))
+    if is_outside(system, distance):
+        (exactly,) = length(np.asarray(_points(rail, theta[None])))
+        where = f"{exactly:.6g} from the centre at theta = {theta % rail.period:.6g}"
+        yield Problem(f"masses[{index}].motion.rail", f"be a curve {inside}", f"it is {where}")
+
+
+def _of_motion(
+    system: BodyParameters, index: int, motion: AbstractPrescribedMotion, inside: str, times: Float[np.ndarray, " T"]
+) -> Iterator[Problem]:
+    name = f"masses[{index}].motion" + (".schedule" if isinstance(motion, OnRail) else "")
+    t = _fine_times(motion, times)
+    (chi, top, *_), leaving = jax.tree.map(np.asarray, _sample_path(system, motion, t))
+    yield from _out_of_plane(system, name, chi)
+    if leaving == t[0]:
+        at, distance = t[0], length(chi[0])
+        yield Problem(name, f"keep the mass {inside}", f"it is {distance:.6g} from the centre at t = {at:.6g}")
+    elif np.isfinite(leaving):
+        yield Problem(
+            name,
+            f"keep the mass {inside} from t = {times[0]:g} to t = {times[-1]:g}",
+            f"the mass leaves it at t = {leaving:.6g}, and is {top.distance:.6g} from the centre at t = {top.x:.6g}",
+        )
+
+
+def _of_driven(
+    system: BodyParameters,
+    index: int,
+    rail: AbstractRail,
+    inside: str,
+    times: Float[np.ndarray, " T"],
+    theta: Float[np.ndarray, "t driven"],
+) -> Iterator[Problem]:
+    distances = length(np.asarray(_points(rail, theta[:, system.driven.index(index)])))
+    outside = np.flatnonzero(is_outside(system, distances))
+    if not outside.size:
+        return
+    k = int(outside[0])
+    if k == 0:
+        which = f"puts mass {index} at the distance {distances[0]:.6g} from the centre"
+        but = f"it is {theta[0].tolist()}, which {which}"
+        yield Problem("state.theta", f"be angles at which each mass is {inside}", but)
+    else:
+        but = f"the mass is {distances[k]:.6g} from the centre at t = {times[k]:.6g}"
+        yield Problem("law", f"keep mass {index} {inside}", but)
+
+
+def _of_mechanisms(
+    system: BodyParameters,
+    group: AbstractMechanism,
+    order: tuple[int, ...],
+    inside: str,
+    times: Float[np.ndarray, " T"],
+    theta: Float[np.ndarray, "T coordinates"],
+) -> Iterator[Problem]:
+    chi = np.asarray(_places_of_mechanisms(system, group, order, times, theta))
+    outside = is_outside(system, length(chi))
+    aside = (
+        np.asarray(_is_moved_off(system, group, order, times[0], theta[0])) if system.planar else len(order) * [False]
+    )
+    for k, index in enumerate(order):
+        if aside[k]:
+            must = "move its masses in the plane of a disk, with hinges about E2"
+            yield Problem(f"mechanisms[{index}]", must, "a joint of it pushes one aside")
+        yield from _out_of_plane(system, f"mechanisms[{index}]", chi[:, k].reshape(-1, 3))
+        when = np.flatnonzero(np.any(outside[:, k], axis=1))
+        if when.size:
+            first = int(when[0])
+            mass = int(np.flatnonzero(outside[first, k])[0])
+            distance = f"{length(chi[first, k, mass]):.6g} from the centre at t = {times[first]:.6g}"
+            must = f"keep its masses {inside}, with end stops if need be"
+            yield Problem(f"mechanisms[{index}]", must, f"mass {mass} of it is {distance}")
+
+
+def _out_of_plane(system: BodyParameters, name: str, chi: Float[np.ndarray, "n 3"]) -> Iterator[Problem]:
+    if np.any(is_off_plane(system, chi)):
+        worst = chi[int(np.nanargmax(np.abs(chi[:, 1])))]
+        yield Problem(name, IN_PLANE, f"it passes {[round(x, 6) for x in worst.tolist()]}")
+
+
+def _fine_times(motion: AbstractPrescribedMotion, times: Float[np.ndarray, " T"]) -> Float[np.ndarray, " n"]:
+    """Times fine enough for the fastest sinusoid; their number is one of few, for which programs are compiled."""
+    start, end = float(times[0]), float(times[-1])
+    waves = motion.path if isinstance(motion, Oscillating) else getattr(motion, "schedule", None)
+    series = waves.series if isinstance(waves, Sinusoids) else waves
+    fastest = float(np.max(np.abs(getattr(series, "frequency", np.zeros(1))), initial=0.0))
+    wanted = max(16 * TIME_SAMPLES, SAMPLES_PER_WAVE * fastest * (end - start) / (2 * np.pi))
+    return np.linspace(start, end, int(2 ** np.ceil(np.log2(min(wanted, MOST_SAMPLES)))) + 1)
+
+
+@programs.filter_jit
+def compute_furthest(rail: AbstractRail) -> Furthest:
+    """Computes where a closed rail is furthest from the centre, compiled once for a family."""
+    return rail.prepare().furthest()
+
+
+@programs.filter_jit
+def compute_points(rail: AbstractRail, radius: Float[ArrayLike, ""]) -> Float[Array, "n 3"]:
+    """Computes where a disk's rail must be in its plane, compiled once for a family."""
+    return rail_points(rail.prepare(), jnp.asarray(radius))
+
+
+@programs.filter_jit
+def _points(rail: AbstractRail, theta):
+    return rail.points(theta)
+
+
+@programs.filter_jit
+def _is_moved_off(system: BodyParameters, group: AbstractMechanism, order, t, theta):
+    prepared = eqx.filter_vmap(lambda mechanism: mechanism.prepare())(group)
+    return is_moved_off(system, prepared, order, to_array(t), to_array(theta))
+
+
+@programs.filter_jit
+def _places_of_mechanisms(system: BodyParameters, group: AbstractMechanism, order, times, theta):
+    prepared = eqx.filter_vmap(lambda mechanism: mechanism.prepare())(group)
+    return mechanism_positions(system, prepared, order, to_array(times), to_array(theta))
+
+
+@programs.filter_jit
+def _sample_path(system: BodyParameters, motion: Any, t):
+    """Samples the path of a mass, and finds when it leaves the shell."""
+    prepared = motion.prepare()
+    seen = sample_path(system, prepared, t)
+    return seen, time_of_crossing(system, prepared, seen)
+
+
+def in_plane(system: BodyParameters, times: Float[Array, " T"]) -> Iterator[Condition]:
+    """The conditions on a disk's force and on the motion of its ground, as far as they are seen; traceable."""
+    motion = system.ground.motion if isinstance(system.ground, Ground) else None
+    force = system.force if isinstance(system.force, AbstractForce) else None
+    for name, vector in (("force", force), ("ground.motion", motion)):
+        if not system.planar or vector is None:
+            continue
+        seen = jax.vmap(vector)(time_samples(times))
+        largest = jnp.max(jnp.abs(seen), axis=0)
+        holds = ~(largest[1] > rounding(seen) * jnp.max(largest))
+        yield Condition(holds, name, seen[0], "in the plane of a disk, E1 and E3, at all times")
+    frame = system.ground.motion if isinstance(system.ground, AbstractSurface) else None
+    if system.planar and frame is not None:
+        corners = system.radius * jnp.asarray(((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)), times.dtype)
+        seen = jax.vmap(lambda t: jax.vmap(lambda x: frame.place(t, x))(corners))(time_samples(times))
+        aside = jnp.max(jnp.abs(seen[..., 1]))
+        holds = ~(aside > rounding(seen) * system.radius)
+        yield Condition(holds, "ground.motion", aside, "one that keeps the plane of a disk, e1 and e3, where it is")

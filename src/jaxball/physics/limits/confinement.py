@@ -1,0 +1,376 @@
+"""Whether the masses stay in the body: inside the shell, and those of a disk in its plane.
+
+The rule. A closed rail must lie in the body as a whole, wherever on it the mass goes. On an open rail, and in free
+motion, it is the mass that must stay, as long as a run lasts, and so must those of mechanisms. A mass on the shell
+counts as inside. A position that is not finite is not counted as outside. When a mass leaves is known from its motion,
+where that is prescribed, and else from the states, by ``clearance``, which a solve watches in every step.
+
+All of it can be traced; it has no derivatives. Bounds on how far masses get, from the centre and out of a disk's plane,
+are cheaper than checking every time.
+"""
+
+import functools
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ...interface.status import Status
+from ...numerics.arrays import AnyArray, namespace_of
+from ...numerics.calculus import Furthest, furthest
+from ...numerics.functions import HarmonicSeries
+from ..dynamics.parameters import BodyParameters
+from ..mechanisms import AbstractMechanism, Hinge
+from ..prescribed.motion import AbstractMotion, AbstractPrescribedMotion, Driven, Fixed, OnRail, Oscillating
+from ..prescribed.rails import AbstractRail, Tube
+from ..prescribed.schedules import AbstractSchedule, ConstantRate, Pulse, Sinusoids
+from ..state import State
+from ..system import AbstractSystem
+
+TIME_SAMPLES = 256
+HALVINGS = 52
+LARGEST_PHASE = 1e6  # to which ``sine_cosine`` is good
+Time = Float[Array, ""]
+
+
+def rounding(x: Array | np.ndarray) -> float:
+    """How far rounding may put a mass beyond the shell or off a disk's plane, relative to the radius."""
+    return float(np.sqrt(np.finfo(x.dtype).eps))
+
+
+def is_outside(system: BodyParameters, distance: Float[AnyArray, "*batch"]) -> Any:
+    """Whether something at this distance from the centre is outside the shell."""
+    return distance > system.radius * (1 + rounding(system.radius))
+
+
+def is_off_plane(system: BodyParameters, chi: Float[AnyArray, "*batch 3"]) -> Any:
+    """Whether a point is outside the plane of a disk, E1 and E3; never for a ball."""
+    aside = abs(chi[..., 1]) > system.radius * rounding(system.radius)
+    return aside if system.planar else namespace_of(aside).zeros_like(aside)
+
+
+def rail_of(motion: AbstractMotion) -> AbstractRail | None:
+    """The rail of a motion; None for one without."""
+    return motion.rail if isinstance(motion, OnRail | Driven) else None
+
+
+def is_bounded(motion: AbstractMotion) -> bool:
+    """Whether a mass that moves like this stays on a closed rail, or in its place."""
+    rail = rail_of(motion)
+    return isinstance(motion, Fixed) or (rail is not None and rail.period is not None)
+
+
+def rail_points(rail: AbstractRail, radius: Float[Array, ""]) -> Float[Array, "n 3"]:
+    """Where a disk's rail must be in its plane: all round a closed one, and along an open one from 0 to ``radius``."""
+    end = radius if rail.period is None else jnp.asarray(rail.period, radius.dtype)
+    return jax.vmap(rail)(jnp.linspace(0.0, end, rail.samples))
+
+
+def time_samples(times: Float[Array, " T"]) -> Float[Array, " n"]:
+    """The times at which a motion is checked between the first and the last of ``times``."""
+    return jnp.linspace(times[0], times[-1], TIME_SAMPLES + 1)
+
+
+def is_confined(system: BodyParameters, times: Float[Array, " T"], state: State) -> Bool[Array, ""]:
+    """Whether rails are in the body, and masses at the first of ``times``; a disk's prescribed motions at all times.
+
+    ``system`` is prepared.
+    """
+    system, times, state = jax.lax.stop_gradient((system, times, state))
+    astray = jnp.asarray(False)
+    for group, places in _groups(system):
+        rail = rail_of(group.motion)
+        if rail is not None and rail.period is not None:
+            distances = eqx.filter_vmap(lambda rail: rail.furthest())(rail).distance
+            astray |= jnp.any(is_outside(system, distances))
+        if rail is not None and system.planar:
+            points = eqx.filter_vmap(rail_points, in_axes=(eqx.if_array(0), None))(rail, system.radius)
+            astray |= jnp.any(is_off_plane(system, points))
+        if rail is None or rail.period is None:
+            chi = _positions(group.motion, times[:1], state.theta[None, places])
+            astray |= jnp.any(is_outside(system, norm(chi)) | is_off_plane(system, chi))
+        if system.planar and not (isinstance(group.motion, Driven) or is_bounded(group.motion)):
+            chi = _positions(group.motion, time_samples(times), state.theta[None, places])
+            astray |= jnp.any(is_off_plane(system, chi))
+    for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
+        chi = mechanism_positions(system, group, order, times[:1], state.theta[None])
+        astray |= jnp.any(is_outside(system, norm(chi)) | is_off_plane(system, chi))
+        if system.planar:
+            astray |= jnp.any(is_moved_off(system, group, order, times[0], state.theta))
+    return ~astray
+
+
+def time_of_leaving(
+    system: BodyParameters, times: Float[Array, " T"], theta: Float[Array, "T driven"]
+) -> Float[Array, ""]:
+    """The first time at which a mass is seen outside the shell; infinite where none is.
+
+    A prescribed motion is checked between all of ``times``, and the time found to rounding, for a mechanism whose
+    joints are all prescribed to one of ``time_samples``; one that swings on free hinges is checked at ``times`` only.
+    Masses whose :func:`clearance` tells are left out. ``system`` is prepared.
+    """
+    system, times, theta = jax.lax.stop_gradient((system, times, theta))
+    first = jnp.asarray(jnp.inf, system.radius.dtype)
+    for group, _ in _groups(system):
+        motion = group.motion
+        if is_bounded(motion):
+            continue
+        if isinstance(motion, AbstractPrescribedMotion):
+            first = jnp.minimum(first, jnp.min(_leaving(system, motion, time_samples(times))))
+    for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
+        if _slides(group):
+            continue
+        t, own = times, theta
+        if not group.in_state:  # known between them too
+            t = time_samples(times)
+            own = jnp.zeros((t.shape[0], theta.shape[1]), theta.dtype)
+        outside = jnp.any(is_outside(system, norm(mechanism_positions(system, group, order, t, own))), axis=(1, 2))
+        first = jnp.minimum(first, jnp.min(jnp.where(outside, t, jnp.inf)))
+    return first
+
+
+def clearance(system: BodyParameters, t: Time, theta: Float[Array, " driven"]) -> Float[Array, ""] | None:
+    """How far inside the shell are those masses whose places only a state tells: R² less the largest |χ|².
+
+    These are the masses that a law drives along open rails, and those of mechanisms with sliders and carriages in the
+    state; None without any. ``system`` is prepared.
+    """
+    squares = []
+    for group, places in _groups(system):
+        if isinstance(group.motion, Driven) and not is_bounded(group.motion):
+            squares.append(jnp.sum(_positions(group.motion, t[None], theta[None, places]) ** 2, axis=-1))
+    for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
+        if _slides(group):
+            squares.append(jnp.sum(mechanism_positions(system, group, order, t[None], theta[None]) ** 2, axis=-1))
+    if not squares:
+        return None
+    furthest = jnp.max(jnp.concatenate([jnp.ravel(square) for square in squares]))
+    return (system.radius * (1 + rounding(system.radius))) ** 2 - furthest
+
+
+def _slides(group: AbstractMechanism) -> bool:
+    """Whether masses of a mechanism may get further than its joints are long, with a parameter that is in the state."""
+    joints = getattr(group, "joints", ())
+    return bool(group.in_state) and not (joints and all(isinstance(joint, Hinge) for joint in joints))
+
+
+def until_left(
+    system: AbstractSystem,
+    times: Float[Array, " T"],
+    states: Any,
+    reached: Float[Array, ""],
+    status: Int[Array, ""],
+    seen: Float[Array, ""] | None = None,
+) -> tuple[Float[Array, ""], Int[Array, ""]]:
+    """The time up to which a run is valid, and its status, where something leaves the inside of the system.
+
+    ``reached`` and ``status`` are those of its solve, ``states`` those at ``times``; ``seen`` is when the ``clearance``
+    fell to zero, NaN if it did not. ``system`` is prepared.
+    """
+    left = system.time_of_leaving(times, states)
+    if left is None and seen is None:
+        return reached, status
+    left = jnp.full_like(reached, jnp.inf) if left is None else left
+    if seen is not None:
+        left = jnp.where(seen < left, jax.lax.stop_gradient(seen), left)
+    return jnp.minimum(reached, left), jnp.where(left <= reached, int(Status.LEFT_SHELL), status)
+
+
+class SampledPath(NamedTuple):
+    """A mass in prescribed motion: χ at some times, where it is furthest from the centre, and when it leaves the shell.
+
+    ``last``, ``first``: two times between which it leaves; ``first`` is infinite where it does not.
+    """
+
+    chi: Float[Array, "n 3"]
+    top: Furthest
+    last: Float[Array, ""]
+    first: Float[Array, ""]
+
+
+def sample_path(system: BodyParameters, motion: AbstractPrescribedMotion, t: Float[Array, " n"]) -> SampledPath:
+    """Samples the path of a mass, at evenly spaced times ``t`` and times near them; ``motion`` is prepared."""
+
+    def within(x: Float[Array, ""]) -> Float[Array, ""]:
+        return jnp.clip(x, t[0], t[-1])
+
+    chi = jax.vmap(motion)(t)
+    top = furthest(lambda x: motion(within(x)), t, chi)
+    top = top._replace(x=within(top.x))
+    first = jnp.min(jnp.where(is_outside(system, norm(chi)), t, jnp.inf))
+    first = jnp.minimum(first, jnp.where(is_outside(system, top.distance), top.x, jnp.inf))
+    return SampledPath(chi, top, jnp.max(jnp.where(t < first, t, t[0])), first)
+
+
+def time_of_crossing(system: BodyParameters, motion: AbstractPrescribedMotion, seen: SampledPath) -> Float[Array, ""]:
+    """When a mass that leaves the shell crosses it, by bisection; infinite where it does not."""
+
+    def halve(_, bracket):
+        low, high = bracket
+        middle = (low + high) / 2
+        out = norm(motion(middle)) > system.radius
+        return jnp.where(out, low, middle), jnp.where(out, middle, high)
+
+    leaves = jnp.isfinite(seen.first)
+    crossing = jax.lax.fori_loop(0, HALVINGS, halve, (seen.last, jnp.where(leaves, seen.first, seen.last)))[1]
+    return jnp.where(leaves, crossing, jnp.inf)
+
+
+def _groups(system: BodyParameters) -> list[tuple[Any, np.ndarray]]:
+    """The groups of masses, each with the places of its masses among the driven ones, if they are."""
+    slots = {index: slot for slot, index in enumerate(system.driven)}
+    return [
+        (group, np.asarray([slots[index] for index in indices if index in slots], dtype=int))
+        for group, indices in zip(system.groups, system.order, strict=True)
+    ]
+
+
+def _leaving(system: BodyParameters, motion: Any, t: Float[Array, " n"]) -> Float[Array, " masses"]:
+    """When each mass of a group leaves the shell; infinite where it does not."""
+    seen = eqx.filter_vmap(lambda motion: sample_path(system, motion, t))(motion)
+
+    def crossings(_):
+        return eqx.filter_vmap(lambda motion, seen: time_of_crossing(system, motion, seen))(motion, seen)
+
+    return jax.lax.cond(jnp.any(jnp.isfinite(seen.first)), crossings, lambda first: first, seen.first)
+
+
+def _positions(motion: Any, t: Float[Array, " n"], theta: Float[Array, "_ driven"]) -> Float[Array, "n masses 3"]:
+    """χ of a group of masses at n times; driven ones have the angles ``theta`` at these."""
+    if isinstance(motion, Driven):
+        return jax.vmap(lambda theta: eqx.filter_vmap(lambda rail, at: rail(at))(motion.rail, theta))(theta)
+    return jax.vmap(lambda t: eqx.filter_vmap(lambda motion: motion(t))(motion))(t)
+
+
+def mechanism_positions(
+    system: BodyParameters,
+    group: AbstractMechanism,
+    order: tuple[int, ...],
+    t: Float[Array, " n"],
+    theta: Float[Array, "n coordinates"],
+) -> Float[Array, "n mechanisms masses 3"]:
+    """χ of the masses of a group of mechanisms at n times, with the coordinates ``theta`` at these."""
+    slots = system.slots(order, group.in_state)
+
+    def one(mechanism, t, own):
+        return mechanism.places(mechanism.rates(t, (own, own, own))[0]).chi
+
+    return jax.vmap(lambda t, theta: eqx.filter_vmap(one, in_axes=(0, None, 0))(group, t, theta[slots]))(t, theta)
+
+
+def is_moved_off(
+    system: BodyParameters,
+    group: AbstractMechanism,
+    order: tuple[int, ...],
+    t: Float[Array, ""],
+    theta: Float[Array, " coordinates"],
+) -> Bool[Array, " mechanisms"]:
+    """Whether a joint of a mechanism would move a mass out of the plane of a disk."""
+    own = theta[system.slots(order, group.in_state)]
+
+    def one(mechanism, own):
+        at = mechanism.places(mechanism.rates(t, (own, own, own))[0])
+        slopes = mechanism.slopes(at, jnp.ones_like(at.partial[:, 0, 0]))
+        size = jnp.maximum(jnp.max(jnp.abs(at.partial)), jnp.max(jnp.abs(slopes)))
+        aside = jnp.maximum(jnp.max(jnp.abs(at.partial[..., 1])), jnp.max(jnp.abs(slopes[..., 1])))
+        return aside > rounding(at.chi) * size
+
+    return eqx.filter_vmap(one)(group, own)
+
+
+def norm(chi: Float[Array, "*batch 3"]) -> Float[Array, "*batch"]:
+    """|χ|."""
+    return jnp.sqrt(jnp.sum(chi**2, axis=-1))
+
+
+class Reach(NamedTuple):
+    """No point is further than ``far`` from the centre, or than ``aside`` from the plane of E1 and E3."""
+
+    far: Float[Array, "..."]
+    aside: Float[Array, "..."]
+
+
+def surely_stay(system: BodyParameters, start: Time, end: Time) -> Bool[Array, ""]:
+    """Whether bounds prove that masses in free motion or on open rails stay in the body from ``start`` to ``end``.
+
+    Driven masses are not checked.
+    """
+    stay = jnp.asarray(True)
+    for group in system.groups:
+        if is_bounded(group.motion) or isinstance(group.motion, Driven):
+            continue
+        bound = eqx.filter_vmap(lambda motion: reach(motion, start, end))(group.motion)
+        stay &= jnp.all(bound.far <= system.radius)
+        if system.planar:
+            stay &= jnp.all(bound.aside < rounding(system.radius) / 2 * system.radius)
+    return stay
+
+
+@functools.singledispatch
+def reach(motion: AbstractMotion, start: Time, end: Time) -> Reach:
+    """Bounds on a motion between two times; infinite for a kind of which none are known."""
+    return _find_unknown(start)
+
+
+def _find_unknown(t: Time) -> Reach:
+    return Reach(jnp.full_like(t, jnp.inf), jnp.full_like(t, jnp.inf))
+
+
+@reach.register
+def _(motion: Oscillating, start: Time, end: Time) -> Reach:
+    size = jnp.abs(motion.path.constant) + jnp.sum(jnp.abs(motion.path.amplitude), axis=0)
+    size += _beyond_sines(motion.path, start, end)
+    if motion.path.powers is not None:
+        latest = jnp.maximum(jnp.abs(start), jnp.abs(end))
+        size += HarmonicSeries(jnp.zeros_like(size), powers=jnp.abs(motion.path.powers))(latest)
+    return Reach(jnp.sqrt(jnp.sum(size**2)), size[1])
+
+
+@reach.register
+def _(motion: OnRail, start: Time, end: Time) -> Reach:
+    if not isinstance(motion.rail, Tube):
+        return _find_unknown(start)
+    direction = jnp.abs(motion.rail.direction)
+    along = largest_angle(motion.schedule, start, end) * direction / jnp.sqrt(jnp.sum(direction**2))
+    size = jnp.abs(motion.rail.centre) + along
+    return Reach(jnp.sqrt(jnp.sum(size**2)), size[1])
+
+
+@functools.singledispatch
+def largest_angle(schedule: AbstractSchedule, start: Time, end: Time) -> Float[Array, ""]:
+    """A bound on |θ(t)| between two times; infinite for a kind of which none is known."""
+    return jnp.full_like(start, jnp.inf)
+
+
+@largest_angle.register
+def _(schedule: ConstantRate, start: Time, end: Time) -> Float[Array, ""]:
+    return _of_line(schedule.theta, schedule.rate, start, end)
+
+
+@largest_angle.register
+def _(schedule: Sinusoids, start: Time, end: Time) -> Float[Array, ""]:
+    waves = jnp.sum(jnp.abs(schedule.series.amplitude)) + _beyond_sines(schedule.series, start, end)
+    return _of_line(schedule.series.constant, schedule.rate, start, end) + waves
+
+
+@largest_angle.register
+def _(schedule: Pulse, start: Time, end: Time) -> Float[Array, ""]:
+    """θ̇ is between ``rate`` and what it is after the push."""
+    after = schedule.rate + schedule.height * (schedule.hold + schedule.end - 2 * schedule.start) / 2
+    fastest = jnp.maximum(jnp.abs(schedule.rate), jnp.abs(after))
+    furthest = jnp.maximum(jnp.abs(start - schedule.start), jnp.abs(end - schedule.start))
+    return jnp.abs(schedule.theta) + fastest * furthest
+
+
+def _of_line(theta: Float[Array, ""], rate: Float[Array, ""], start: Time, end: Time) -> Float[Array, ""]:
+    return jnp.maximum(jnp.abs(theta + rate * start), jnp.abs(theta + rate * end))
+
+
+def _beyond_sines(series: HarmonicSeries, start: Time, end: Time) -> Float[Array, ""]:
+    """Infinite where an angle is so large that its sine as computed is not known to be one, and 0 elsewhere."""
+    latest = jnp.maximum(jnp.abs(start), jnp.abs(end))
+    phases = jnp.abs(series.frequency) * latest + jnp.abs(series.phase)
+    return jnp.where(jnp.max(phases, initial=0.0) > LARGEST_PHASE, jnp.inf, 0.0)

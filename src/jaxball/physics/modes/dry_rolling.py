@@ -1,0 +1,493 @@
+"""A body that exact dry resistance brings to rest, as one hybrid system with a mode of rest.
+
+A body rolls until ω_h falls to zero. It then rests, with ω_h = 0 and ω̇_h = 0, if friction can hold it; if not, it rolls
+on in another direction. It rests until the torque that holds it exceeds the largest one. Spinning, ω₃, has a mode of
+rest of its own. As one of them begins or ends, the torque on the other jumps, which may break that loose, too.
+
+The direction of rolling is ω_h/|ω_h|, which cannot be computed where a ball begins to roll or comes to rest:
+``contact.slip`` says what is done there. A disk has two directions, which its state knows.
+"""
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any, ClassVar, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ...interface.status import Status
+from ...numerics.arrays import select_tree
+from ...numerics.directions import unit
+from ...numerics.vectors import apply, root
+from ...programs.derivatives.differentiation import without_derivatives
+from ..body import AbstractBody
+from ..conditions import Condition, ExplainedCondition, Problem
+from ..contact import slip as slips
+from ..contact.slip import HALFWAY, Beginning, Heading
+from ..dynamics.equations import turning
+from ..dynamics.footing import ContactAxes, rate_over_ground
+from ..dynamics.rest import Turning, begun, candidates, needs, resist
+from ..forces.resistance import Resistance, TurningMode
+from ..hybrid import (
+    NONE,
+    START,
+    AbstractHistory,
+    Accuracy,
+    Assessment,
+    GuardedStep,
+    Record,
+    Switches,
+    Transition,
+    at_zero,
+)
+from ..state import PlacedState, ReducedState
+from ..system import AbstractState, AbstractSystem
+
+
+class DryRollingState(AbstractState):
+    """The variables of a body that exact dry resistance may hold, which a solve advances.
+
+    - ``body``: the state of the body. A solve advances ω relative to the ground, along the axes of the contact (of
+      space, on a plane), instead of Ω, so that it is exactly 0 at rest.
+    - ``rolls``: 1 where the body rolls, 0 where it rests.
+    - ``spin``: the sign of ω₃ where friction acts against spinning; 0 where it holds it, and where there is none.
+    - ``begun``: the direction in which a ball has just begun to roll; that in which a disk rolls.
+    """
+
+    body: PlacedState
+    rolls: Float[Array, "*batch"]
+    spin: Float[Array, "*batch"]
+    begun: Beginning
+
+    def projected(self) -> "DryRollingState":
+        return eqx.tree_at(lambda x: x.body, self, self.body.projected())
+
+    def conditions(self) -> Iterator[Condition]:
+        yield from self.body.conditions()
+
+
+class RestSwitches(Switches):
+    """The times at which a body comes to rest, breaks loose or turns back.
+
+    - ``before``, ``after``: the states of the body, with a leading axis.
+    - ``rolls_before``, ``rolls_after``: 1 where it rolls, 0 where it rests, shape (max_switches,).
+    - ``spin_before``, ``spin_after``: the sign of its spinning, 0 where that is held, shape (max_switches,).
+    """
+
+    rolls_before: Float[Array, "*batch switches"]
+    rolls_after: Float[Array, "*batch switches"]
+    spin_before: Float[Array, "*batch switches"]
+    spin_after: Float[Array, "*batch switches"]
+
+    def words(self, k: int) -> str:
+        rolled, rolls, spun, spins = (
+            float(np.asarray(of)[k]) for of in (self.rolls_before, self.rolls_after, self.spin_before, self.spin_after)
+        )
+        said = []
+        if rolled != rolls:
+            said.append("the body rolls" if rolls else "the body comes to rest")
+        elif rolled and int(np.asarray(self.event)[k]) == ROLLING:
+            said.append("the body rolls back")
+        if spun != spins:
+            said.append("its spinning ends" if spins == 0 else "it begins to spin" if spun == 0 else "it spins back")
+        return ", ".join(said) or "nothing changed"
+
+
+class RestHistory(AbstractHistory):
+    """When exact dry resistance held a body at the saved times of a run, and the switches.
+
+    - ``switches``: the ``RestSwitches``.
+    - ``rests``: whether it held the body against rolling, shape (T,).
+    - ``spin``: the sign of ω₃ as friction against spinning has it, 0 where that is held or there is none, shape (T,).
+    """
+
+    described: ClassVar[str] = "exact dry resistance, with which forces jump"
+
+    switches: RestSwitches
+    rests: Bool[Array, "*batch T"]
+    spin: Float[Array, "*batch T"]
+
+    @property
+    def lines(self) -> list[str]:
+        if int(self.switches.count) == 0:
+            return ["it never came to rest or broke loose"]
+        return [f"it came to rest, broke loose or turned back {self.switches.how_often}", *self.switches.first_lines]
+
+    def at_rows(self, rows: slice) -> "RestHistory":
+        return dataclasses.replace(self, rests=self.rests[rows], spin=self.spin[rows])
+
+
+ROLLING, SPINNING = 0, 1  # guards, and the events where they fall to zero
+
+
+class DryRolling(AbstractSystem[DryRollingState]):
+    """A ball or a disk that exact dry resistance may hold at rest."""
+
+    body: AbstractBody
+
+    title: ClassVar[str] = "body with exact dry resistance"
+    state_type: ClassVar[Any] = DryRollingState
+
+    # States, conditions, kinks and confinement are those of the body.
+
+    def require_state(self, state: Any) -> None:
+        if isinstance(state, ReducedState):
+            raise TypeError(
+                "Argument `state` must be a BallState or a RotationState where resistance is `exact`, because what "
+                "comes to rest has a place and a direction in space, but it is a ReducedState."
+            )
+        type(self.body).require_state(self.body, state)
+
+    def conditions(self) -> Iterator[Condition]:
+        yield from self.body.conditions()
+
+    def start_conditions(self, t: Float[Array, ""], state: DryRollingState) -> Iterator[Condition | ExplainedCondition]:
+        yield from self.body.start_conditions(t, state.body)
+
+    def numbers(self) -> Iterator[tuple[str, Array]]:
+        yield from self.body.numbers()
+
+    def prepare(self) -> "DryRolling":
+        return DryRolling(self.body.prepare())
+
+    def driving_kinks(self) -> Float[Array, " kinks"]:
+        """All kinks: accelerations jump with those of prescribed motions."""
+        return jnp.concatenate([self.body.driving_kinks(), self.body.motion_kinks()])
+
+    def confined(self, times: Float[Array, " T"], state: DryRollingState) -> Bool[Array, ""]:
+        return self.body.confined(times, state.body)
+
+    def time_of_leaving(self, times: Float[Array, " T"], states: DryRollingState) -> Float[Array, ""] | None:
+        return self.body.time_of_leaving(times, states.body)
+
+    def clearance(self, t: Float[Array, ""], state: DryRollingState) -> Float[Array, ""] | None:
+        return self.body.clearance(t, state.body)
+
+    def breaches(self, times: Any, state: DryRollingState | None, states: DryRollingState | None) -> Iterator[Problem]:
+        bodies = (None if given is None else given.body for given in (state, states))
+        yield from self.body.breaches(times, *bodies)
+
+    # What a solve advances.
+
+    def to_packed(self, t: Float[Array, ""], state: DryRollingState) -> DryRollingState:
+        omega = self._unless_held(state, self.over_ground(t, state))
+        return eqx.tree_at(lambda x: x.body, state, state.body.with_Omega(omega))
+
+    def from_packed(self, t: Float[Array, ""], packed: DryRollingState) -> DryRollingState:
+        packed = packed.projected()
+        Omega = ContactAxes.of(self.body, t, packed.body).in_body(packed.body.Omega)
+        return eqx.tree_at(lambda x: x.body, packed, packed.body.with_Omega(Omega))
+
+    def packed_field(self, t: Float[Array, ""], packed: DryRollingState) -> DryRollingState:
+        state = self.from_packed(t, packed)
+        moved = self.field(t, state)
+        rate = self._unless_held(state, rate_over_ground(self.body, t, state.body, moved.body.Omega))
+        return eqx.tree_at(lambda x: x.body, moved, moved.body.with_Omega(rate))
+
+    def over_ground(self, t: Float[Array, ""], state: DryRollingState) -> Float[Array, "3"]:
+        """ω of the body relative to the ground, along the axes of the contact."""
+        return ContactAxes.of(self.body, t, state.body).over_ground(state.body.Omega)
+
+    def _unless_held(self, state: DryRollingState, omega: Float[Array, "3"]) -> Float[Array, "3"]:
+        """ω, or its rate, in space axes, with 0 for what friction holds."""
+        rests = state.rolls == 0
+        held = jnp.stack([rests, rests, self.is_still(state)])
+        return jnp.where(held, 0.0, omega)
+
+    def is_still(self, state: DryRollingState) -> Bool[Array, ""]:
+        """Whether friction holds the body against spinning."""
+        return (state.spin == 0) & self._resists_spinning
+
+    @property
+    def _resists_spinning(self) -> bool:
+        return self.resistance.dry_spinning is not None and not self.body.planar
+
+    @property
+    def resistance(self) -> Resistance:
+        """The exact resistance."""
+        resistance = self.body.resistance
+        assert isinstance(resistance, Resistance)
+        return resistance
+
+    def mode(self, t: Float[Array, ""], state: DryRollingState, sigma: Float[Array, "2"] | None = None) -> TurningMode:
+        """The mode, in axes of the contact, of a body that rolls in the direction ``sigma``, if that is known."""
+        direction = self.direction(t, state) if sigma is None else sigma
+        rests = state.rolls == 0
+        sigma3 = jnp.where(rests, 0.0, jnp.concatenate([direction, jnp.zeros_like(direction[:1])]))
+        return TurningMode(sigma3, state.spin, rests, self.is_still(state), jnp.zeros_like(sigma3))
+
+    def direction(self, t: Float[Array, ""], state: DryRollingState) -> Float[Array, "2"]:
+        """The direction of ω_h of a body that rolls, space axes."""
+        if self.body.planar:
+            return state.begun.sigma
+        omega = self.over_ground(t, state)
+        return jnp.where(t <= state.begun.until, state.begun.direction(t), unit(omega[:2]))
+
+    def field(self, t: Float[Array, ""], state: DryRollingState) -> DryRollingState:
+        moved = rates(self.moving(state), t, state.body, self.mode(t, state))
+        return eqx.tree_at(lambda x: x.body, jax.tree.map(jnp.zeros_like, state), moved)
+
+    def turning(self, t: Float[Array, ""], state: DryRollingState) -> Turning:
+        """How the body turns without dry friction, and how torques change that, in space axes."""
+        return turning(self.moving(state), t, state.body).in_space(ContactAxes.of(self.body, t, state.body).rows)
+
+    def moving(self, state: DryRollingState) -> AbstractBody:
+        """The body, with all that a state says of how its parts move."""
+        return self.body
+
+    # The guards.
+
+    def step_reference(self, t: Float[Array, ""], state: DryRollingState, accuracy: Accuracy) -> Heading:
+        """The direction of rolling as a step begins."""
+        sigma, omega = self.direction(t, state), self.over_ground(t, state)
+        errors = accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2))
+        heading = Heading.of(sigma, omega[:2], self._unit_of_rate(omega), errors)
+        return heading._replace(least=jnp.zeros_like(heading.least)) if self.body.planar else heading
+
+    def guards(self, t: Float[Array, ""], state: DryRollingState) -> Float[Array, " guards"]:
+        """The guards without a solve, in which rolling ends where ω_h vanishes."""
+        zero = jnp.zeros_like(state.rolls)
+        return self.guards_in_step(t, state, Heading(self.direction(t, state), zero, zero))
+
+    def guards_in_step(
+        self, t: Float[Array, ""], state: DryRollingState, reference: Heading
+    ) -> Float[Array, " guards"]:
+        """Of rolling and of spinning: the rate in its direction, or what friction has to spare where it holds it."""
+        turns, omega = self.turning(t, state), self.over_ground(t, state)
+        spare = needs(self.resistance, turns, resist(self.resistance, turns, self.mode(t, state)))
+        one = jnp.ones_like(state.rolls)
+        rolling = spinning = one
+        if self.resistance.dry is not None:
+            forward = jnp.sum(omega[:2] * reference.sigma) - reference.least
+            rolling = jnp.where(state.rolls == 0, spare.rolling, forward)
+        if self._resists_spinning:
+            spinning = jnp.where(state.spin == 0, spare.spinning, state.spin * omega[2])
+        return jnp.stack([rolling, spinning])
+
+    def time_event(self, t: Float[Array, ""], state: DryRollingState) -> Float[Array, ""]:
+        """The end of the window in which the direction of rolling is known beforehand."""
+        if self.body.planar:
+            return jnp.full_like(state.rolls, jnp.inf)
+        return jnp.where(state.rolls == 0, jnp.inf, state.begun.until)
+
+    def assess(self, step: GuardedStep, accuracy: Accuracy) -> Assessment:
+        """The guard that is zero, or that a ball has come to rest although none is; and the longest next step."""
+        never = jnp.full_like(step.end, jnp.inf)
+        if self.body.planar or self.resistance.dry is None:
+            return Assessment(jnp.where(step.has_fallen, step.zero, NONE), never)
+        state, least, guards = step.state, step.reference.least, step.guards
+        omega, rolls = self.over_ground(step.end, state), state.rolls != 0
+        errors = slips.ERRORS * (accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2)))
+        slow = root(jnp.sum(omega[:2] ** 2)) <= 2 * least + errors
+        stops = rolls & (step.zero == ROLLING)
+        ends = (step.zero != NONE) & jnp.where(stops, slow, step.has_fallen)
+        before, after = guards[ROLLING, 0] + least, guards[ROLLING, -1] + least
+        nears = rolls & slow & slips.nears_its_end(before, after, least)
+        otherwise = jnp.where(step.timed, slips.WINDOW, jnp.where(nears, ROLLING, NONE))
+        longest = slips.longest_step(before, after, least, step.end - step.start, accuracy)
+        return Assessment(jnp.where(ends, step.zero, otherwise), jnp.where(rolls & ~ends, longest, never))
+
+    def _unit_of_rate(self, omega: Float[Array, "3"]) -> Float[Array, ""]:
+        """A reference for errors of ω: √(g/r) and |ω|."""
+        g, r, size = jax.lax.stop_gradient((jnp.abs(self.body.gravity), self.body.radius, root(jnp.sum(omega**2))))
+        return root(g / r) + size
+
+    # How modes follow each other.
+
+    def start(self, t: Float[Array, ""], state: PlacedState) -> DryRollingState:
+        """The state with which a solve starts; its mode is decided by the first transition."""
+        one = jnp.ones_like(self.body.radius)  # nothing is held before it
+        return DryRollingState(state, one, one, Beginning.none(one))
+
+    def transition(
+        self, t: Float[Array, ""], state: DryRollingState, event: Int[Array, ""], accuracy: Accuracy
+    ) -> Transition:
+        """What follows the end of a mode, the end of a window, or the start of a run."""
+        starts, decides = event == START, (event == START) | (event >= 0)
+        heading = without_derivatives(self).step_reference(*without_derivatives((t, state, accuracy)))
+        heading = heading._replace(least=jnp.zeros_like(heading.speed) if self.body.planar else heading.speed)
+
+        def guards(system: "DryRolling", t: Float[Array, ""], state: DryRollingState) -> Float[Array, " guards"]:
+            return system.guards_in_step(t, state, heading)
+
+        t, before, slope = at_zero(guards, self, t, state, event)
+        stops = (event == ROLLING) & (before.rolls != 0)
+        t, before, stopped = self._stop(t, before, stops, accuracy.tolerance)
+        decides &= ~stops | stopped
+        given = Happened(starts, stopped, (event == ROLLING) & ~stops, event == SPINNING, event)
+        decided = jax.jit(type(self).decided)  # compiled on its own, it is traced once
+        after = jax.lax.cond(decides, decided, lambda system, t, state, given: state, self, t, before, given)
+        if not self.body.planar:
+            begun = select_tree(decides, after.begun, Beginning.none(t))
+            after = eqx.tree_at(lambda x: x.begun, after, begun)
+        return Transition(
+            t=t,
+            before=before,
+            after=after,
+            event=event,
+            slope=slope,
+            switches=decides & ~starts,
+            crowds=~starts,
+            pauses=stopped & (not self.body.planar),  # a ball comes to rest in ever shorter steps
+            status=jnp.asarray(int(Status.SUCCESS)),
+        )
+
+    def _stop(
+        self, t: Float[Array, ""], state: DryRollingState, stops: Bool[Array, ""], tolerance: Float[Array, ""]
+    ) -> tuple[Float[Array, ""], DryRollingState, Bool[Array, ""]]:
+        """The time and the state where a slow body has come to rest, if it does so soon, and whether it does."""
+        if self.body.planar:
+            return t, state, stops
+
+        def follow(t: Float[Array, ""], state: DryRollingState) -> tuple[Array, DryRollingState, Array]:
+            omega = self.over_ground(t, state)[:2]
+            end = self._end(t, state, state, omega)
+            ends = end.comes & (end.time <= slips.longest_pause(tolerance, slips.unit_of_time(self.body)))
+            halfway = self._brake(t, state, state, omega, end.time, HALFWAY)
+            end = self._end(t + HALFWAY * end.time, halfway, state, omega)
+            stopped = self._brake(t, state, halfway, omega, end.time, 1.0).projected()
+            contact = ContactAxes.of(self.body, t + end.time, stopped.body)
+            spin = contact.over_ground(stopped.body.Omega)[2]
+            at_rest = stopped.body.with_Omega(contact.in_body(jnp.stack([0 * spin, 0 * spin, spin])))
+            stopped = eqx.tree_at(lambda x: x.body, stopped, at_rest)
+            return (*select_tree(ends, (t + end.time, stopped), (t, state)), ends)
+
+        return jax.lax.cond(stops, lambda: follow(t, state), lambda: (t, state, jnp.asarray(False)))
+
+    def _end(
+        self, t: Float[Array, ""], where: DryRollingState, state: DryRollingState, omega: Float[Array, "2"]
+    ) -> slips.End:
+        """The end of rolling with ω_h, with what acts at some time and state."""
+        mode = self.mode(t, state, unit(omega))
+        return slips.end(_pull, (self.resistance, self.turning(t, where), mode), omega)
+
+    def _brake(
+        self,
+        t: Float[Array, ""],
+        state: DryRollingState,
+        where: DryRollingState,
+        omega: Float[Array, "2"],
+        time: Float[Array, ""],
+        share: float,
+    ) -> DryRollingState:
+        """The state after a share of the time in which ω_h falls to 0, with rates as they are ``where``."""
+        rate = -omega / jnp.where(time > 0, time, 1.0)
+        braking = jnp.concatenate([rate, jnp.zeros_like(rate[:1])])
+        held = self.mode(t, state, unit(omega))._replace(rests=jnp.asarray(True), braking=braking)
+        moved = rates(self.moving(state), t + (time * HALFWAY if share == 1.0 else 0.0), where.body, held)
+        body = jax.tree.map(lambda x, rate: x + share * time * rate, state.body, moved)
+        return eqx.tree_at(lambda x: x.body, state, body)
+
+    def decided(self, t: Float[Array, ""], state: DryRollingState, given: "Happened") -> DryRollingState:
+        """The state in the mode that follows: at rest as far as friction can hold it."""
+        moving, omega, turns = self.all_held(t, state, given)
+        mode = begun(self.resistance, turns, moving, given.loosens, given.spinning & self.is_still(state))
+        return self.with_mode(t, state, omega, mode, moving.rests & ~mode.rests)
+
+    def all_held(
+        self, t: Float[Array, ""], state: DryRollingState, given: "Happened"
+    ) -> tuple[TurningMode, Float[Array, "3"], Turning]:
+        """The mode in which all that does not move is held, ω in space axes, and how the body turns."""
+        # At the end of its rolling or spinning, the rate is 0, not nearly.
+        omega = self._unless_held(state, self.over_ground(t, state))
+        held = jnp.stack([given.stops, given.stops, given.spinning])
+        omega = jnp.where(held, 0.0, omega)
+        turns = self.turning(t, state)
+        moving = candidates(self.resistance, turns, omega)
+        may_rest = given.starts | given.stops | (state.rolls == 0)
+        return moving._replace(rests=moving.rests & may_rest), omega, turns
+
+    def with_mode(
+        self,
+        t: Float[Array, ""],
+        state: DryRollingState,
+        omega: Float[Array, "3"],
+        mode: TurningMode,
+        starts_to_roll: Bool[Array, ""],
+    ) -> DryRollingState:
+        """The state in a mode, with ω in space axes, and with the direction of rolling that begins."""
+        body = state.body.with_Omega(ContactAxes.of(self.body, t, state.body).in_body(omega))
+        rolls, sigma = jnp.where(mode.rests, 0.0, 1.0).astype(t.dtype), mode.sigma[:2]
+        spin = mode.spin if self._resists_spinning else jnp.zeros_like(mode.spin)
+        after = eqx.tree_at(
+            lambda x: (x.body, x.rolls, x.spin, x.begun), state, (body, rolls, spin, Beginning.along(t, sigma))
+        )
+        if self.body.planar or self.resistance.dry is None:
+            return after
+        longest = slips.longest_window(t, self.driving_kinks(), slips.unit_of_time(self.body))
+        window = jax.lax.cond(
+            starts_to_roll,
+            lambda: slips.beginning(_FromRest(self, after), t, body, sigma, longest),
+            lambda: Beginning.none(t),
+        )
+        return eqx.tree_at(lambda x: x.begun, after, window)
+
+    # What a run shows.
+
+    @property
+    def shown(self) -> AbstractBody:
+        return self.body
+
+    def shown_state(self, state: DryRollingState) -> PlacedState:
+        return state.body
+
+    def history(self, times: Float[Array, " T"], states: DryRollingState, record: Record | None) -> RestHistory:
+        assert record is not None
+        before, after = record.before, record.after
+        switches = RestSwitches.of(
+            record,
+            before=before.body,
+            after=after.body,
+            rolls_before=before.rolls,
+            rolls_after=after.rolls,
+            spin_before=before.spin,
+            spin_after=after.spin,
+        )
+        return RestHistory(switches=switches, rests=states.rolls == 0, spin=states.spin)
+
+
+class Happened(NamedTuple):
+    """What has happened: the run starts, rolling stops, rest ends, something happens to spinning; and the ``event``."""
+
+    starts: Bool[Array, ""]
+    stops: Bool[Array, ""]
+    loosens: Bool[Array, ""]
+    spinning: Bool[Array, ""]
+    event: Int[Array, ""]
+
+
+class _FromRest(NamedTuple):
+    """A ball that begins to roll, in the mode of ``begins``."""
+
+    system: DryRolling
+    begins: DryRollingState
+
+    def prepare(self, t: Float[Array, ""], state: PlacedState) -> tuple[()]:
+        return ()
+
+    def pull(
+        self, t: Float[Array, ""], state: PlacedState, prepare: tuple[()], sigma: Float[Array, "2"]
+    ) -> tuple[Float[Array, "2"], PlacedState]:
+        """ω̇_h in space axes, and the rates of the body."""
+        moved = rates(self.system.moving(self.begins), t, state, self.system.mode(t, self.begins, sigma))
+        return rate_over_ground(self.system.body, t, state, moved.Omega)[:2], moved
+
+
+@jax.jit
+def rates(body: AbstractBody, t: Float[Array, ""], state: PlacedState, mode: TurningMode) -> PlacedState:
+    """ẋ of a body in a mode that is given along the axes of the contact."""
+    into_body = ContactAxes.of(body, t, state).rows.T
+    own = mode._replace(sigma=apply(into_body, mode.sigma), braking=apply(into_body, mode.braking))
+    moving = eqx.tree_at(lambda body: body.resistance.mode, body, own, is_leaf=lambda x: x is None)
+    return moving.field(t, state)
+
+
+def _pull(about: tuple[Resistance, Turning, TurningMode], sigma: Float[Array, "2"]) -> slips.Pull:
+    """How a ball rolls in a direction, with what acts at a time and a state; space axes."""
+    resistance, turns, mode = about
+    acting = resist(resistance, turns, mode._replace(sigma=jnp.concatenate([sigma, jnp.zeros_like(sigma[:1])])))
+    power = -jnp.sum(sigma * acting.torque[:2])
+    return slips.Pull(acting.rate[:2], power, acting.normal)

@@ -1,0 +1,209 @@
+"""A body that exact dry resistance brings to rest, with joints that stick and slip.
+
+Everything that dry friction may hold is held at once by one linear system: joints that stick are held in its matrix,
+and the torque at the contact is what then keeps ω_h and ω₃ as they are. Its guards are those of ``dry_rolling``, and
+those of ``stick_slip``. As one thing stops or lets go, the loads of all others jump, and the most overloaded lets go
+first.
+"""
+
+import dataclasses
+from typing import Any, ClassVar, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ...numerics.arrays import select_tree
+from ...numerics.vectors import apply
+from ...programs.derivatives.differentiation import without_derivatives
+from ..body import AbstractBody
+from ..dynamics.equations import holding_friction
+from ..dynamics.footing import ContactAxes
+from ..dynamics.rest import begun, needs, resist
+from ..dynamics.sticking import describe_changes, largest_frictions, sticking_slots, with_directions
+from ..forces.resistance import TurningMode
+from ..hybrid import Record
+from ..state import PlacedState
+from .dry_rolling import DryRolling, DryRollingState, Happened, RestHistory, RestSwitches
+
+OF_TURNING = 2  # guards of rolling and of spinning, before those of the joints
+
+
+class DryStickSlipState(DryRollingState):
+    """The variables of a body that rests and whose joints stick, which a solve advances.
+
+    - ``slips``: for each joint with dry friction, 1 or −1 where it slips in that direction, 0 where it sticks.
+    """
+
+    slips: Float[Array, "*batch sticking"]
+
+
+class DryStickSlipSwitches(RestSwitches):
+    """The times at which the body comes to rest, breaks loose or turns back, or a joint does.
+
+    - ``directions_before``, ``directions_after``: in which each joint with dry friction slips, 0 where it sticks,
+      shape (max_switches, joints).
+    - ``joints``: what these joints are called.
+    """
+
+    directions_before: Float[Array, "*batch switches joints"]
+    directions_after: Float[Array, "*batch switches joints"]
+    joints: tuple[str, ...] = eqx.field(static=True)
+
+    def words(self, k: int) -> str:
+        changed = describe_changes(self.joints, self.directions_before[k], self.directions_after[k])
+        turned = super().words(k)
+        return ", ".join([*([] if turned == "nothing changed" and changed else [turned]), *changed])
+
+
+class DryStickSlipHistory(RestHistory):
+    """When dry friction held a body and its joints at the saved times of a run, and the switches.
+
+    - ``directions``: in which each joint with dry friction slips, 1 or −1, and 0 where it sticks, shape (T, joints).
+    """
+
+    described: ClassVar[str] = "exact dry resistance and joints that stick, with which forces jump"
+
+    directions: Float[Array, "*batch T joints"]
+
+    @property
+    def sticks(self) -> Bool[Array, "*batch T joints"]:
+        """Whether each joint sticks at the saved times."""
+        return self.directions == 0
+
+    def at_rows(self, rows: slice) -> Any:
+        return dataclasses.replace(super().at_rows(rows), directions=self.directions[rows])
+
+
+class DryStickSlip(DryRolling):
+    """A ball or a disk that exact dry resistance may hold at rest, with joints that dry friction may hold."""
+
+    title: ClassVar[str] = "body with exact dry resistance and joints that stick"
+    state_type: ClassVar[Any] = DryStickSlipState
+
+    def prepare(self) -> "DryStickSlip":
+        return DryStickSlip(self.body.prepare())
+
+    def moving(self, state: Any) -> AbstractBody:
+        return with_directions(self.body, state.slips)
+
+    # The guards.
+
+    def guards_in_step(self, t: Float[Array, ""], state: Any, reference: Any) -> Float[Array, " guards"]:
+        """Those of the body, and two for each joint, as in ``stick_slip``."""
+        of_turning = super().guards_in_step(t, state, reference)
+        holding = self.holding(t, state.body, state.slips, self.mode(t, state))
+        sticks, largest = state.slips == 0, largest_frictions(self.body)
+        onward = state.slips * state.body.thetadot[sticking_slots(self.body)]
+        first = jnp.where(sticks, largest - holding, onward)
+        return jnp.concatenate([of_turning, first, jnp.where(sticks, largest + holding, 1.0)])
+
+    def holding(
+        self, t: Float[Array, ""], state: PlacedState, directions: Float[Array, " sticking"], mode: TurningMode
+    ) -> Float[Array, " sticking"]:
+        """The friction in joints that stick, where the body turns in a mode that is given in space axes."""
+        into_body = ContactAxes.of(self.body, t, state).rows.T
+        own = mode._replace(sigma=apply(into_body, mode.sigma), braking=apply(into_body, mode.braking))
+        body = with_directions(self.body, directions)
+        known = eqx.tree_at(lambda body: body.resistance.mode, body, own, is_leaf=lambda x: x is None)
+        return holding_friction(known, t, state)
+
+    # How modes follow each other.
+
+    def start(self, t: Float[Array, ""], state: PlacedState) -> DryStickSlipState:
+        given = super().start(t, state)
+        fields = {field.name: getattr(given, field.name) for field in dataclasses.fields(given)}
+        return DryStickSlipState(**fields, slips=jnp.sign(state.thetadot[sticking_slots(self.body)]))
+
+    def decided(self, t: Float[Array, ""], state: Any, given: Happened) -> Any:
+        """The state in the mode that follows: all at rest that friction can hold so."""
+        state = self._joints_changed(state, given)
+        moving, omega, _ = self.all_held(t, state, given)
+        body = state.body.with_Omega(ContactAxes.of(self.body, t, state.body).in_body(omega))
+        state = eqx.tree_at(lambda x: x.body, state, body)
+        spins = given.spinning & self.is_still(state)
+        last = self._release(t, state, moving, given.loosens & moving.rests, spins & moving.still)
+        state = eqx.tree_at(lambda x: x.slips, state, last.slips)
+        rolls, loose = moving.rests & ~last.mode.rests, moving.still & ~last.mode.still
+        mode = begun(self.resistance, self.turning(t, state), moving, rolls, loose)
+        return self.with_mode(t, state, omega, mode, moving.rests & ~mode.rests)
+
+    def _joints_changed(self, state: DryStickSlipState, given: Happened) -> DryStickSlipState:
+        """The state after an event of a joint: one that stopped is held, and one that was held slips."""
+        count, slots = state.slips.size, sticking_slots(self.body)
+        which = given.event - OF_TURNING
+        changes = (jnp.arange(count) == which % count) & (which >= 0)
+        loose = jnp.where(which < count, -1.0, 1.0)
+        directions = jnp.where(changes, jnp.where(state.slips == 0, loose, 0.0), state.slips)
+        stopped = np.zeros((state.body.thetadot.size, count), dtype=bool)
+        stopped[slots, np.arange(count)] = True
+        rests = jnp.any(jnp.asarray(stopped) & changes[None], axis=1)
+        body = eqx.tree_at(lambda x: x.thetadot, state.body, jnp.where(rests, 0.0, state.body.thetadot))
+        return eqx.tree_at(lambda x: (x.body, x.slips), state, (body, directions))
+
+    def _release(
+        self,
+        t: Float[Array, ""],
+        state: DryStickSlipState,
+        moving: TurningMode,
+        rolls: Bool[Array, ""],
+        spins: Bool[Array, ""],
+    ) -> "_Held":
+        """What is held when friction has let go of all that it cannot hold, the most overloaded first.
+
+        ``rolls`` and ``spins`` say that it lets go at once of rolling and of spinning.
+        """
+        system, t, state, moving = without_derivatives((self, t, state, moving))
+        largest, count = largest_frictions(system.body), state.slips.size
+
+        def with_one_less(held: _Held, at_once: Bool[Array, "2"]) -> _Held:
+            now = eqx.tree_at(lambda x: x.slips, state, held.slips)
+            turns = system.turning(t, now)
+            acting = resist(system.resistance, turns, held.mode)
+            need = needs(system.resistance, turns, acting)
+            friction = system.holding(t, state.body, held.slips, held.mode)
+            fails = jnp.stack([held.mode.rests & ~(need.rolling > 0), held.mode.still & ~(need.spinning > 0)])
+            excess = (held.slips == 0) & (jnp.abs(friction) > largest)
+            loads = jnp.concatenate([need.loads, (friction / largest) ** 2])
+            loads = jnp.where(jnp.concatenate([fails, excess]), loads, -jnp.inf)
+            most = (loads == jnp.max(loads)) & (loads > -jnp.inf)
+            most &= jnp.cumsum(most) == 1
+            off = jnp.where(jnp.any(at_once), jnp.concatenate([at_once, jnp.zeros(count, bool)]), most)
+            against = -apply(turns.plane, acting.torque)
+            size = jnp.sqrt(jnp.sum(against**2))
+            mode = held.mode._replace(
+                sigma=jnp.where(off[0], against / jnp.where(size > 0, size, 1.0), held.mode.sigma),
+                spin=jnp.where(off[1], -jnp.sign(acting.torque[2]), held.mode.spin),
+                rests=held.mode.rests & ~off[0],
+                still=held.mode.still & ~off[1],
+            )
+            return _Held(mode, jnp.where(off[OF_TURNING:], -jnp.sign(friction), held.slips))
+
+        now, none = jnp.stack([rolls, spins]), jnp.zeros(OF_TURNING, bool)
+        first = with_one_less(_Held(moving, state.slips), now)
+        first = select_tree(jnp.any(now), first, _Held(moving, state.slips))
+        return jax.lax.fori_loop(0, count + OF_TURNING, lambda _, held: with_one_less(held, none), first)
+
+    # What a run shows.
+
+    def history(self, times: Float[Array, " T"], states: Any, record: Record | None) -> RestHistory:
+        assert record is not None
+        of_turning = super().history(times, states, record)
+        switches = of_turning.switches
+        fields = {field.name: getattr(switches, field.name) for field in dataclasses.fields(switches)}
+        own = DryStickSlipSwitches(
+            **fields,
+            directions_before=record.before.slips,
+            directions_after=record.after.slips,
+            joints=self.body.sticking,
+        )
+        return DryStickSlipHistory(switches=own, rests=of_turning.rests, spin=of_turning.spin, directions=states.slips)
+
+
+class _Held(NamedTuple):
+    """What is held: the mode of turning, and the directions of joints, 0 where they stick."""
+
+    mode: TurningMode
+    slips: Float[Array, " sticking"]

@@ -1,0 +1,191 @@
+"""A body whose joints stick and slip, as one hybrid system with a mode for each joint with dry friction.
+
+A joint slips until its rate θ̇ falls to zero, and sticks until the friction that holds it reaches its static level. It
+is then held exactly, with θ̇ = 0 and θ̈ = 0. As one joint sticks or breaks loose, the load of others that stick jumps,
+and those that friction no longer holds break loose at the same time.
+"""
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ...numerics.arrays import AnyArray
+from ...programs.derivatives.differentiation import without_derivatives
+from ..body import AbstractBody
+from ..conditions import Condition, ExplainedCondition, Problem
+from ..dynamics.equations import holding_friction
+from ..dynamics.sticking import describe_changes, largest_frictions, release_joints, sticking_slots, with_directions
+from ..hybrid import AbstractHistory, Record, Switches
+from ..state import State
+from ..system import AbstractState, AbstractSystem
+
+
+class StickSlipState(AbstractState):
+    """The variables of a body whose joints stick and slip that a solve advances.
+
+    - ``body``: the state of the body; θ̇ of a joint that sticks is 0.
+    - ``slips``: for each joint with dry friction, 1 or −1 where it slips in that direction, 0 where it sticks.
+    """
+
+    body: State
+    slips: Float[Array, "*batch sticking"]
+
+    def projected(self) -> "StickSlipState":
+        return eqx.tree_at(lambda x: x.body, self, self.body.projected())
+
+    def conditions(self) -> Iterator[Condition]:
+        yield from self.body.conditions()
+
+
+class StickSlipSwitches(Switches):
+    """The times at which joints stick, break loose or turn back.
+
+    - ``before``, ``after``: the states of the body, with a leading axis.
+    - ``directions_before``, ``directions_after``: in which each joint with dry friction slips, 0 where it sticks,
+      shape (max_switches, joints).
+    - ``joints``: what these joints are called.
+    """
+
+    directions_before: Float[Array, "*batch switches joints"]
+    directions_after: Float[Array, "*batch switches joints"]
+    joints: tuple[str, ...] = eqx.field(static=True)
+
+    def words(self, k: int) -> str:
+        changed = describe_changes(self.joints, self.directions_before[k], self.directions_after[k])
+        return ", ".join(changed) or "nothing changed"
+
+
+class StickSlipHistory(AbstractHistory):
+    """Which joints stick at the saved times of a run, and the switches.
+
+    - ``switches``: the ``StickSlipSwitches``.
+    - ``directions``: in which each joint with dry friction slips, 1 or −1, and 0 where it sticks, shape (T, joints).
+    """
+
+    described: ClassVar[str] = "joints that stick, at which forces jump"
+
+    switches: StickSlipSwitches
+    directions: Float[Array, "*batch T joints"]
+
+    @property
+    def sticks(self) -> Bool[Array, "*batch T joints"]:
+        """Whether each joint sticks at the saved times."""
+        return self.directions == 0
+
+    @property
+    def lines(self) -> list[str]:
+        if int(self.switches.count) == 0:
+            return ["no joint began to stick or broke loose"]
+        return [f"joints stuck, broke loose or turned back {self.switches.how_often}", *self.switches.first_lines]
+
+    def at_rows(self, rows: slice) -> "StickSlipHistory":
+        return dataclasses.replace(self, directions=self.directions[rows])
+
+
+class StickSlip(AbstractSystem[StickSlipState]):
+    """A ball or a disk with joints that dry friction may hold."""
+
+    body: AbstractBody
+
+    title: ClassVar[str] = "body with joints that stick and slip"
+    state_type: ClassVar[Any] = StickSlipState
+
+    # States, conditions, kinks and confinement are those of the body.
+
+    def require_state(self, state: Any) -> None:
+        type(self.body).require_state(self.body, state)
+
+    def conditions(self) -> Iterator[Condition]:
+        yield from self.body.conditions()
+
+    def start_conditions(self, t: Float[Array, ""], state: StickSlipState) -> Iterator[Condition | ExplainedCondition]:
+        yield from self.body.start_conditions(t, state.body)
+
+    def run_conditions(self, times: Float[AnyArray, " T"]) -> Iterator[Condition | ExplainedCondition]:
+        yield from self.body.run_conditions(times)
+
+    def numbers(self) -> Iterator[tuple[str, Array]]:
+        yield from self.body.numbers()
+
+    def prepare(self) -> "StickSlip":
+        return StickSlip(self.body.prepare())
+
+    def driving_kinks(self) -> Float[Array, " kinks"]:
+        """All kinks: accelerations jump with those of prescribed motions."""
+        return jnp.concatenate([self.body.driving_kinks(), self.body.motion_kinks()])
+
+    def confined(self, times: Float[Array, " T"], state: StickSlipState) -> Bool[Array, ""]:
+        return self.body.confined(times, state.body)
+
+    def time_of_leaving(self, times: Float[Array, " T"], states: StickSlipState) -> Float[Array, ""] | None:
+        return self.body.time_of_leaving(times, states.body)
+
+    def clearance(self, t: Float[Array, ""], state: StickSlipState) -> Float[Array, ""] | None:
+        return self.body.clearance(t, state.body)
+
+    def breaches(self, times: Any, state: StickSlipState | None, states: StickSlipState | None) -> Iterator[Problem]:
+        bodies = (None if given is None else given.body for given in (state, states))
+        yield from self.body.breaches(times, *bodies)
+
+    # The motion.
+
+    def field(self, t: Float[Array, ""], state: StickSlipState) -> StickSlipState:
+        moved = with_directions(self.body, state.slips).field(t, state.body)
+        return StickSlipState(moved, jnp.zeros_like(state.slips))
+
+    def guards(self, t: Float[Array, ""], state: StickSlipState) -> Float[Array, " guards"]:
+        """Two for each joint: θ̇ in its direction and 1 where it slips, what friction has to spare where it sticks."""
+        holding = holding_friction(with_directions(self.body, state.slips), t, state.body)
+        sticks, largest = state.slips == 0, largest_frictions(self.body)
+        onward = state.slips * state.body.thetadot[sticking_slots(self.body)]
+        first = jnp.where(sticks, largest - holding, onward)
+        return jnp.concatenate([first, jnp.where(sticks, largest + holding, 1.0)])
+
+    def reset(self, t: Float[Array, ""], state: StickSlipState, which: Int[Array, ""]) -> StickSlipState:
+        """A joint that broke loose slips against the friction that held it; one that stopped is held if it can be."""
+        joints, slots = np.arange(state.slips.size), sticking_slots(self.body)
+        changes = joints == which % joints.size
+        loose = jnp.where(which < joints.size, -1.0, 1.0)
+        directions = jnp.where(changes, jnp.where(state.slips == 0, loose, 0.0), state.slips)
+        stopped = np.zeros((state.body.thetadot.size, joints.size), dtype=bool)
+        stopped[slots, joints] = True
+        rests = jnp.any(jnp.asarray(stopped) & changes[None], axis=1)
+        body = eqx.tree_at(lambda x: x.thetadot, state.body, jnp.where(rests, 0.0, state.body.thetadot))
+        return StickSlipState(body, self._release(t, body, directions))
+
+    def start(self, t: Float[Array, ""], state: State) -> StickSlipState:
+        """The state with which a solve starts; a joint at rest sticks if friction can hold it."""
+        moving = jnp.sign(state.thetadot[sticking_slots(self.body)])
+        return StickSlipState(state, self.prepare()._release(t, state, moving))
+
+    def _release(
+        self, t: Float[Array, ""], state: State, directions: Float[Array, " sticking"]
+    ) -> Float[Array, " sticking"]:
+        body, t, state, directions = without_derivatives((self.body, t, state, directions))
+        return release_joints(body, directions, lambda body: holding_friction(body, t, state))
+
+    # What a run shows.
+
+    @property
+    def shown(self) -> AbstractBody:
+        return self.body
+
+    def shown_state(self, state: StickSlipState) -> State:
+        return state.body
+
+    def history(self, times: Float[Array, " T"], states: StickSlipState, record: Record | None) -> StickSlipHistory:
+        assert record is not None
+        switches = StickSlipSwitches.of(
+            record,
+            before=record.before.body,
+            after=record.after.body,
+            directions_before=record.before.slips,
+            directions_after=record.after.slips,
+            joints=self.body.sticking,
+        )
+        return StickSlipHistory(switches=switches, directions=states.slips)

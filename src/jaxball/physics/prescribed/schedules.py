@@ -1,0 +1,360 @@
+"""Schedules θ(t): where a mass is on its rail, prescribed in closed form."""
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ...interface.arguments import require_function
+from ...interface.printing import Printed
+from ...numerics.arrays import Numbers, a_number, numbers, to_array
+from ...numerics.calculus import two_derivatives
+from ...numerics.functions import HarmonicSeries, OfFunction, PiecewisePolynomial, cubic_spline_with_slopes
+from ...numerics.kinks import kinks_of_function, kinks_seen
+
+
+class AbstractSchedule(Printed):
+    """A prescribed parameter θ(t) of a mass on its rail.
+
+    A family implements ``__call__`` and ``advanced``, and ``kinks`` where θ̈ has jumps or corners.
+    """
+
+    @abc.abstractmethod
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        """θ(t), in radians on a closed rail and in units of length in a tube."""
+
+    @abc.abstractmethod
+    def advanced(self, by: Float[Array, ""]) -> "AbstractSchedule":
+        """The schedule θ(t) + ``by``."""
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        """The times at which θ̈ or one of its derivatives jumps; θ̇ must not. The integrator ends steps at them.
+
+        By default, those at which the trace of ``__call__`` compares the time with something else.
+        """
+        return kinks_seen(self, type(self).__call__)
+
+    def prepare(self) -> "AbstractSchedule":
+        """The same schedule, ready to be evaluated many times."""
+        return self
+
+    def derivatives(self, t: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
+        """θ(t), θ̇(t) and θ̈(t), the rates by forward mode; at a kink, those of the later side."""
+        return two_derivatives(self, t)
+
+    def starting_at(self, theta: Numbers, t: Numbers) -> "AbstractSchedule":
+        """The schedule shifted by a constant so that it takes the value ``theta`` at time ``t``."""
+        return self.advanced(to_array(theta) - self.prepare()(to_array(t)))
+
+
+class FunctionSchedule(OfFunction, AbstractSchedule):
+    """θ(t) = theta + function(t, parameters), for any function that JAX can differentiate twice.
+
+    ``function`` is compiled into programs: one that is written anew compiles again unless it only uses equal numbers.
+    Give the times at which its second derivative jumps in ``kink_times``.
+
+    **Arguments:**
+
+    - ``function``: of (t, parameters), to an angle in rad, or a length in a tube.
+    - ``parameters``: arrays, in any PyTree, passed to it; they can be swept and differentiated.
+    - ``theta``: a constant added to it, in the same unit.
+    - ``kink_times``: times, shape (kinks,), at which its second derivative jumps or has a kink.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import FunctionSchedule
+    >>> def settling(t, rate):
+    ...     return 1.0 - jnp.exp(-rate * t)
+    >>> theta, rate, acceleration = FunctionSchedule(settling, 2.0).derivatives(jnp.array(0.0))
+    >>> float(theta), float(rate), float(acceleration)
+    (0.0, 2.0, -4.0)
+    """
+
+    theta: Float[Array, "*group"] = eqx.field(converter=numbers("theta"), default=0.0)
+    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=numbers("kink_times", ("kinks",)), default=())
+
+    def __check_init__(self):
+        require_function("function", self.function, (), t=a_number(), parameters=self.parameters)
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        return self.theta + self.function(t, self.parameters)
+
+    def advanced(self, by: Float[Array, ""]) -> "FunctionSchedule":
+        return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return kinks_of_function(self)
+
+
+class ConstantRate(AbstractSchedule):
+    """θ(t) = theta + rate t; with ``rate`` zero, the mass is held in place.
+
+    **Arguments:**
+
+    - ``theta``: θ at time 0, rad on a closed rail and length in a tube.
+    - ``rate``: θ̇, the same per time; 0 if not given.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import ConstantRate
+    >>> float(ConstantRate(0.5, rate=2.0)(jnp.array(3.0)))
+    6.5
+    """
+
+    theta: Float[Array, "*group"] = eqx.field(converter=numbers("theta"))
+    rate: Float[Array, "*group"] = eqx.field(converter=numbers("rate"), default=0.0)
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        return self.theta + self.rate * t
+
+    def advanced(self, by: Float[Array, ""]) -> "ConstantRate":
+        return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
+
+
+class Sinusoids(AbstractSchedule):
+    """θ(t) = theta + rate t + Σ amplitude_k sin(frequency_k t + phase_k).
+
+    **Arguments:**
+
+    - ``theta``: the constant, rad on a closed rail and length in a tube.
+    - ``amplitude``: in the same unit, shape (terms,); no sinusoids if not given.
+    - ``frequency``: rad/time, shape (terms,).
+    - ``phase``: rad, shape (terms,); zero if not given.
+    - ``rate``: the constant part of θ̇, the same per time.
+
+    **Raises:** ``ValueError`` when ``amplitude``, ``frequency`` and ``phase`` differ in length.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Sinusoids
+    >>> theta, rate, _ = Sinusoids(1.0, amplitude=[0.5], frequency=[2.0]).derivatives(jnp.array(0.0))
+    >>> float(theta), float(rate)
+    (1.0, 1.0)
+    """
+
+    series: HarmonicSeries
+    rate: Float[Array, "*group"]
+
+    def __init__(
+        self,
+        theta: Numbers,
+        amplitude: Numbers | None = None,
+        frequency: Numbers = (),
+        phase: Numbers | None = None,
+        rate: Numbers = 0.0,
+    ):
+        self.series = HarmonicSeries(theta, amplitude, frequency, phase)
+        self.rate = to_array(rate)
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        return self.series(t) + self.rate * t
+
+    def advanced(self, by: Float[Array, ""]) -> "Sinusoids":
+        return eqx.tree_at(lambda s: s.series.constant, self, self.series.constant + jnp.asarray(by))
+
+
+class PiecewiseSchedule(AbstractSchedule):
+    """A schedule that is a piecewise polynomial already."""
+
+    curve: PiecewisePolynomial
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        return self.curve(t)
+
+    def advanced(self, by: Float[Array, ""]) -> "PiecewiseSchedule":
+        return eqx.tree_at(lambda s: s.curve.coefficients, self, self.curve.coefficients.at[..., 0].add(by))
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return self.curve.breaks
+
+
+class AbstractPiecewise(AbstractSchedule):
+    """A schedule that becomes a piecewise polynomial."""
+
+    @abc.abstractmethod
+    def prepare(self) -> PiecewiseSchedule:
+        """Its polynomials."""
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        return self.prepare()(t)
+
+
+class PiecewiseAcceleration(AbstractPiecewise):
+    """θ̈(t) as a piecewise polynomial, integrated twice exactly.
+
+    On times[j] ≤ t < times[j + 1], θ̈ = Σ_k accelerations[j, k] (t − times[j])ᵏ; before the first
+    time and after the last, θ̈ = 0. The paper's pulse is times (0, .1, .2) and accelerations
+    ((1, 0), (1, −10)).
+
+    **Arguments:**
+
+    - ``theta``, ``rate``: θ and θ̇ at ``times[0]``, rad and rad/time, or length and length/time in a tube.
+    - ``times``: increasing, shape (n + 1,).
+    - ``accelerations``: shape (n, k), in rad/time² times powers of 1/time.
+
+    **Raises:** ``ValueError`` when ``accelerations`` does not have one row for each interval.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import PiecewiseAcceleration
+    >>> schedule = PiecewiseAcceleration(0.0, times=[0.0, 1.0, 2.0], accelerations=[[1.0], [-1.0]])
+    >>> float(schedule(jnp.array(2.0)))  # sped up for one unit of time, then slowed down
+    1.0
+    """
+
+    theta: Float[Array, "*group"] = eqx.field(converter=numbers("theta"))
+    times: Float[Array, "*group n_plus_one"] = eqx.field(converter=numbers("times", ("n_plus_one",)))
+    accelerations: Float[Array, "*group n k"] = eqx.field(converter=numbers("accelerations", ("n", "k")))
+    rate: Float[Array, "*group"] = eqx.field(converter=numbers("rate"), default=0.0)
+
+    def __check_init__(self):
+        times, rows = self.times.shape, self.accelerations.shape
+        if len(rows) < 2 or len(times) < 1 or times[-1] != rows[-2] + 1:
+            raise ValueError(
+                "Argument `accelerations` must have the shape (n, k), a row for each of the n "
+                f"intervals between the n + 1 `times`, but the shapes are {rows} and {times}."
+            )
+
+    def prepare(self) -> PiecewiseSchedule:
+        k = self.accelerations.shape[1]
+        power = jnp.arange(k, dtype=self.accelerations.dtype)
+        bends = self.accelerations / ((power + 1) * (power + 2))[None]
+        h = jnp.diff(self.times)[:, None]
+        # Sums over the intervals, not a loop over them, which takes long to compile where there are many.
+        changes = jnp.sum(bends * (power + 2)[None] * h ** (power + 1)[None], axis=1)
+        rate = self.rate + jnp.concatenate([jnp.zeros_like(self.rate)[None], jnp.cumsum(changes)])
+        changes = rate[:-1] * h[:, 0] + jnp.sum(bends * h ** (power + 2)[None], axis=1)
+        theta = self.theta + jnp.concatenate([jnp.zeros_like(self.theta)[None], jnp.cumsum(changes)])
+        line = jnp.stack([theta, rate], axis=1)
+        bends = jnp.concatenate([bends, jnp.zeros((1, k), dtype=bends.dtype)])
+        pieces = jnp.concatenate([line, bends], axis=1)
+        first = jnp.concatenate([pieces[:1, :2], jnp.zeros((1, k), dtype=bends.dtype)], axis=1)
+        return PiecewiseSchedule(
+            PiecewisePolynomial(
+                breaks=self.times,
+                origins=jnp.concatenate([self.times[:1], self.times]),
+                coefficients=jnp.concatenate([first, pieces]),
+            )
+        )
+
+    def advanced(self, by: Float[Array, ""]) -> "PiecewiseAcceleration":
+        return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return self.times
+
+
+class Pulse(AbstractPiecewise):
+    """θ̈ = height until ``hold``, then falling linearly to zero at ``end``; zero before ``start``.
+
+    The defaults are ``eq_prescribed_u_ball``: u = 1 on [0, .1] and 2 − 10 t on [.1, .2]. Section 4
+    gives the disk's odd masses ``height`` −1, ``eq_prescribed_u_disk``.
+
+    **Arguments:**
+
+    - ``theta``, ``rate``: θ and θ̇ at ``start``, rad and rad/time, or length and length/time in a tube.
+    - ``height``: of θ̈, rad/time².
+    - ``start``, ``hold``, ``end``: times.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Pulse
+    >>> theta, rate, acceleration = Pulse(0.0, height=2.0).derivatives(jnp.array(0.1))
+    >>> round(float(theta), 6), round(float(rate), 6), round(float(acceleration), 6)
+    (0.01, 0.2, 2.0)
+    """
+
+    theta: Float[Array, "*group"] = eqx.field(converter=numbers("theta"))
+    height: Float[Array, "*group"] = eqx.field(converter=numbers("height"), default=1.0)
+    rate: Float[Array, "*group"] = eqx.field(converter=numbers("rate"), default=0.0)
+    start: Float[Array, "*group"] = eqx.field(converter=numbers("start"), default=0.0)
+    hold: Float[Array, "*group"] = eqx.field(converter=numbers("hold"), default=0.1)
+    end: Float[Array, "*group"] = eqx.field(converter=numbers("end"), default=0.2)
+
+    def prepare(self) -> PiecewiseSchedule:
+        held, fall = self.hold - self.start, self.end - self.hold
+        zero = jnp.zeros_like(self.theta)
+        u = self.height
+        theta_hold = self.theta + self.rate * held + u * held**2 / 2
+        rate_hold = self.rate + u * held
+        theta_end = theta_hold + rate_hold * fall + u * fall**2 / 3
+        rate_end = rate_hold + u * fall / 2
+        pieces = [
+            [self.theta, self.rate, zero, zero],
+            [self.theta, self.rate, u / 2, zero],
+            [theta_hold, rate_hold, u / 2, -u / (6 * fall)],
+            [theta_end, rate_end, zero, zero],
+        ]
+        return PiecewiseSchedule(
+            PiecewisePolynomial(
+                breaks=self.kinks(),
+                origins=jnp.stack([self.start, self.start, self.hold, self.end]),
+                coefficients=jnp.stack([jnp.stack(piece) for piece in pieces]),
+            )
+        )
+
+    def advanced(self, by: Float[Array, ""]) -> "Pulse":
+        return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return jnp.stack([self.start, self.hold, self.end])
+
+
+class Waypoints(AbstractPiecewise):
+    """The smooth schedule that takes ``theta`` at ``times``: a cubic spline with θ̈ continuous.
+
+    Before the first waypoint and after the last, the mass moves at the constant rate ``end_rates`` (by default at
+    rest).
+
+    **Arguments:**
+
+    - ``times``: increasing, shape (n,).
+    - ``theta``: θ at these times, rad on a closed rail and length in a tube, shape (n,).
+    - ``end_rates``: θ̇ at the first and the last, shape (2,).
+
+    **Raises:** ``ValueError`` unless ``times`` and ``theta`` have the same length, two or more.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Waypoints
+    >>> schedule = Waypoints(times=[0.0, 1.0, 2.0], theta=[0.0, 0.5, 0.0])
+    >>> round(float(schedule(jnp.array(1.0))), 6)
+    0.5
+    """
+
+    times: Float[Array, "*group n"] = eqx.field(converter=numbers("times", ("n",)))
+    theta: Float[Array, "*group n"] = eqx.field(converter=numbers("theta", ("n",)))
+    end_rates: Float[Array, "*group 2"] = eqx.field(converter=numbers("end_rates", (2,)), default=(0.0, 0.0))
+
+    def __check_init__(self):
+        if self.times.shape != self.theta.shape or self.times.ndim < 1 or self.times.shape[-1] < 2:
+            raise ValueError(
+                "Arguments `times` and `theta` must have the same length, two or more, but their shapes "
+                f"are {self.times.shape} and {self.theta.shape}."
+            )
+
+    def prepare(self) -> PiecewiseSchedule:
+        inner = cubic_spline_with_slopes(self.times, self.theta, self.end_rates)
+        still = jnp.zeros((2,), dtype=self.theta.dtype)
+        first = jnp.concatenate([jnp.stack([self.theta[0], self.end_rates[0]]), still])
+        last = jnp.concatenate([jnp.stack([self.theta[-1], self.end_rates[1]]), still])
+        return PiecewiseSchedule(
+            PiecewisePolynomial(
+                breaks=self.times,
+                origins=jnp.concatenate([self.times[:1], self.times]),
+                coefficients=jnp.concatenate([first[None], inner, last[None]]),
+            )
+        )
+
+    def advanced(self, by: Float[Array, ""]) -> "Waypoints":
+        return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return self.times
