@@ -171,7 +171,7 @@ def test_the_rolling_robot_is_chaotic_where_its_orbit_is_wide():
 def test_cells_are_rows_of_a_native_program(monkeypatch):
     """XLA took 40 s for such a chart where diffrax checked the first step by a callback to Python."""
     reached = []
-    monkeypatch.setattr(operation, "_compiled", lambda *which: reached.append(which))
+    monkeypatch.setattr(operation, "_compile", lambda *which: reached.append(which))
     dataset = chart(top_heavy, {"spin": SPINS, "height": HEIGHTS[:1]}, (0.0, 10.0), chunk=4)
     assert not reached
     assert np.all(dataset["status"] == 0)

@@ -188,7 +188,7 @@ def test_disk_on_a_driven_line():
     assert any("`ground.about_e1` must be" in sentence for sentence in problems(sideways))
 
 
-def test_what_a_driven_plate_needs():
+def test_what_a_driven_plate_needs(no_type_checks):
     with pytest.raises(ValueError, match=r"one drives ground\.about_e1"):
         Ball(**SOLID, ground=TiltingPlane(Accelerated()))
     ball = Ball(**SOLID, ground=TiltingPlane(Accelerated()), law=LinearLaw(theta=[[-1.0]]))

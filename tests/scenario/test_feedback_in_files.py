@@ -166,7 +166,7 @@ def changed(old, new):
         ),
         (changed("start = 0.0\nend = 1.0\nstep = 0.05", "at = [0.0, 0.1, 1.0]"), "must have equally spaced times"),
         (changed("[time]", '[solve]\nsolver = "gauss16"\n\n[time]'), '`solve.solver` must be "dopri8" with `feedback`'),
-        (changed("[time]", "[contact]\nsliding = 0.2\n\n[time]"), "Key `contact` must be left out with `feedback`"),
+        (changed("[time]", "[contact]\nfriction = 0.2\n\n[time]"), "Key `contact` must be left out with `feedback`"),
         (
             changed(', force = { kind = "motor", signal = 0.0 }', "").replace(
                 'inputs = ["mechanisms[0].joints[0]"]', ""

@@ -10,7 +10,7 @@ from jaxball.sweep import read_study, row_scenarios, sweep
 from tests.scenario.documents import DISK
 
 SHELL, TIMES = DISK[: DISK.index("[[masses]]")].replace("inertia = 1.0", "inertia = 0.5"), DISK[DISK.index("[time]") :]
-THROWN = f"{SHELL}{TIMES}[contact]\nsliding = 0.25\n[initial]\nvelocity = [1.0, 0.0, 0.0]\n"
+THROWN = f"{SHELL}{TIMES}[contact]\nfriction = 0.25\n[initial]\nvelocity = [1.0, 0.0, 0.0]\n"
 AXES = """
 [[axes]]
 path = "contact.friction"

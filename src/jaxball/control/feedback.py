@@ -14,7 +14,6 @@ from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, default_dtype, is_traced
 from ..physics.body import Ball, Disk, System
 from ..physics.observables import Observables
-from ..physics.prescribed.motion import OnRail
 from ..physics.prescribed.schedules import AbstractSchedule
 from ..physics.state import BallState, DiskState, RotationState
 from ..simulation.simulate import simulate
@@ -147,10 +146,8 @@ class _Coordinates:
         if name.startswith("ground."):
             angle = getattr(self._system.ground, name.removeprefix("ground."))
             return _along(angle, self._times) if isinstance(angle, AbstractSchedule) else self._drive(name)
-        motion = self._masses[int(name.removeprefix("masses[").removesuffix("]"))].motion
-        if isinstance(motion, OnRail):
-            return _along(motion.schedule, self._times)
-        return self._drive(name)
+        schedule = self._masses[int(name.removeprefix("masses[").removesuffix("]"))].schedule
+        return self._drive(name) if schedule is None else _along(schedule, self._times)
 
     def _drive(self, name: str) -> tuple[Array, Array, Array]:
         """θ, θ̇ and θ̈ where the law drives them."""

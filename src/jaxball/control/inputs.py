@@ -11,12 +11,11 @@ from jaxtyping import Array, Float
 from ..interface.arguments import refusal
 from ..interface.wording import did_you_mean
 from ..numerics.arrays import default_dtype, is_traced
-from ..physics.body import Ball, Disk, PointMass, System
+from ..physics.body import Ball, Disk, System
 from ..physics.feedback import AbstractLaw, FollowSchedules
 from ..physics.grounds import TiltingPlane
 from ..physics.grounds.ground import AbstractGround
 from ..physics.mechanisms import AbstractJointForce, AbstractMechanism, Accelerated, Drive, JointForces, Motor
-from ..physics.prescribed.motion import Driven, OnRail
 from ..physics.prescribed.schedules import AbstractSchedule, PiecewiseAcceleration
 from ..physics.prescribed.signals import PiecewiseSignal
 
@@ -107,7 +106,7 @@ def with_inputs(system: System, places: Sequence[Place]) -> System:
 def _free_inputs(system: System, places: Sequence[Place]) -> System:
     freed = {place.number for place in places if place.mechanism is None and place.angle is None}
     masses = [
-        PointMass(item.mass, Driven(item.motion.rail)) if index in freed and isinstance(item.motion, OnRail) else item
+        item.follow_law() if index in freed and item.schedule is not None else item
         for index, item in enumerate(system.point_masses)
     ]
     mechanisms = list(system.mechanisms)
@@ -218,11 +217,7 @@ def _terms(drive: Drive) -> tuple[AbstractJointForce, ...]:
 
 def _places(system: System) -> list[Place]:
     """All possible inputs: masses first, then joints."""
-    masses = [
-        Place(None, index, False)
-        for index, item in enumerate(system.point_masses)
-        if isinstance(item.motion, OnRail | Driven)
-    ]
+    masses = [Place(None, index, False) for index in system.on_rails]
     joints = [
         Place(i, a, not isinstance(drive, Accelerated))
         for i, mechanism in enumerate(system.mechanisms)

@@ -28,7 +28,7 @@ from .forces.force import unknown_motion
 from .limits.breaches import breaches, in_plane
 from .limits.confinement import clearance, is_confined, is_off_plane, time_of_leaving
 from .mechanisms import Accelerated
-from .prescribed.motion import Driven, OnRail
+from .prescribed.motion import Driven
 from .prescribed.recorded import coverages, is_recorded
 from .prescribed.schedules import AbstractSchedule
 from .rolling import AbstractRollingSystem, Reaction
@@ -383,9 +383,9 @@ def with_integrated_angles(
         raise ValueError(f"Argument `system` must have no feedback law, but one drives {driven}.")
     masses, mechanisms, schedules = [], [], []
     for item in system.point_masses:
-        if isinstance(item.motion, OnRail):
-            schedules.append(item.motion.schedule)
-            item = PointMass(item.mass, Driven(item.motion.rail))
+        if item.schedule is not None:
+            schedules.append(item.schedule)
+            item = item.follow_law()
         masses.append(item)
     for mechanism in system.mechanisms:
         drives = list(mechanism.drives)

@@ -4,6 +4,7 @@ import functools
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..interface.arguments import refusal
@@ -25,6 +26,7 @@ from .dynamics.equations import accelerations, equations
 from .dynamics.load import Load, in_three, load
 from .dynamics.moments import AbstractMoments, joint_motion, kinematics, point_mass_values, principal_inertia
 from .dynamics.momentum import contact_momentum, linear_momentum
+from .dynamics.rails import along_rails
 from .dynamics.reaction import ContactForce, reaction_in_body
 from .grounds.ground import Ground
 from .prescribed.motion import Kinematics
@@ -58,6 +60,7 @@ class Observables(Printed):
     - ``normal_force``, ``friction``: N, and the two components of f, shape (2,), mass length/time²; on a surface p
       along ∂p/∂u1 and across, which with its normal are right-handed.
     - ``friction_ratio``: |f| / N; 0 in flight.
+    - ``mass_angles``, ``mass_rates``: θ and θ̇ of every point mass on a rail, in their order, shape (rails,).
     - ``joint_angles``, ``joint_rates``: θ and θ̇ of every joint of every mechanism, in their order, shape (joints,).
     - ``joint_efforts``: Q of each, the torque of a hinge and the force along a slider, shape (joints,); for a joint
       that a schedule or a law moves, the effort that its motor needs. Its power is Q θ̇.
@@ -90,6 +93,8 @@ class Observables(Printed):
     normal_force: Float[Array, "*t"]  # N
     friction: Float[Array, "*t 2"]  # f
     friction_ratio: Float[Array, "*t"]  # |f| / N
+    mass_angles: Float[Array, "*t rails"]
+    mass_rates: Float[Array, "*t rails"]
     joint_angles: Float[Array, "*t joints"]
     joint_rates: Float[Array, "*t joints"]
     joint_efforts: Float[Array, "*t joints"]
@@ -243,6 +248,7 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
     if isinstance(system.ground, Ground) and system.ground.motion is not None:
         P = apply(Lambda, linear_momentum(at, r, Omega, Gamma) + (0.0 if drift is None else at.M * drift))
         power = power - dot(system.ground.motion.kinematics(t).chiddot, P)
+    on_rails, places = along_rails(system, t, motion.angles), np.asarray(system.on_rails, dtype=int)
     joints = joint_motion(system, t, motion.angles, a[1:] + weight[None])
     return Observables(
         mass_positions_body=points.chi,
@@ -264,6 +270,8 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
         normal_force=contact.normal,
         friction=contact.friction,
         friction_ratio=contact.ratio if slip is None else jnp.where(contact.normal == 0, 0.0, contact.ratio),
+        mass_angles=on_rails.theta[places],
+        mass_rates=on_rails.thetadot[places],
         joint_angles=joints.theta,
         joint_rates=joints.thetadot,
         joint_efforts=joints.effort,

@@ -14,8 +14,8 @@ from ..numerics.kinks import just_before
 from ..physics.body import System
 from ..physics.dynamics.equations import angles_in_state
 from ..physics.mechanisms import Carriage, Hinge, Slider
-from ..physics.prescribed.motion import Driven, OnRail
 from ..physics.prescribed.rails import AbstractRail, FunctionRail, Tube
+from ..physics.prescribed.schedules import AbstractSchedule
 from ..simulation.trajectory import Trajectory, times_looked_at
 from .modes import NO_MODES, draw_modes, modes_of
 from .over_time import Series, over_run, sizes_of, tell_apart
@@ -55,22 +55,14 @@ def mass_angles(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 def angles_of(trajectory: Trajectory) -> dict[int, Float[np.ndarray, " T"]]:
     """θ of each mass i = 1 … n on a rail, along a run at the times that are drawn."""
-    rows, system = finite_rows(trajectory), trajectory.system
-    times, theta = np.asarray(trajectory.times)[rows], np.asarray(trajectory.state.theta)[rows]
-    angles = {index + 1: theta[:, slot] for slot, index in enumerate(system.driven)}
-    for i, mass in enumerate(system.point_masses, start=1):
-        if isinstance(mass.motion, OnRail):
-            angles[i] = np.asarray(_derivatives(mass.motion.schedule, to_array(times))[0])
-    return dict(sorted(angles.items()))
+    values = record(trajectory).observables.mass_angles
+    return {index + 1: values[:, k] for k, index in enumerate(trajectory.system.on_rails)}
 
 
 def mass_units(system: System) -> dict[int, str]:
     """The unit of θ_i of each mass on a rail."""
-    return {
-        i: unit_of(mass.motion.rail)
-        for i, mass in enumerate(system.point_masses, start=1)
-        if isinstance(mass.motion, OnRail | Driven)
-    }
+    masses = system.point_masses
+    return {index + 1: unit_of(masses[index].rail) for index in system.on_rails}
 
 
 def unit_of(place: Any) -> str:
@@ -204,18 +196,18 @@ def accelerations(source: Trajectory | System, times: Numbers | None = None) -> 
     elif times is None:
         raise ValueError("Argument `times` must be given with a system, because a system has no run to take them from.")
     for i, mass in enumerate(system.point_masses, start=1):
-        if isinstance(mass.motion, OnRail):
-            curves[i] = _schedule_curve(mass.motion, to_array(times))
+        if mass.schedule is not None:
+            curves[i] = _schedule_curve(mass.schedule, to_array(times))
     return dict(sorted(curves.items()))
 
 
-def _schedule_curve(motion: OnRail, times: Float[jax.Array, " T"]) -> Curve:
+def _schedule_curve(schedule: AbstractSchedule, times: Float[jax.Array, " T"]) -> Curve:
     t = np.asarray(times)
-    kinks, end = map(np.asarray, _kinks_and_end(motion.schedule, to_array(t[-1])))
+    kinks, end = map(np.asarray, _kinks_and_end(schedule, to_array(t[-1])))
     kinks = kinks[(kinks > t[0]) & (kinks < end)]
     # With a value just before each kink, a jump is drawn as a jump; a jump at the end is not drawn.
     t = np.unique(np.concatenate([t[:-1], end[None], kinks, np.nextafter(kinks, t.dtype.type(-np.inf))]))
-    return t, np.abs(np.asarray(_derivatives(motion.schedule, to_array(t))[2]))
+    return t, np.abs(np.asarray(_derivatives(schedule, to_array(t))[2]))
 
 
 @programs.filter_jit

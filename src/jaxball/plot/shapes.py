@@ -11,7 +11,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from .. import programs
 from ..numerics.arrays import to_array
 from ..physics.body import System
-from ..physics.prescribed.motion import AbstractMotion, Driven, OnRail
+from ..physics.prescribed.motion import AbstractMotion, rail_of
 from ..physics.prescribed.rails import Tube
 from .palette import mass_colour
 
@@ -25,9 +25,9 @@ def rail_points(motion: AbstractMotion, radius: float) -> Float[np.ndarray, "poi
 
     None for a motion without a rail, and for an open rail of another family.
     """
-    if not isinstance(motion, OnRail | Driven):
+    rail = rail_of(motion)
+    if rail is None:
         return None
-    rail = motion.rail
     if isinstance(rail, Tube):
         centre, direction = np.asarray(rail.centre), np.asarray(rail.direction)
         along = centre @ direction / np.linalg.norm(direction)

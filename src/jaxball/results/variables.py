@@ -66,7 +66,7 @@ def values(trajectory: Trajectory[Any, Any]) -> Variables:
     for name, variable in OBSERVABLES.items():
         array = np.array(getattr(observables, name))
         array[missing] = np.nan
-        if array.size or "joint" not in variable.dimensions:
+        if array.size or not {"joint", "rail"} & set(variable.dimensions):
             variables[name] = (variable, array)
     return variables
 
@@ -129,7 +129,7 @@ def describe_unknown(name: str, dimensions: int) -> Variable:
 
 
 def labels(system: Any, sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
-    """The coordinate along each dimension: 0, 1, …, or the names of joints, ``mechanisms[0].joints[1]``.
+    """The coordinate along each dimension: 0, 1, …, or the names of masses and joints, ``mechanisms[0].joints[1]``.
 
     Along ``driven`` are the numbers of the driven masses or, where joints are among what is driven, the names of all.
     """
@@ -140,6 +140,8 @@ def labels(system: Any, sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
         coordinates["driven"] = np.asarray(
             system.driven if len(system.driven) == len(system.coordinates) else system.coordinates
         )
+    if "rail" in sizes:
+        coordinates["rail"] = np.asarray([f"masses[{index}]" for index in system.on_rails])
     if "joint" in sizes:
         coordinates["joint"] = np.asarray(
             [f"mechanisms[{k}].joints[{a}]" for k, item in enumerate(system.mechanisms) for a in range(item.n_joints)]

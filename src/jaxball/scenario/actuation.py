@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from ..interface.wording import all_of, number_of
 from ..physics.body import PointMass, System
 from ..physics.feedback import AbstractLaw, FollowSchedules, LinearLaw, Servo
-from ..physics.prescribed.motion import Driven, OnRail
+from ..physics.prescribed.motion import Driven
 from ..physics.prescribed.schedules import AbstractSchedule
 from ..physics.prescribed.signals import AbstractSignal
 from .errors import each_of
@@ -140,18 +140,12 @@ def apply_actuation(
     names = [*(f"masses[{index}]" for index in driven), *(joint.path for joint in accelerated)]
     check = check_factors if linear else _check_targets
     check(values, path, names, joints=joints, kind=kind)
-    changed, schedules = list(masses), [None if linear else _schedule_of(masses[index]) for index in driven]
+    changed, schedules = list(masses), [None if linear else masses[index].schedule for index in driven]
     for index in driven:
-        rail = masses[index].motion.rail  # pyright: ignore[reportAttributeAccessIssue]: it is on one
-        changed[index] = PointMass(masses[index].mass, Driven(rail))
+        changed[index] = masses[index].follow_law()
     followed = (*schedules, *(joint.target for joint in accelerated))
     law = make_law(tuple(schedule for schedule in followed if schedule is not None))
     return Actuated(changed, law, (*schedules, *(joint.target for joint in joints)))
-
-
-def _schedule_of(item: PointMass) -> AbstractSchedule:
-    assert isinstance(item.motion, OnRail)
-    return item.motion.schedule
 
 
 def _find_driven_masses(
@@ -165,7 +159,7 @@ def _find_driven_masses(
                 join(path, "form"), '"prescribed" where something else moves every mass and joint', '"linear"'
             )
         return driven
-    on_rails = [index for index, item in enumerate(masses) if isinstance(item.motion, OnRail)]
+    on_rails = [index for index, item in enumerate(masses) if item.schedule is not None]
     if not on_rails and not others:
         raise key_error(join(path, "form"), '"prescribed" where no mass is on a rail', f'"{form}"')
     driven = on_rails if chosen is None else list(chosen)
@@ -218,10 +212,9 @@ def write_actuation(system: System) -> dict[str, Any]:
     form = {FollowSchedules: "integrated", Servo: "servo", LinearLaw: "linear"}[type(law)]
     if isinstance(law, LinearLaw):
         return {"form": form, **FORMS[form].write(law, "actuation")}
-    on_rails = [i for i, item in enumerate(system.point_masses) if isinstance(item.motion, OnRail | Driven)]
     table: dict[str, Any] = {"form": form}
     if isinstance(law, Servo):
         table |= {name: _GAINS.kind.write(getattr(law, name), name) for name in ("stiffness", "damping")}
-    if list(system.driven) != on_rails:
+    if system.driven != system.on_rails:
         table["masses"] = list(system.driven)
     return table

@@ -14,7 +14,6 @@ from ..numerics.vectors import length
 from ..physics.body import Ball, Disk, PointMass, System
 from ..physics.contact.released import ReleasedState
 from ..physics.grounds.ground import Ground
-from ..physics.prescribed.motion import Driven, OnRail
 from ..physics.prescribed.schedules import AbstractSchedule
 from ..physics.state import BallState, DiskState, State
 from .errors import UntraceableError
@@ -203,7 +202,7 @@ def balance_schedules(
     from ..simulation.equilibrium import balance, with_angles
 
     path = join(path, "balance")
-    on_rails = [index for index, item in enumerate(masses) if isinstance(item.motion, OnRail)]
+    on_rails = [index for index, item in enumerate(masses) if item.schedule is not None]
     if not set(request["masses"]) <= set(on_rails):
         raise key_error(join(path, "masses"), f"masses on rails, which are {on_rails}", str(list(request["masses"])))
     if fields["theta"] is not None:
@@ -215,7 +214,7 @@ def balance_schedules(
             f"Key `{path}` must not be combined with `ground.{part}`, because it is for a plane at rest."
         )
     for index, item in enumerate(masses):
-        if isinstance(item.motion, Driven):
+        if item.rail is not None and item.schedule is None:
             must = f"masses with schedules, but `masses[{index}]` has none; give `initial.theta` instead"
             raise ScenarioError(f"Key `{path}` must name {must}.")
     still = [item.without_law() for item in mechanisms]

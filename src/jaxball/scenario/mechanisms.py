@@ -26,7 +26,7 @@ from ..physics.mechanisms import (
     SpeedLimitedMotor,
     Spring,
 )
-from ..physics.prescribed.motion import AbstractMotion, Driven, Fixed, OnRail, Oscillating
+from ..physics.prescribed.motion import AbstractMotion, Driven, Fixed, OnRail, Oscillating, rail_of, schedule_of
 from ..physics.prescribed.schedules import AbstractSchedule
 from .motions import OSCILLATING, RAILS, SCHEDULE, SIGNAL
 from .own import Open
@@ -116,9 +116,9 @@ def write_motion(motion: AbstractMotion, path: str, target: AbstractSchedule | N
         return {"position": POSITION.kind.write(motion.position, path)}
     if isinstance(motion, Oscillating):
         return {"free": FREE.kind.write(motion, join(path, "free"))}
-    if isinstance(motion, OnRail | Driven):
-        schedule = motion.schedule if isinstance(motion, OnRail) else target
-        rail = {"rail": RAIL.kind.write(motion.rail, join(path, "rail"))}
+    if (rail := rail_of(motion)) is not None:
+        schedule = target if isinstance(motion, Driven) else schedule_of(motion)
+        rail = {"rail": RAIL.kind.write(rail, join(path, "rail"))}
         if schedule is None:
             return rail
         return {**rail, "schedule": SCHEDULE.kind.write(schedule, join(path, "schedule"))}

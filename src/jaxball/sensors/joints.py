@@ -7,8 +7,8 @@ from jaxtyping import Array, Float
 
 from ..interface.arguments import require
 from ..physics.body import AbstractBody
+from ..physics.dynamics.rails import rates_of_mass
 from ..physics.observables import Movement
-from ..physics.prescribed.motion import Driven, OnRail
 from .base import AbstractSensor, joint_rates, parts
 
 
@@ -22,20 +22,15 @@ class _OfJoint(AbstractSensor):
 
     @classmethod
     def places(cls, system: AbstractBody) -> tuple[str, ...]:
-        on_rails = [index for index, item in enumerate(system.point_masses) if isinstance(item.motion, OnRail | Driven)]
         joints = [(j, a) for j, mechanism in enumerate(system.mechanisms) for a in range(mechanism.n_joints)]
-        return (*(f"masses[{i}]" for i in on_rails), *(f"mechanisms[{j}].joints[{a}]" for j, a in joints))
+        return (*(f"masses[{i}]" for i in system.on_rails), *(f"mechanisms[{j}].joints[{a}]" for j, a in joints))
 
     def _rates(self, system: AbstractBody, t: Float[Array, ""], movement: Movement) -> tuple[Float[Array, ""], ...]:
         """θ, θ̇ and θ̈."""
         kind, index, _, number = parts(self.on)
         if kind == "mechanisms":
             return tuple(values[number] for values in joint_rates(system, t, movement.angles, index))
-        motion = system.point_masses[index].motion
-        if isinstance(motion, OnRail):
-            return motion.schedule.derivatives(t)
-        slot = system.driven.index(index)
-        return tuple(values[slot] for values in movement.angles)
+        return rates_of_mass(system, t, movement.angles, index)
 
 
 class Encoder(_OfJoint):

@@ -18,7 +18,7 @@ from ..interface.arguments import refusal, require
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..numerics.vectors import apply, cross, dot
-from ..physics.body import Ball, Disk, PointMass, System, with_masses
+from ..physics.body import Ball, Disk, System, with_masses
 from ..physics.dynamics.coupling import join_coordinates, joint_forces, with_free_joints
 from ..physics.dynamics.equations import angles_in_state
 from ..physics.dynamics.linkage import linkages
@@ -26,7 +26,6 @@ from ..physics.dynamics.load import load
 from ..physics.dynamics.moments import kinematics, point_mass_values, velocity_moments
 from ..physics.dynamics.parameters import BodyParameters
 from ..physics.grounds.ground import Ground, require_plane
-from ..physics.prescribed.motion import Driven, OnRail
 from ..physics.state import BallState, DiskState, RotationState, State
 
 STARTS_OF_BALANCE = 256
@@ -160,14 +159,14 @@ def with_angles(system: System, free: Sequence[int], theta: Numbers, t: Numbers 
     """
     masses = list(system.point_masses)
     for index, angle in zip(free, to_array(theta), strict=True):
-        motion = masses[index].motion
-        if not isinstance(motion, OnRail):
+        schedule = masses[index].schedule
+        if schedule is None:
+            kind = type(masses[index].motion).__name__
             raise ValueError(
-                f"Argument `free` must name masses with a schedule, but mass {index} is {type(motion).__name__}; "
+                f"Argument `free` must name masses with a schedule, but mass {index} is {kind}; "
                 "give the angle of a driven mass in the initial state."
             )
-        schedule = motion.schedule.starting_at(angle, to_array(t))
-        masses[index] = PointMass(masses[index].mass, OnRail(motion.rail, schedule))
+        masses[index] = masses[index].follow(schedule.starting_at(angle, to_array(t)))
     return with_masses(system, masses, system.law)
 
 
@@ -175,14 +174,13 @@ def _free_rails(system, free, state, t):
     rails, angles = [], []
     masses = system.point_masses
     for index in free:
-        if not 0 <= index < len(masses) or not isinstance(masses[index].motion, OnRail | Driven):
+        if index not in system.on_rails:
             raise ValueError(
                 f"Argument `free` must name masses on a rail, from 0 to {len(masses) - 1}, but it names {index}."
             )
-        motion = masses[index].motion
-        rails.append(motion.rail)
-        if isinstance(motion, OnRail):
-            angles.append(float(motion.schedule.prepare()(to_array(t))))
+        rails.append(masses[index].rail)
+        if (schedule := masses[index].schedule) is not None:
+            angles.append(float(schedule.prepare()(to_array(t))))
         else:
             angles.append(0.0 if state is None else float(state.theta[system.driven.index(index)]))
     if not rails:

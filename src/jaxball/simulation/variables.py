@@ -105,6 +105,8 @@ OBSERVABLES = {
     "normal_force": Variable((), "force", "normal force of the plane"),
     "friction": Variable(("direction",), "force", "friction force of the plane"),
     "friction_ratio": Variable((), "1", "ratio of friction to normal force"),
+    "mass_angles": Variable(("rail",), "rad or length", "parameter of each mass on its rail", symbol=r"\theta_i"),
+    "mass_rates": Variable(("rail",), "rad or length / time", "rate of mass_angles"),
     "joint_angles": Variable(("joint",), "rad or length", "parameter of each joint of the mechanisms"),
     "joint_rates": Variable(("joint",), "rad or length / time", "rate of joint_angles"),
     "joint_efforts": Variable(("joint",), "torque or force", "generalised force on each joint"),

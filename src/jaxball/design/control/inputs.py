@@ -12,9 +12,8 @@ from jaxtyping import Array, Float
 from ...control.inputs import GivenAccelerations
 from ...numerics.arrays import Numbers
 from ...numerics.vectors import room
-from ...physics.body import PointMass, System, with_integrated_angles
+from ...physics.body import System, with_integrated_angles
 from ...physics.mechanisms import AbstractJointForce, Drive, JointForces, Motor
-from ...physics.prescribed.motion import OnRail
 from ...physics.prescribed.schedules import AbstractSchedule
 from ...physics.prescribed.signals import AbstractSignal, ConstantSignal
 from ...physics.state import BallState, DiskState, State
@@ -143,10 +142,7 @@ def with_schedules(
 ) -> System:
     """The original robot with other schedules of θ and signals of its motors, in the order of u."""
     following = iter(schedules)
-    masses = [
-        PointMass(item.mass, OnRail(item.motion.rail, next(following))) if isinstance(item.motion, OnRail) else item
-        for item in system.point_masses
-    ]
+    masses = [item.follow(next(following)) if item.schedule is not None else item for item in system.point_masses]
     mechanisms = [
         mechanism.with_drives(
             [next(following) if isinstance(drive, AbstractSchedule) else drive for drive in mechanism.drives]

@@ -18,9 +18,10 @@ from ...physics.dynamics.footing import has_end, surface_under
 from ...physics.dynamics.linkage import linkages
 from ...physics.dynamics.load import load
 from ...physics.dynamics.moments import kinematics, point_mass_values
+from ...physics.dynamics.rails import along_rails, rail_tangents
 from ...physics.mechanisms import AbstractMechanism, Mechanism, Slider
 from ...physics.observables import Observables, observe
-from ...physics.prescribed.motion import Driven, Kinematics, OnRail
+from ...physics.prescribed.motion import Kinematics, rail_of
 from ...physics.prescribed.rails import AbstractRail
 from ...physics.state import BallState, DiskState
 from ...programs.batches import map_rows
@@ -202,30 +203,8 @@ def _place_over_surface(system: System, t: Float[Array, ""], state: BallState | 
 
 
 def _on_rails(system: System, t: Float[Array, ""], state: BallState | DiskState) -> OnRails:
-    angles = angles_in_state(system, t, state)
-    slots = {index: slot for slot, index in enumerate(system.driven)}
-    parts = []
-
-    def along(rail: AbstractRail, theta, thetadot, thetaddot) -> OnRails:
-        _, tangent, _ = rail.derivatives(theta)
-        return OnRails(theta, thetadot, thetaddot, tangent / jnp.sqrt(jnp.sum(tangent**2)))
-
-    for group, indices in zip(system.groups, system.order, strict=True):
-        if isinstance(group.motion, Driven):
-            places = np.asarray([slots[index] for index in indices])
-            parts.append(eqx.filter_vmap(along)(group.motion.rail, *(values[places] for values in angles)))
-        elif isinstance(group.motion, OnRail):
-            parts.append(
-                eqx.filter_vmap(lambda motion: along(motion.rail, *motion.schedule.derivatives(t)))(group.motion)
-            )
-        else:
-            still = jnp.zeros_like(group.mass)
-            parts.append(OnRails(still, still, still, jnp.zeros_like(still, shape=(len(indices), 3))))
-    if not parts:
-        nothing = jnp.zeros_like(t, shape=(0,))
-        return OnRails(nothing, nothing, nothing, jnp.zeros_like(t, shape=(0, 3)))
-    order = np.argsort(np.concatenate([np.asarray(indices) for indices in system.order]))
-    return OnRails(*(jnp.concatenate(arrays)[order] for arrays in zip(*parts, strict=True)))
+    along = along_rails(system, t, angles_in_state(system, t, state))
+    return OnRails(*along, rail_tangents(system, along.theta))
 
 
 def _slides(mechanism: AbstractMechanism) -> list[bool]:
@@ -238,16 +217,16 @@ def _slides(mechanism: AbstractMechanism) -> list[bool]:
 def _curves(system: System, samples: int) -> Curves:
     masses, points, speed = [], [], []
     for group, indices in zip(system.groups, system.order, strict=True):
-        motion = group.motion
-        if not isinstance(motion, OnRail | Driven) or motion.rail.period is None:
+        rail = rail_of(group.motion)
+        if rail is None or rail.period is None:
             continue
-        theta = jnp.linspace(0.0, motion.rail.period, samples, endpoint=False, dtype=group.mass.dtype)
+        theta = jnp.linspace(0.0, rail.period, samples, endpoint=False, dtype=group.mass.dtype)
 
         def one(rail: AbstractRail, theta=theta):
             zeta, tangent, _ = jax.vmap(rail.prepare().derivatives)(theta)
             return zeta, jnp.sqrt(jnp.sum(tangent**2, axis=-1))
 
-        zeta, rates = eqx.filter_vmap(one)(motion.rail)
+        zeta, rates = eqx.filter_vmap(one)(rail)
         masses += indices
         points.append(zeta)
         speed.append(rates)

@@ -22,7 +22,7 @@ from ..forces.force import AbstractWrench, FunctionForce, HarmonicForce, require
 from ..forces.resistance import AbstractResistance, Resistance
 from ..grounds.ground import AbstractGround, Ground
 from ..mechanisms import AbstractMechanism
-from ..prescribed.motion import AbstractMotion, Driven
+from ..prescribed.motion import AbstractMotion, Driven, OnRail, rail_of, schedule_of
 from ..prescribed.rails import AbstractRail
 from ..prescribed.schedules import AbstractSchedule
 
@@ -52,6 +52,31 @@ class PointMass(Printed):
         on_rail = isinstance(self.motion, AbstractRail | AbstractSchedule)
         remedy = "OnRail(rail, schedule) is one, and Driven(rail) for a feedback law" if on_rail else ""
         require("motion", self.motion, AbstractMotion, "a motion, such as OnRail(...)", remedy)
+
+    @property
+    def schedule(self) -> AbstractSchedule | None:
+        """The schedule of θ on its rail; None where a law moves it, and without a rail."""
+        return schedule_of(self.motion)
+
+    @property
+    def rail(self) -> AbstractRail | None:
+        """Its rail; None without one."""
+        return rail_of(self.motion)
+
+    def follow(self, schedule: AbstractSchedule) -> "PointMass":
+        """Moves by another schedule on the same rail."""
+        return PointMass(self.mass, OnRail(_require_rail(self), schedule))
+
+    def follow_law(self) -> "PointMass":
+        """Moves by the feedback law on the same rail."""
+        return PointMass(self.mass, Driven(_require_rail(self)))
+
+
+def _require_rail(item: PointMass) -> AbstractRail:
+    if item.rail is None:
+        kind = type(item.motion).__name__
+        raise ValueError(f"Argument `motion` must be on a rail to follow a schedule or a law, but it is a {kind}.")
+    return item.rail
 
 
 class BodyParameters(Printed):
@@ -142,6 +167,12 @@ class BodyParameters(Printed):
     def mechanisms(self) -> tuple[AbstractMechanism, ...]:
         """The mechanisms one by one, in the order in which they were given."""
         return ungroup_items(self.mechanism_groups, self.mechanism_order)
+
+    @property
+    def on_rails(self) -> tuple[int, ...]:
+        """The indices of the masses on rails, which a schedule or the feedback law moves."""
+        groups = zip(self.groups, self.order, strict=True)
+        return tuple(sorted(index for group, order in groups if rail_of(group.motion) is not None for index in order))
 
     @property
     def joints(self) -> tuple[tuple[int, int], ...]:

@@ -22,7 +22,7 @@ from ..forces.force import AbstractForce
 from ..grounds import AbstractSurface
 from ..grounds.ground import Ground
 from ..mechanisms import AbstractMechanism
-from ..prescribed.motion import AbstractPrescribedMotion, Driven, Fixed, OnRail, Oscillating
+from ..prescribed.motion import AbstractPrescribedMotion, Driven, Fixed, Oscillating, rail_of, schedule_of
 from ..prescribed.rails import AbstractRail
 from ..prescribed.schedules import Sinusoids
 from .confinement import (
@@ -32,7 +32,6 @@ from .confinement import (
     is_off_plane,
     is_outside,
     mechanism_positions,
-    rail_of,
     rail_points,
     rounding,
     sample_path,
@@ -104,7 +103,7 @@ def _of_rail(system: BodyParameters, index: int, rail: AbstractRail, inside: str
 def _of_motion(
     system: BodyParameters, index: int, motion: AbstractPrescribedMotion, inside: str, times: Float[np.ndarray, " T"]
 ) -> Iterator[Problem]:
-    name = f"masses[{index}].motion" + (".schedule" if isinstance(motion, OnRail) else "")
+    name = f"masses[{index}].motion" + (".schedule" if schedule_of(motion) is not None else "")
     t = _fine_times(motion, times)
     (chi, top, *_), leaving = jax.tree.map(np.asarray, _sample_path(system, motion, t))
     yield from _out_of_plane(system, name, chi)

@@ -24,7 +24,7 @@ from ...numerics.calculus import Furthest, furthest
 from ...numerics.functions import HarmonicSeries
 from ..dynamics.parameters import BodyParameters
 from ..mechanisms import AbstractMechanism, Hinge
-from ..prescribed.motion import AbstractMotion, AbstractPrescribedMotion, Driven, Fixed, OnRail, Oscillating
+from ..prescribed.motion import AbstractMotion, AbstractPrescribedMotion, Driven, Fixed, OnRail, Oscillating, rail_of
 from ..prescribed.rails import AbstractRail, Tube
 from ..prescribed.schedules import AbstractSchedule, ConstantRate, Pulse, Sinusoids
 from ..state import State
@@ -50,11 +50,6 @@ def is_off_plane(system: BodyParameters, chi: Float[AnyArray, "*batch 3"]) -> An
     """Whether a point is outside the plane of a disk, E1 and E3; never for a ball."""
     aside = abs(chi[..., 1]) > system.radius * rounding(system.radius)
     return aside if system.planar else namespace_of(aside).zeros_like(aside)
-
-
-def rail_of(motion: AbstractMotion) -> AbstractRail | None:
-    """The rail of a motion; None for one without."""
-    return motion.rail if isinstance(motion, OnRail | Driven) else None
 
 
 def is_bounded(motion: AbstractMotion) -> bool:

@@ -157,6 +157,16 @@ class Driven(AbstractMotion):
         return Driven(self.rail.prepare())
 
 
+def rail_of(motion: AbstractMotion) -> AbstractRail | None:
+    """Returns the rail that a mass moves on; None for a motion without one."""
+    return motion.rail if isinstance(motion, OnRail | Driven) else None
+
+
+def schedule_of(motion: AbstractMotion) -> AbstractSchedule | None:
+    """Returns the schedule that prescribes θ; None where a law does, and for a motion without a rail."""
+    return motion.schedule if isinstance(motion, OnRail) else None
+
+
 class Fixed(AbstractPrescribedMotion):
     """A mass held at ``position``: with only such masses, the ball has a static internal structure.
 
