@@ -203,7 +203,7 @@ def _disk_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
         show_ground = draw_ground(ax, path, r, setting)
         show_trail = draw_trail(ax, trajectory, placed, **look)
     else:
-        show_ground, show_trail = draw_curve(ax, curve), _trail_on(ax, curve, **look)
+        show_ground, show_trail = draw_curve(ax, curve), _trail_on(ax, curve, trajectory, **look)
     shell = Ring((0.0, 0.0), r, facecolor="0.985", edgecolor=SHELL, linewidth=1.4, zorder=3, animated=True)
     ax.add_patch(shell)
     spokes = line(ax, color="0.75", linewidth=0.8, zorder=3)
