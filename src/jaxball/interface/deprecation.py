@@ -100,10 +100,11 @@ def keep_old_argument(old: str, new: str, since: str) -> Callable[[Called], Call
                 by_name[new] = by_name.pop(old)
             return function(*arguments, **by_name)
 
+        decorated: Any = accept
         if isinstance(called, type):
             type.__setattr__(called, "__init__", accept)
-            return called
-        return accept  # pyright: ignore[reportReturnType]
+            decorated = called
+        return decorated
 
     return decorate
 
