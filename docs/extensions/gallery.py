@@ -20,6 +20,7 @@ from sphinx.util import logging
 import jaxball
 from jaxball.scenario import builtin_scenarios, builtin_text, builtin_title
 
+from .cards import CARDS, GROUPS, read_words
 from .examples import EXAMPLES, Example
 from .links import DOCS, ROOT, page_name, write_pages
 from .scenes import draw_scenario, run_example
@@ -64,8 +65,10 @@ class Entry:
     def page(self) -> str:
         parts = [f"# {self.title}", self.text]
         parts += [self._view(one.name) for one in sorted(self.folder.glob("*.html"))]
-        made = [one for one in sorted(self.folder.glob("*.png")) if one.stem != "thumbnail"]
+        made = sorted(self.folder.glob("*.png"))
         parts += [self.picture(one) for one in [*made, *(DOCS / "figures" / name for name in self.kept)]]
+        if not (made or self.kept or self.robot):
+            parts.append(self.thumbnail())
         printed = self.folder / "printed.txt"
         if printed.exists():
             parts.append(f"It prints\n\n```text\n{printed.read_text().rstrip()}\n```")
@@ -79,10 +82,9 @@ class Entry:
         return f"![{words}](/{path.relative_to(DOCS)})"
 
     def thumbnail(self) -> str:
-        """The picture that stands for the entry; none where nothing was made."""
-        own = self.folder / "thumbnail.png"
-        found = own if own.exists() else next(iter(sorted(self.folder.glob("*.png"))), None)
-        return "" if found is None else self.picture(found)
+        """The picture that stands for the entry, which is stored."""
+        path = CARDS / f"{self.name}.webp"
+        return f"![{read_words()[self.name]}](/{path.relative_to(DOCS)})"
 
     def _view(self, name: str) -> str:
         path = f"shown/{self.name}/{name}"
@@ -173,19 +175,21 @@ def write_gallery(app: Sphinx) -> None:
     of_scenarios, of_examples = scenarios(), examples()
     entries = of_scenarios + of_examples
     make_all([entry for entry in entries if app.config.gallery != "short" or entry.name in FEW])
-    write_pages(GALLERY, {entry.name: entry.page() for entry in entries} | {"index": index(of_scenarios, of_examples)})
+    write_pages(GALLERY, {entry.name: entry.page() for entry in entries} | {"index": index(entries)})
 
 
-def index(of_scenarios: list[Entry], of_examples: list[Entry]) -> str:
+def index(entries: list[Entry]) -> str:
+    """The page with a card for each entry, by kind."""
     lead = (
         "# Gallery\n\nEvery scenario and example that comes with jaxball, with its view or figures and its file.\n"
         "The views play in the page: drag to rotate, and press the space bar to pause.\n"
     )
     parts = [lead]
-    by_name = {entry.name: entry for entry in of_scenarios + of_examples}
-    for title, entries in (("Scenarios", of_scenarios), ("Examples", of_examples)):
-        cards = "\n".join(card(entry, by_name[entry.robot or entry.name]) for entry in entries)
-        listed = "\n".join(f"{entry.short} <{entry.name}>" for entry in entries)
+    by_name = {entry.name: entry for entry in entries}
+    for title, names in GROUPS.items():
+        group = [by_name[name] for name in names]
+        cards = "\n".join(card(entry, by_name[entry.robot or entry.name]) for entry in group)
+        listed = "\n".join(f"{entry.short} <{entry.name}>" for entry in group)
         parts.append(
             f"## {title}\n\n::::{{container}} cards\n{cards}\n::::\n\n```{{toctree}}\n:hidden:\n\n{listed}\n```\n"
         )

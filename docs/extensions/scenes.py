@@ -4,12 +4,39 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from jaxball import Scenario
 
 FRAMES = 400  # of a view, at least: a scenario saves as often as its figures need
 
 
 def draw_scenario(text: str, folder: Path) -> None:
-    """Its overview, its thumbnail, and its view where there is one of such systems."""
+    """Its overview, and its view where there is one of such systems."""
+    scenario = _finer(text)
+
+    from jaxball.plot.view.document import kind_of
+
+    from .thumbnails import write_overview
+
+    run = scenario.simulate(throw=True)
+    write_overview(run, scenario.title, folder)
+    if kind_of(run) is not None:
+        run.view(folder / "view.html", title=scenario.title)
+
+
+def draw_thumbnail(text: str, folder: Path) -> None:
+    """Its thumbnail, of which the card of the gallery is made."""
+    scenario = _finer(text)
+
+    from .thumbnails import write_thumbnail
+
+    write_thumbnail(scenario, scenario.simulate(throw=True), folder)
+
+
+def _finer(text: str) -> "Scenario":
+    """A scenario that saves often enough for a view."""
     import jax
 
     import jaxball.cpu
@@ -21,19 +48,12 @@ def draw_scenario(text: str, folder: Path) -> None:
     import numpy as np
 
     from jaxball import read_scenario
-    from jaxball.plot.view.document import kind_of
-
-    from .thumbnails import write_overview, write_thumbnail
 
     scenario = read_scenario(text)
     if len(scenario.times) < FRAMES:
         finer = np.linspace(scenario.times[0], scenario.times[-1], FRAMES + 1)
         scenario = dataclasses.replace(scenario, times=finer)
-    run = scenario.simulate(throw=True)
-    write_overview(run, scenario.title, folder)
-    write_thumbnail(scenario, run, folder)
-    if kind_of(run) is not None:
-        run.view(folder / "view.html", title=scenario.title)
+    return scenario
 
 
 def run_example(script: Path, folder: Path) -> None:

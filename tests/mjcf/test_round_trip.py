@@ -1,11 +1,14 @@
 """A file that is written, read and written again is the same; what a ball with mechanisms is not is refused by name."""
 
+import dataclasses
+
 import mujoco
 import numpy as np
 import pytest
 
 from jaxball import Ball, CarriedMass, Hinge, JointFriction, Mechanism, ReleasedState, Spring, load_scenario
 from jaxball.mjcf import MJCFError, from_mjcf, to_mjcf
+from jaxball.scenario import Units
 from tests.mjcf.robots import free_ball, free_disk, loaded, prescribed_ball, random_state, scenario
 
 # A robot as somebody else may write it: degrees, frames of its own, an inertia that is not along the axes.
@@ -276,3 +279,19 @@ def test_friction_that_depends_on_the_slip_speed_is_refused():
         MJCFError, match=r"`contact.friction` must be a number .*, but it is a SmoothedCoulomb; give its"
     ):
         to_mjcf(load_scenario("tippe-top"))
+
+
+def test_numbers_in_other_units_than_si_are_written_only_if_asked_for():
+    """MJCF does not say its units: grams would be taken for kilograms."""
+    robot = scenario(free_ball())
+    plain = to_mjcf(robot).text
+    grams = dataclasses.replace(robot, units=Units("cm", "g", "s"))
+    with pytest.raises(MJCFError) as caught:
+        to_mjcf(grams)
+    assert str(caught.value) == (
+        "Key `units` must be m, kg, s to be written as MJCF, which does not say its units, but it is cm, g, s; convert "
+        "the numbers, or write them as they are with any_units=True, or --any-units."
+    )
+    assert to_mjcf(grams, any_units=True).text == plain
+    for units in (Units("m", "kg", "s"), Units()):
+        assert to_mjcf(dataclasses.replace(robot, units=units)).text == plain

@@ -1,11 +1,18 @@
 """What objects show in a notebook."""
 
+import inspect
 import xml.etree.ElementTree
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import jaxball
 from jaxball import Ball, BallState, Disk, DiskState, simulate
+from jaxball.design import GradientCheck, Result
+from jaxball.design.control.schedules import Resimulated
+from jaxball.design.control.solve import Controlled
 from jaxball.interface.html import SIZE, as_html, sketch_of
 from jaxball.scenario import load_scenario
 from jaxball.sweep import Study
@@ -54,3 +61,49 @@ def test_a_batch_and_other_objects_show_their_text():
     for thing in (disk, DiskState(), load_scenario("ball"), study):
         assert "".join(parse(thing._repr_html_()).itertext()).strip() == repr(thing).strip()
     assert repr(study) == "Study 'speeds': 3 rows\n  state.phidot: 3 points"
+
+
+def test_whatever_prints_itself_shows_itself():
+    """Classes whose text is jaxball's own have it in notebooks too."""
+    packages = [jaxball, *(getattr(jaxball, name) for name in dir(jaxball))]
+    classes = {
+        getattr(package, name)
+        for package in packages
+        if inspect.ismodule(package)
+        for name in package.__all__
+        if inspect.isclass(getattr(package, name))
+    }
+    written = {kind: getattr(inspect.unwrap(kind.__repr__), "__code__", None) for kind in classes}
+    source = str(Path(jaxball.__file__).parent)
+    own = {kind for kind, code in written.items() if code and code.co_filename.startswith(source)}
+    assert len(own) > 100
+    assert {kind.__name__ for kind in own if not hasattr(kind, "_repr_html_")} == set()
+
+
+def controlled(**seen):
+    """A solution whose simulation is as given; nothing in it is solved."""
+    values = dict.fromkeys(Resimulated._fields, 0.0) | {"violations": {}} | seen
+    solution = SimpleNamespace(errors=np.zeros(12))
+    return Controlled(solution, solution, (), 0.3, Resimulated(**values), 1e-6, 1e-6, 1.0)
+
+
+def test_designs_show_a_few_lines():
+    """Neither the arrays of a solution nor two whole scenarios."""
+    start, end = load_scenario("ball"), load_scenario("disk")
+    result = Result("A title", start, end, np.zeros((7, 2)), ((np.zeros(2), 1.0),))
+    check = GradientCheck(1.0, 1.0, (1e-3,), (1.0,))
+    for thing in (result, check, controlled(apart=1e-9), controlled(violations={"friction": 0.5})):
+        assert "".join(parse(thing._repr_html_()).itertext()).strip() == repr(thing).strip()
+    assert repr(result).splitlines() == [
+        "Result of a design: A title",
+        f"  before: {repr(start).splitlines()[0]}",
+        f"  after: {repr(end).splitlines()[0]}",
+        "  a curve to follow, 7 points",
+        "  1 disc to avoid",
+    ]
+    assert repr(controlled(apart=1e-9)).splitlines() == [
+        "Optimal control, confirmed: a path in 12 intervals",
+        "  its simulation is up to 1e-09 radii away, and misses its end by 0 radii",
+        "  the least curvature is 0.3: a strict minimum",
+    ]
+    assert repr(controlled(violations={"friction": 0.5})).splitlines()[-1] == "  friction is violated by 0.5"

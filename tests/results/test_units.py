@@ -1,14 +1,21 @@
 """The units of a scenario in files of runs, figures and views."""
 
 import re
+import tomllib
 
+import numpy as np
+import pyarrow.parquet
 import pytest
 import xarray
 
 from jaxball import load_run, read_scenario, write_scenario
+from jaxball.design import DesignSpace, Variable
+from jaxball.design.problem.space import default_scale
+from jaxball.design.report import with_unit
 from jaxball.plot import overview
 from jaxball.plot.sweeps.rows import label_of
 from jaxball.scenario import ScenarioError, Units, builtin_text
+from jaxball.scenario.values import OF_MASS
 from jaxball.simulation import variables
 from jaxball.sweep import open_dataset, sweep
 from tests.scenario.documents import DISK
@@ -94,6 +101,33 @@ def test_a_study_of_the_scenario_has_its_units(tmp_path):
         assert data.reached.attrs["units"] == "s"
         assert data.z.attrs["units"] == "m"
         assert label_of(data, "phidot").endswith("(rad s$^{-1}$)")
+        assert data["body.mass"].attrs["units"] == "kg"
+        assert data["body.gravity"].attrs["units"] == "m s^-2"
+    schema = pyarrow.parquet.read_schema(tmp_path / "s.parquet")
+    units_of = {field.name: (field.metadata or {}).get(b"units", b"").decode() for field in schema}
+    wanted = {"body.mass": "kg", "body.gravity": "m s^-2", "phidot": "rad s^-1", "row": ""}
+    assert {name: units_of[name] for name in wanted} == wanted
+
+
+def test_without_units_the_columns_of_a_table_have_none(tmp_path):
+    sweep(study(tmp_path), tmp_path / "s.zarr", engine=pretend)
+    assert all(field.metadata is None for field in pyarrow.parquet.read_schema(tmp_path / "s.parquet"))
+
+
+def test_variables_and_values_of_a_design_have_units():
+    variables = [Variable(("body.mass",), 0.5, 2.0), Variable(("time.end",), 1.0, 9.0)]
+    stated = DesignSpace(tomllib.loads(DISK + SI), variables)
+    assert stated.unit_of == {"body.mass": " kg", "time.end": " s"}
+    plain = DesignSpace(tomllib.loads(DISK), variables)
+    assert set(plain.unit_of.values()) == {""}
+    np.testing.assert_array_equal(stated.bounds.scale, plain.bounds.scale)
+    assert default_scale(OF_MASS, 7.0, plain.scenario.system) == default_scale(None, 7.0, plain.scenario.system) == 7.0
+    units = Units("m", "kg", "s")
+    assert with_unit("largest distance 0.4", units) == "largest distance 0.4 m"
+    assert with_unit("time 1.2e-05", units) == "time 1.2e-05 s"
+    for text in ("angle 0.4 rad", "", "a distance, unknown"):
+        assert with_unit(text, units) == text
+    assert with_unit("time 2", None) == with_unit("time 2", Units()) == "time 2"
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from jaxball.scenario import load_scenario
+from jaxball.scenario import builtin_scenarios, load_scenario
 
 pytest.importorskip("sphinx")  # of the extra `docs`
 
@@ -21,6 +21,7 @@ SHORT = 32  # letters of a name in a list, at most
 def extensions(monkeypatch):
     monkeypatch.syspath_prepend(ROOT / "docs")
     import extensions
+    import extensions.cards
     import extensions.gallery
     import extensions.thumbnails
 
@@ -48,6 +49,49 @@ def test_names_are_short_and_every_entry_has_a_robot(extensions):
     assert max(len(entry.short) for entry in entries) <= SHORT
     for entry in entries:
         assert entry.robot in names or (not entry.robot and entry.make is not None), entry.name
+
+
+def test_every_entry_is_in_one_group(extensions):
+    entries = extensions.gallery.scenarios() + extensions.gallery.examples()
+    listed = [name for names in extensions.cards.GROUPS.values() for name in names]
+    assert sorted(listed) == sorted(entry.name for entry in entries)
+
+
+def test_every_robot_has_a_small_picture_with_words(extensions):
+    """Also those whose pages a short gallery does not make; ``python -m docs.extensions.cards NAME`` draws it."""
+    cards = extensions.cards
+    entries = extensions.gallery.scenarios() + extensions.gallery.examples()
+    names = {entry.name for entry in entries if not entry.robot}
+    assert {path.stem for path in cards.CARDS.glob("*.webp")} == names
+    assert set(cards.read_words()) == names
+    assert {*builtin_scenarios()} <= names
+    for name in names:
+        path = cards.CARDS / f"{name}.webp"
+        assert path.stat().st_size < cards.LARGEST
+        with Image.open(path) as picture:
+            width, height = picture.size
+            tones = np.asarray(picture.convert("L"))
+        assert width <= cards.WIDEST
+        assert height <= cards.HIGHEST
+        assert np.mean(tones < 200) > 0.002, f"{name} is blank"
+        assert len(cards.read_words()[name].split()) > 3
+
+
+def test_a_card_is_cut_to_what_it_shows_and_refused_where_it_is_large(extensions, tmp_path, monkeypatch):
+    cards = extensions.cards
+    monkeypatch.setattr(cards, "CARDS", tmp_path / "cards")
+    monkeypatch.setattr(cards, "WORDS", tmp_path / "cards" / "words.json")
+    picture = np.full((800, 1200, 3), 255, dtype=np.uint8)
+    picture[100:700, 300:600] = 0  # twice as high as wide
+    Image.fromarray(picture).save(tmp_path / "large.png")
+    cards.write_card(tmp_path / "large.png", "A black rectangle on white", "rectangle")
+    with Image.open(tmp_path / "cards" / "rectangle.webp") as small:
+        assert small.size == (cards.HIGHEST // 2, cards.HIGHEST)
+    assert cards.read_words() == {"rectangle": "A black rectangle on white"}
+    noise = np.random.default_rng(0).integers(0, 255, picture.shape, dtype=np.uint8)
+    Image.fromarray(noise).save(tmp_path / "noise.png")
+    with pytest.raises(ValueError, match="must be smaller than 15000 bytes"):
+        cards.write_card(tmp_path / "noise.png", "Noise", "noise")
 
 
 @pytest.mark.long

@@ -1,6 +1,7 @@
 """The reports of designs, of a search and of optimal control: all their numbers in Markdown, and figures."""
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from ..interface.output import write_text
 from ..interface.wording import all_of, number_of
 from ..physics.body import System
 from ..plot.report import write_figure
-from ..scenario import Scenario, ScenarioError, write_scenario
+from ..scenario import Scenario, ScenarioError, Units, write_scenario
 from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import Trajectory
 from .constraints import discs_to_avoid
@@ -95,19 +96,28 @@ def objectives_in_units(found: Design | Controlled) -> dict[str, str]:
     The values are the verified ones; empty where a value stands for none of them, or is not finite.
     """
     if isinstance(found, Controlled):
-        problem = rolling(found.solution.problem)
+        problem, units = rolling(found.solution.problem), None
         objectives, values = problem.objectives, means(found.solution)
         length, gravity = problem.system.radius, problem.system.gravity
     else:
-        objectives = found.problem.objectives
+        objectives, units = found.problem.objectives, found.problem.space.scenario.units
         length, gravity = found.problem.space.units(found.numbers)
         values = dict(zip(objectives, np.asarray(found.verified.finer.terms).tolist(), strict=True))
     length, gravity = float(length), abs(float(gravity))
     time = math.sqrt(length / gravity) if gravity > 0 else math.inf
     return {
-        name: one.in_units(values[name], length, time) if math.isfinite(values[name]) else ""
+        name: with_unit(one.in_units(values[name], length, time), units) if math.isfinite(values[name]) else ""
         for name, one in objectives.items()
     }
+
+
+def with_unit(text: str, units: Units | None) -> str:
+    """Adds its unit to a length or a time in words, such as ``"distance 0.4"``, if the scenario states units."""
+    words = text.split()
+    if units is None or units.is_dimensionless or not words or not re.fullmatch(r"-?[\d.]+(e[+-]?\d+)?", words[-1]):
+        return text
+    unit = units.time if "time" in words else units.length if "distance" in words else ""
+    return f"{text} {unit}".rstrip()
 
 
 def violation(by: float, allowed: float) -> str:
@@ -234,7 +244,12 @@ def _constraints(design: Design) -> list[str]:
 def _variables(design: Design) -> list[str]:
     space = design.problem.space
     rows = [
-        [", ".join(f"`{path}`" for path in one.paths), f"{old:.8g}", f"{new:.12g}", bounds(one.lower, one.upper)]
+        [
+            ", ".join(f"`{path}`" for path in one.paths),
+            f"{old:.8g}{space.unit_of[one.name]}",
+            f"{new:.12g}{space.unit_of[one.name]}",
+            bounds(one.lower, one.upper),
+        ]
         for one, old, new in zip(space.variables, space.values(space.start), design.numbers, strict=True)
     ]
     return _table(["variable", "start", "found", "bounds"], rows)

@@ -9,7 +9,9 @@ import numpy as np
 import tomli_w
 from jaxtyping import Float
 
+from ..interface.html import repr_html
 from ..interface.output import OutputError, write_text
+from ..interface.wording import number_of
 from ..results.saving import PACKAGES
 from ..scenario import Scenario, load_scenario, read_document
 from ..scenario.sources import naming, scenario_document
@@ -104,6 +106,14 @@ class Result(NamedTuple):
     after: Scenario
     wanted: Float[np.ndarray, "k 2"] | None
     discs: tuple[tuple[Float[np.ndarray, "2"], float], ...] = ()
+
+    _repr_html_ = repr_html
+
+    def __repr__(self) -> str:
+        before, after = (repr(scenario).partition("\n")[0] for scenario in (self.before, self.after))
+        lines = [f"Result of a design: {self.title}", f"  before: {before}", f"  after: {after}"]
+        lines += [] if self.wanted is None else [f"  a curve to follow, {number_of(len(self.wanted), 'point')}"]
+        return "\n".join(lines + ([f"  {number_of(len(self.discs), 'disc')} to avoid"] if self.discs else []))
 
 
 def load_result(folder: str | Path) -> Result:

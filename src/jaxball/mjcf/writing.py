@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..interface.arguments import describe, require
+from ..interface.arguments import describe, require, require_flags
 from ..numerics.arrays import to_array
 from ..physics.body import Ball, Disk, System
 from ..physics.contact.released import ReleasedState, released
@@ -56,7 +56,7 @@ class Exported(NamedTuple):
         return control_values(self.signals, np.asarray(times, dtype=float))
 
 
-def to_mjcf(scenario: Scenario, *, timestep: float = TIMESTEP) -> Exported:
+def to_mjcf(scenario: Scenario, *, timestep: float = TIMESTEP, any_units: bool = False) -> Exported:
     """A scenario with a ball or a disk as MJCF, with the same equations of motion in free flight.
 
     A link of a mechanism is a body, and each mass a body fixed in it. Hinges and sliders are those of MuJoCo, a
@@ -68,9 +68,12 @@ def to_mjcf(scenario: Scenario, *, timestep: float = TIMESTEP) -> Exported:
 
     - ``scenario``: a :class:`~jaxball.Scenario` of a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
     - ``timestep``: of MuJoCo, in the units of the scenario.
+    - ``any_units``: whether to write the numbers as they are, if the scenario states units that are not those of SI. A
+      file of MuJoCo does not say its units, and other programs take them for SI. Dimensionless numbers are always
+      written as they are.
 
     **Raises:** :class:`MJCFError` for what MJCF cannot express: laws, forces that are functions, curved rails of free
-    joints, external forces, viscous resistance and a plane that moves.
+    joints, external forces, viscous resistance and a plane that moves; and for other units than those of SI.
 
     **Example:**
 
@@ -86,8 +89,10 @@ def to_mjcf(scenario: Scenario, *, timestep: float = TIMESTEP) -> Exported:
         raise MJCFError(
             f"Key `kind` must be a ball or a disk to be written as MJCF, but the system is a {type(system).__name__}."
         )
+    require_flags(any_units=any_units)
     _check(system)
     _check_friction(scenario)
+    _check_units(scenario, any_units)
     root = ET.Element("mujoco", model=scenario.title or system.title)
     add(root, "compiler", angle="radian", autolimits="true")
     up = np.array([0.0, 0.0, 1.0]) if system.ground is None else np.asarray(system.ground.up())
@@ -108,6 +113,17 @@ def to_mjcf(scenario: Scenario, *, timestep: float = TIMESTEP) -> Exported:
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode") + "\n"
     return Exported(text, _notes(scenario, links), tuple(links.controls))
+
+
+def _check_units(scenario: Scenario, any_units: bool) -> None:
+    """Raises a :class:`MJCFError` for stated units that other programs would not read the file in."""
+    units = scenario.units
+    if any_units or units is None or units.is_dimensionless or units.is_si:
+        return
+    raise MJCFError(
+        f"Key `units` must be m, kg, s to be written as MJCF, which does not say its units, but it is {units}; convert "
+        "the numbers, or write them as they are with any_units=True, or --any-units."
+    )
 
 
 def _check(system: System) -> None:

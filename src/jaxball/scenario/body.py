@@ -45,6 +45,9 @@ from .table import (
 from .values import (
     LENGTH,
     NOT_NEGATIVE,
+    OF_GRAVITY,
+    OF_INERTIA,
+    OF_MASS,
     POSITIVE,
     RATE,
     TIME,
@@ -205,13 +208,13 @@ def rolling_state(scenario: "Scenario", what: str, error: type[ScenarioError] = 
 
 
 SHELL = {
-    "mass": Key(Numbers(rule=POSITIVE)),
+    "mass": Key(Numbers(rule=POSITIVE, dimension=OF_MASS)),
     "radius": Key(Numbers(rule=POSITIVE, dimension=LENGTH)),
-    "gravity": Key(Numbers()),
+    "gravity": Key(Numbers(dimension=OF_GRAVITY)),
     "offset": Key(Numbers((3,), dimension=LENGTH), (0.0, 0.0, 0.0)),
 }
-BALL = {**SHELL, "inertia": Key(Numbers((3,), POSITIVE))}
-DISK = {**SHELL, "inertia": Key(Numbers(rule=POSITIVE))}
+BALL = {**SHELL, "inertia": Key(Numbers((3,), POSITIVE, OF_INERTIA))}
+DISK = {**SHELL, "inertia": Key(Numbers(rule=POSITIVE, dimension=OF_INERTIA))}
 FLAT = "in the plane of a disk, E1 and E3, with second entry 0"
 BODIES = {"ball": (Ball, BALL), "disk": (Disk, DISK)}
 FORCES = Open(

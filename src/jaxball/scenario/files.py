@@ -38,6 +38,7 @@ from .body import (
 )
 from .checks import check_confinement, check_run, check_start
 from .classical import CLASSICAL, INITIAL as CLASSICAL_INITIAL, RESISTED, read_classical, write_classical
+from .dimensions import check_units_of_logs
 from .errors import all_problems, each_of, raise_first, try_readers
 from .events import KEYS as EVENT_KEYS, check_events_of, read_events, write_events
 from .feedback import (
@@ -246,6 +247,7 @@ def _contents(
     estimator: Any,
 ) -> Contents:
     """The contents of a file whose parts fit together; None stands for a part that cannot be read or is missing."""
+    check_units_of_logs(document, table["units"])
     start, surroundings = times.start, surroundings or {}
     shell_and_ground = {**shell, "ground": surroundings.get("ground")}
     masses = balance_schedules(masses, mechanisms, shell_and_ground, initial, "initial", kind, start)

@@ -50,6 +50,7 @@ from .values import (
     ANGLE,
     LENGTH,
     NOT_ALL_ZERO,
+    OF_MASS,
     POSITIVE,
     RATE,
     TIME,
@@ -63,7 +64,7 @@ from .values import (
     require_conditions,
 )
 
-MASS = Key(Numbers(rule=POSITIVE))
+MASS = Key(Numbers(rule=POSITIVE, dimension=OF_MASS))
 RAIL = Key(member_of(RAILS))
 POSITION = Key(Numbers((3,), dimension=LENGTH))
 FREE = Key(OSCILLATING.nested)
@@ -262,7 +263,7 @@ def _write_drive(drive: Drive, target: AbstractSchedule | None, path: str) -> di
 _CARRIED = Module(
     CarriedMass,
     {
-        "mass": Key(Numbers(rule=POSITIVE)),
+        "mass": Key(Numbers(rule=POSITIVE, dimension=OF_MASS)),
         "place": Key(Numbers((3,), dimension=LENGTH), (0.0, 0.0, 0.0)),
         "joint": Key(Integer(0, MOST_JOINTS), None),
     },

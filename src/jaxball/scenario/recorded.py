@@ -21,6 +21,7 @@ class LogModule(Module):
         table = read_table(values, path, self.keys)
         if self.check is not None:
             self.check(table, path)
+        del table["unit"]  # which check_units_of_logs compares with those of the scenario
         file, text = table.pop("file"), table.pop("csv")
         if (file is None) == (text is None):
             raise ScenarioError(
@@ -81,6 +82,7 @@ _KEYS = {
     "csv": Key(Text(), None),
     "time": Key(Text()),
     "column": Key(Text()),
+    "unit": Key(Text(), None),
 }
 _INTERPOLATIONS = Choice(("previous", "linear", "spline"))
 SIGNAL_FROM_LOG = LogModule(

@@ -101,6 +101,26 @@ class Units:
         return " ".join(["rad"] * angle + powers) or "1"
 
 
+def parse_unit(text: str, units: Units) -> dict[str, int] | None:
+    """The power of each unit in a product such as ``"N m"`` or ``"kg m^2 s^-2"``; None for anything else.
+
+    Names of SI stand for their products where that is what ``units`` are.
+    """
+    powers: dict[str, int] = {}
+    for factor in [] if text == "1" else text.replace("*", " ").split():
+        parts = re.fullmatch(r"([^\W\d_]+)(?:\^(-?\d+))?", factor)
+        if parts is None:
+            return None
+        dimension = next((words for words, name in NAMES_OF_SI.items() if name == parts[1]), None)
+        if units.is_si and dimension is not None:
+            names = dict(zip((units.mass, units.length, units.time), DIMENSIONS[dimension], strict=True))
+        else:
+            names = {parts[1]: 1}
+        for name, power in names.items():
+            powers[name] = powers.get(name, 0) + power * int(parts[2] or 1)
+    return {name: power for name, power in powers.items() if power}
+
+
 def _read(value: Any, path: str) -> Units:
     if value == DIMENSIONLESS:
         return Units()

@@ -183,15 +183,17 @@ QUARTER_TURN, FULL_TURN = within(math.pi / 2, "π/2"), within(2 * math.pi, "2π"
 
 
 class Dimension(NamedTuple):
-    """The dimension of a number made of length and time only, by their exponents; angles have neither."""
+    """The dimension of a number by the exponents of length, time and mass; angles have none of them."""
 
     length: int
     time: int
+    mass: int = 0
 
 
 LENGTH, TIME, ANGLE = Dimension(1, 0), Dimension(0, 1), Dimension(0, 0)
 RATE, ACCELERATION = Dimension(0, -1), Dimension(0, -2)  # of angles
 VELOCITY = Dimension(1, -1)
+OF_MASS, OF_INERTIA, OF_GRAVITY = Dimension(0, 0, 1), Dimension(2, 0, 1), Dimension(1, -2)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,9 @@ from ..physics.hybrid import AbstractHistory
 from ..physics.state import BallState, DiskState
 from ..physics.system import AbstractSystem
 from ..results.variables import labels, of_classical_state
-from ..scenario import Scenario
+from ..scenario import Scenario, read_document
+from ..scenario.dimensions import dimension_of
+from ..scenario.values import kinds_of_numbers
 from ..sensors.base import Measurement
 from ..simulation.variables import (
     EXTREMES,
@@ -104,8 +106,9 @@ class Output(NamedTuple):
 def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
     """Every variable of a study's store by name: the row, the numbers that change, and the results."""
     outputs = {"row": Output((), (), np.dtype(np.int64), "", "row of the study", True)}
+    dimensions_of_paths = _dimensions_of_paths(study, template)
     for path in study.paths:
-        outputs[path] = _number("", f"the number {path} of the scenario", coordinate=True)
+        outputs[path] = _number(dimensions_of_paths[path], f"the number {path} of the scenario", coordinate=True)
     outputs |= {name: _output(known) for name, known in RUN.items()}
     saves = (template.times.size,) if study.save == "times" else ()
     dimensions = ("save",) * len(saves)
@@ -141,6 +144,15 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
     if template.units is None:
         return outputs
     return {name: output._replace(units=template.units.of(output.units)) for name, output in outputs.items()}
+
+
+def _dimensions_of_paths(study: Study, template: Scenario) -> dict[str, str]:
+    """The dimension of each number that changes, in words; empty if the scenario states no units."""
+    if template.units is None:
+        return dict.fromkeys(study.paths, "")
+    with kinds_of_numbers() as kinds:
+        read_document(study.document)
+    return {path: dimension_of(path, kinds, study.document) for path in study.paths}
 
 
 def state_variables(template: Scenario) -> dict[str, tuple[Variable, tuple[int, ...]]]:

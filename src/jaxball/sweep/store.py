@@ -343,7 +343,7 @@ def write_table(store: Store) -> None:
     columns = dict(_columns(store.outputs))
     schema = pyarrow.schema(
         [
-            pyarrow.field(name, pyarrow.from_numpy_dtype(store.outputs[source].dtype))
+            pyarrow.field(name, pyarrow.from_numpy_dtype(store.outputs[source].dtype), metadata=_unit_of(store, source))
             for name, (source, _) in columns.items()
         ],
         metadata={OF_STUDY: json.dumps(identity_of(store.study))},
@@ -365,6 +365,12 @@ def write_table(store: Store) -> None:
             f'The table "{store.table}" cannot be written: {error.strerror or error}. The store is intact; free some '
             "space, and run the same command again."
         ) from error
+
+
+def _unit_of(store: Store, name: str) -> dict[str, str] | None:
+    """The metadata of a column: its unit, if the scenario states units."""
+    units = store.outputs[name].units
+    return {"units": units} if units and "units" in store.study.document else None
 
 
 def _columns(outputs: dict[str, Output]) -> Iterator[tuple[str, tuple[str, tuple[Any, ...]]]]:

@@ -12,6 +12,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Float
 
 from .. import programs
+from ..interface.html import repr_html
 from ..interface.status import Status
 from ..numerics.arrays import to_array
 from ..physics.system import AbstractState, AbstractSystem
@@ -183,6 +184,8 @@ class Trust:
     lyapunov_time: float
     horizon: float
     end: float
+
+    _repr_html_ = repr_html
 
     def __repr__(self) -> str:
         growth = f"{self.growth:.3g}-fold, e-fold in {self.lyapunov_time:.3g}"

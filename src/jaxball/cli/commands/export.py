@@ -25,6 +25,9 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="save the controls of the actuators at the scenario's times: .csv",
     )
     parser.add_argument("--timestep", type=positive, metavar="TIME", help="of MuJoCo; default: its own, 0.002")
+    parser.add_argument(
+        "--any-units", action="store_true", help="write numbers in units other than those of SI as they are"
+    )
     add_quiet(parser)
 
 
@@ -39,7 +42,8 @@ def run(options: argparse.Namespace) -> int:
     from ..files import write_csv
 
     scenario = scenario_of(document, options.scenario)
-    exported = to_mjcf(scenario, **({} if options.timestep is None else {"timestep": options.timestep}))
+    timestep = {} if options.timestep is None else {"timestep": options.timestep}
+    exported = to_mjcf(scenario, any_units=options.any_units, **timestep)
     written = []
     if options.out == STDOUT:
         sys.stdout.write(exported.text)

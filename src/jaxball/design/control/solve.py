@@ -9,6 +9,8 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from ...interface.html import repr_html
+from ...interface.wording import number_of
 from ..continuation import CORRECTION_TOLERANCE, Branch, follow, newton
 from ..problem.space import DesignError
 from .collocation import BARRIER, SHARP, Collocation
@@ -248,6 +250,20 @@ class Controlled(NamedTuple):
     tolerance: float
     violation: float
     elapsed: float
+
+    _repr_html_ = repr_html
+
+    def __repr__(self) -> str:
+        seen = self.seen
+        lines = [
+            f"Optimal control, {'' if self.good else 'not '}confirmed: a path in "
+            f"{number_of(len(self.solution.errors), 'interval')}",
+            f"  its simulation is up to {seen.apart:.2g} radii away, and misses its end by {seen.missed:.2g} radii",
+            f"  the least curvature is {self.curvature:.3g}: "
+            f"{'a strict minimum' if self.curvature > 0 else 'no strict minimum'}",
+            *(f"  {name} is violated by {by:.2g}" for name, by in self.broken.items()),
+        ]
+        return "\n".join(lines)
 
     @property
     def good(self) -> bool:

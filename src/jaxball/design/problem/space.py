@@ -20,10 +20,11 @@ from ...physics.prescribed.frames import principal_angles
 from ...physics.state import BallState, DiskState
 from ...scenario import Scenario, ScenarioError, read_document
 from ...scenario.body import rolling_state
+from ...scenario.dimensions import dimension_of
 from ...scenario.errors import UntraceableError, each_of
 from ...scenario.files import Outline, with_defaults
 from ...scenario.paths import check_number, key_of, numbers_of, value_at, with_numbers
-from ...scenario.values import Dimension, Numbers, kinds_of_numbers
+from ...scenario.values import OF_GRAVITY, Dimension, Numbers, kinds_of_numbers
 
 # A start on a bound, from which it could not move away, is moved inside by this fraction of its scale.
 INSIDE = 1e-3
@@ -112,9 +113,10 @@ def expand_variable(variable: Variable, document: Mapping[str, Any], key: str = 
 def default_scale(dimension: Dimension | None, value: float, system: System) -> float:
     """The scale of a number of this ``dimension``; its own magnitude, or 1, if its key declares none.
 
-    Lengths are measured in radii r of the shell, times in √(r/g), and angles in radians.
+    Lengths are measured in radii r of the shell, times in √(r/g), and angles in radians. What has a mass in it, and
+    gravity, are scaled as if they declared none.
     """
-    if dimension is None:
+    if dimension is None or dimension.mass or dimension == OF_GRAVITY:
         return abs(value) or 1.0
     r, g = float(system.radius), abs(float(system.gravity))
     time = math.sqrt(r / g) if g > 0 else 1.0
@@ -191,6 +193,7 @@ class DesignSpace:
     - ``document``: a scenario, as the TOML document of its file.
     - ``scenario``: what it describes.
     - ``variables``: the design variables, one for each entry of z; paths with ``[*]`` expanded.
+    - ``unit_of``: the unit of each by its name, after a space; empty where that is not known or stated.
 
     **Raises:** :class:`DesignError` where a number cannot be a variable, because it is in two variables, has no
     derivative, or determines the angles of ``initial.balance``; and where a start is outside its bounds.
@@ -220,6 +223,7 @@ class DesignSpace:
         self.times = to_array(self.scenario.times)
         x = [self._start_of(variable) for variable in self.variables]
         self.bounds = self._bounds(x, kinds)
+        self.unit_of = {name: self._unit_of(name, kinds) for name in self.names}
         self.start = self.bounds.variables(np.asarray(x))
 
     @property
@@ -293,6 +297,11 @@ class DesignSpace:
                 f"but it starts at {x:g}."
             )
         return x
+
+    def _unit_of(self, name: str, kinds: Mapping[str, Numbers]) -> str:
+        units = self.scenario.units
+        unit = "" if units is None else units.of(dimension_of(name, kinds, self.document))
+        return f" {unit}" if unit not in ("", "1") else ""
 
     def _bounds(self, x: list[float], kinds: Mapping[str, Numbers]) -> Bounds:
         system = self.scenario.system

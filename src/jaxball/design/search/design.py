@@ -50,12 +50,13 @@ class Design:
     _repr_html_ = repr_html
 
     def __repr__(self) -> str:
-        numbers = zip(self.problem.space.names, self.numbers, strict=True)
+        space = self.problem.space
+        numbers = zip(space.names, self.numbers, strict=True)
         return "\n".join(
             [
                 f"Design, {'feasible' if self.feasible else 'not feasible'}: objective {self.merit.objective:.6g}, "
                 f"violation {self.verified.violation:.2g} by {self.verified.solver} between the samples too",
-                *(f"  {name} = {number:.8g}" for name, number in numbers),
+                *(f"  {name} = {number:.8g}{space.unit_of[name]}" for name, number in numbers),
             ]
         )
 

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...interface.html import repr_html
 from ...programs.program import compile_quickly
 from ...scenario.solvers import SOLVERS
 from ..constraints import NormalForce
@@ -178,6 +179,8 @@ class GradientCheck(NamedTuple):
     def good(self) -> bool:
         """Whether the gradient can be trusted."""
         return self.between_modes < MODES_AGREE and self.from_differences < DIFFERENCES_AGREE
+
+    _repr_html_ = repr_html
 
     def __repr__(self) -> str:
         rows = [

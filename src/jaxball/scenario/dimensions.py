@@ -1,0 +1,114 @@
+"""The dimension of a number in a file, by its path: that which its key declares, and of a joint's by its kind.
+
+Hinges have angles where sliders have lengths, and so have masses on rails and in tubes.
+"""
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from .errors import ScenarioError
+from .logs import KIND as LOG
+from .paths import key_of, steps, value_at
+from .units import Units, parse_unit
+from .values import Dimension, Numbers, describe
+
+_PLACE = re.compile(r"mechanisms\[\d+\]\.joints\[\d+\]|masses\[\d+\]|ground\.(?:motion|displacement)")
+# Angles of frames and of sinusoids, in joints of any kind.
+_ALWAYS_ANGLES = ("phase", "frequency", "azimuth", "elevation", "angle")
+_COORDINATES = {"hinge": "rad", "slider": "length", "tube": "length"}
+_RAILS = ("circle", "ellipse", "fourier", "spline", "bernoulli-eight", "gerono-eight")
+_EFFORTS = {"rad": ("torque",), "length": ("force",)}
+_TURNS = ("turning", "angle", "about_e1", "about_e2")
+_EITHER = ("rad", "length")
+
+
+def dimension_words(dimension: Dimension | None) -> str:
+    """A dimension in the words that :meth:`~jaxball.scenario.Units.of` reads; empty if there is none."""
+    if dimension is None:
+        return ""
+    powers = {"mass": dimension.mass, "length": dimension.length, "time": dimension.time}
+    above = [name if power == 1 else f"{name}^{power}" for name, power in powers.items() if power > 0]
+    below = [name if power == -1 else f"{name}^{-power}" for name, power in powers.items() if power < 0]
+    return "/".join(["*".join(above) or "rad", *below])
+
+
+def dimension_of(path: str, kinds: Mapping[str, Numbers], document: Mapping[str, Any]) -> str:
+    """The dimension of the number at ``path`` in words; empty where it is not declared, or an angle or a length.
+
+    - ``kinds``: those of :func:`~jaxball.scenario.values.kinds_of_numbers` while the ``document`` was read.
+    """
+    kind = kinds.get(key_of(path))
+    words = "" if kind is None else dimension_words(kind.dimension)
+    name = [step for step in steps(path) if isinstance(step, str)][-1]
+    if name in ("theta", "thetadot") and path.startswith("initial."):
+        return ""
+    place = _PLACE.match(path)
+    if place is None or name in _ALWAYS_ANGLES:
+        return words
+    coordinates = _coordinates_of(place[0], document)
+    if name == "damping" and coordinates != ("rad",):
+        return ""
+    if not words.startswith("rad"):
+        return words
+    return words.replace("rad", coordinates[0], 1) if len(coordinates) == 1 else ""
+
+
+def check_units_of_logs(document: Mapping[str, Any], units: Units | None, path: str = "") -> None:
+    """Raises a :class:`ScenarioError` for the first log whose ``unit`` is not that of its numbers in ``units``."""
+    _check_logs(document, units, path, document)
+
+
+def _check_logs(value: Any, units: Units | None, path: str, document: Mapping[str, Any]) -> None:
+    if isinstance(value, list):
+        for k, item in enumerate(value):
+            _check_logs(item, units, f"{path}[{k}]", document)
+        return
+    if not isinstance(value, Mapping):
+        return
+    if value.get("kind") != LOG or not isinstance(value.get("unit"), str):
+        for name, item in value.items():
+            _check_logs(item, units, f"{path}.{name}" if path else name, document)
+        return
+    key, unit = f"{path}.unit", value["unit"]
+    if units is None:
+        raise ScenarioError(
+            f"Key `{key}` must be left out, or `units` must state those of the scenario, with which it is compared."
+        )
+    wanted = [units.of(words) for words in _dimensions_of_log(path, document)]
+    if parse_unit(unit, units) not in [parse_unit(one, units) for one in wanted]:
+        raise ScenarioError(
+            f"Key `{key}` must be {' or '.join(map(describe, wanted))}, because nothing is converted, but it is "
+            f"{describe(unit)}; convert the column."
+        )
+
+
+def _dimensions_of_log(path: str, document: Mapping[str, Any]) -> tuple[str, ...]:
+    """The dimensions that the values of a log may have at a place in the document."""
+    name = [step for step in steps(path) if isinstance(step, str)][-1]
+    if name in _TURNS:
+        return ("rad",)
+    if name == "command":
+        return ("1",)
+    place = _PLACE.match(path)
+    coordinates = _EITHER if place is None else _coordinates_of(place[0], document)
+    if name == "signals":
+        return tuple(f"{one}/time^2" for one in coordinates)
+    if name == "signal":
+        return tuple(effort for one in coordinates for effort in _EFFORTS[one])
+    return coordinates
+
+
+def _coordinates_of(place: str, document: Mapping[str, Any]) -> tuple[str, ...]:
+    """The dimensions that the coordinate of a joint, or of a mass on its rail, may have."""
+    try:
+        item = value_at(document, place)
+    except LookupError:
+        return _EITHER
+    kind = item.get("kind") if isinstance(item, Mapping) else None
+    rail = item.get("rail") if isinstance(item, Mapping) else None
+    if isinstance(rail, Mapping):
+        kind = rail.get("kind")
+    if kind in _RAILS:
+        return ("rad",)
+    return (_COORDINATES[kind],) if kind in _COORDINATES else _EITHER

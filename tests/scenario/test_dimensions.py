@@ -1,0 +1,180 @@
+"""The dimensions of numbers in files, against the page of keys; and logs whose unit is not that of the scenario."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from jaxball.scenario import ScenarioError, Units, builtin_scenarios, builtin_text, read_document, read_scenario
+from jaxball.scenario.dimensions import dimension_of
+from jaxball.scenario.paths import key_of, numbers_of
+from jaxball.scenario.sources import document_of
+from jaxball.scenario.units import parse_unit
+from jaxball.scenario.values import kinds_of_numbers
+
+PAGE = (Path(__file__).parents[2] / "docs/reference/keys.md").read_text()
+SI = Units("m", "kg", "s")
+
+
+def units_on_the_page():
+    """The units that the page gives for a key, by the path of its table; several where its kinds differ."""
+    units = {}
+    for section in re.split(r"^### ", PAGE, flags=re.MULTILINE)[1:]:
+        title, *lines = section.splitlines()
+        rows = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines if line.startswith("|")]
+        for path in re.findall(r"`scenario\.?([^`]*)`", title):
+            for row in rows[2:]:
+                cells = dict(zip([*rows[0][:-1], "meaning"], row, strict=True))
+                name = f"{path}.{cells['key'].strip('`')}".lstrip(".")
+                units.setdefault(name, set()).update(re.split("; 1 in.*", cells["unit"])[0].split(", "))
+    return units
+
+
+def words_of(cell):
+    """``mass length²/time`` as the code writes it."""
+    powers = str.maketrans({"²": "^2", "³": "^3"})
+    above, _, below = cell.translate(powers).partition("/")
+    return "/".join(["*".join(above.split()), *below.split()])
+
+
+@pytest.mark.parametrize("name", builtin_scenarios())
+def test_dimensions_of_keys_are_those_of_the_page(name):
+    document = document_of(builtin_text(name), "scenario", ScenarioError)
+    with kinds_of_numbers() as kinds:
+        read_document(document)
+    page = units_on_the_page()
+    for path in numbers_of(document):
+        words, key = dimension_of(path, kinds, document), re.sub(r"\[\d+\]", "", key_of(path))
+        if not words or key not in page:
+            continue
+        on_page = {words_of(cell) for cell in page[key]}
+        # The page gives angles where a slider or a mass in a tube has lengths.
+        assert words in on_page or words.replace("length", "rad", 1) in on_page, (path, words, on_page)
+
+
+def test_what_is_declared_is_known():
+    document = document_of(builtin_text("ball"), "scenario", ScenarioError)
+    with kinds_of_numbers() as kinds:
+        read_document(document)
+    wanted = {
+        "body.mass": "kg",
+        "body.inertia[1]": "kg m^2",
+        "body.gravity": "m s^-2",
+        "body.offset[2]": "m",
+        "masses[0].mass": "kg",
+        "masses[0].rail.radius": "m",
+        "masses[0].schedule.theta": "rad",
+        "time.end": "s",
+    }
+    paths = {*numbers_of(document)}
+    assert {*wanted} <= paths
+    assert {path: SI.of(dimension_of(path, kinds, document)) for path in wanted} == wanted
+
+
+def test_a_tube_has_lengths_where_a_circle_has_angles():
+    document = document_of(builtin_text("six-tubes"), "scenario", ScenarioError)
+    with kinds_of_numbers() as kinds:
+        read_document(document)
+    scheduled = [path for path in numbers_of(document) if ".schedule." in path]
+    words = {path: dimension_of(path, kinds, document) for path in scheduled}
+    angles = ("phase", "frequency")
+    assert len(words) > 10
+    of_angles = {path for path in words if key_of(path).endswith(angles)}
+    assert {path for path, word in words.items() if "rad" in word} == of_angles
+    assert {word for path, word in words.items() if path.endswith((".theta", ".amplitude"))} <= {"length"}
+
+
+@pytest.mark.parametrize(
+    ("text", "powers"),
+    [
+        ("N m", {"kg": 1, "m": 2, "s": -2}),
+        ("kg m^2 s^-2", {"kg": 1, "m": 2, "s": -2}),
+        ("m*N", {"kg": 1, "m": 2, "s": -2}),
+        ("rad s^-1", {"rad": 1, "s": -1}),
+        ("1", {}),
+        ("m m^-1", {}),
+        ("m/s", None),
+        ("5 m", None),
+    ],
+)
+def test_units_are_parsed(text, powers):
+    assert parse_unit(text, SI) == powers
+
+
+def test_names_of_si_stand_for_themselves_elsewhere():
+    assert parse_unit("N", Units("cm", "g", "s")) == {"N": 1}
+
+
+LOG = 'kind = "log", csv = "t,u\n0.0,0.0\n9.0,1.0\n", time = "t", column = "u"'.replace("\n", "\\n")
+ROBOT = """
+format = 1
+kind = "ball"
+{units}
+[body]
+mass = 1.0
+radius = 1.0
+inertia = [0.4, 0.4, 0.4]
+gravity = 9.81
+[[mechanisms]]
+[[mechanisms.joints]]
+kind = "{kind}"
+axis = [0.0, 1.0, 0.0]
+{drive}
+[[mechanisms.masses]]
+mass = 0.5
+place = [0.0, 0.0, -0.5]
+[time]
+start = 0.0
+end = 1.0
+step = 0.5
+"""
+MOTOR = "force = { kind = 'motor', signal = { %s, unit = '%s' } }"
+SCHEDULE = "schedule = { %s, interpolation = 'spline', unit = '%s' }"
+STATED = 'units = { length = "m", mass = "kg", time = "s" }'
+
+
+def robot(kind, drive, unit, units=STATED):
+    return read_scenario(ROBOT.format(kind=kind, drive=drive % (LOG, unit), units=units))
+
+
+@pytest.mark.parametrize(
+    ("kind", "drive", "unit", "units"),
+    [
+        ("hinge", MOTOR, "N m", STATED),
+        ("hinge", MOTOR, "kg m^2 s^-2", STATED),
+        ("slider", MOTOR, "N", STATED),
+        ("hinge", SCHEDULE, "rad", STATED),
+        ("slider", SCHEDULE, "m", STATED),
+        ("hinge", MOTOR, "g cm^2 s^-2", 'units = { length = "cm", mass = "g", time = "s" }'),
+        ("hinge", MOTOR, "1", 'units = "dimensionless"'),
+    ],
+)
+def test_a_log_in_the_units_of_the_scenario_is_read(kind, drive, unit, units):
+    assert robot(kind, drive, unit, units).units is not None
+
+
+@pytest.mark.parametrize(
+    ("kind", "drive", "unit", "sentence"),
+    [
+        (
+            "hinge",
+            MOTOR,
+            "N",
+            'joints[0].force.signal.unit` must be "N m", because nothing is converted, but it is "N"',
+        ),
+        ("hinge", MOTOR, "N cm", 'must be "N m"'),
+        ("slider", MOTOR, "N m", 'must be "N"'),
+        ("hinge", SCHEDULE, "deg", 'joints[0].schedule.unit` must be "rad"'),
+        ("slider", SCHEDULE, "mm", 'must be "m"'),
+    ],
+)
+def test_a_log_in_other_units_is_refused(kind, drive, unit, sentence):
+    with pytest.raises(ScenarioError) as caught:
+        robot(kind, drive, unit)
+    assert sentence in str(caught.value)
+    assert str(caught.value).endswith("; convert the column.")
+
+
+def test_a_unit_needs_those_of_the_scenario():
+    with pytest.raises(ScenarioError, match=r"signal\.unit` must be left out, or `units` must state"):
+        robot("hinge", MOTOR, "N m", units="")
