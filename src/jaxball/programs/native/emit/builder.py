@@ -8,9 +8,9 @@ import numpy as np
 from ..ir.elements import (
     Element,
     Index,
-    Lanes,
     Name,
     UnsupportedError,
+    Vector,
     in_lanes,
     is_known,
     vector_type,
@@ -32,7 +32,7 @@ class Builder(Instructions):
     def __init__(self, module: Module):
         super().__init__(module)
         # The lanes in which memory changes, where not in all, and in how many blocks within each other that is said.
-        self.mask: Lanes | None = None
+        self.mask: Vector | None = None
         self.level = 0
         self._ranges: dict[Name, tuple[int, int]] = {}  # of integers, the least and the greatest that they can be
         self._products: dict[Name, tuple[Element, Element]] = {}  # the factors of each
@@ -43,7 +43,7 @@ class Builder(Instructions):
         """An instruction that makes a number of another type."""
         wide = width_of(x)
         old, new = (vector_type(kind, wide) for kind in (source, target))
-        name = self.pure(f"{operation} {old} {write_element(x)} to {new}", wide)
+        name = self.pure(f"{operation} {old} {self.operand(source, x)} to {new}", wide)
         bounds = self.range_of(x) if source.kind == "i" == target.kind else None
         if bounds and np.iinfo(target).min <= bounds[0] and bounds[1] <= np.iinfo(target).max:
             self.note_bounds(name, bounds)
@@ -123,7 +123,7 @@ class Builder(Instructions):
             return x
         wide = width_of(condition, x, y)
         kind = vector_type(dtype, wide)
-        choice = f"{vector_type(BOOL, width_of(condition))} {condition}"
+        choice = f"{vector_type(BOOL, width_of(condition))} {self.operand(BOOL, condition)}"
         first, second = (f"{kind} {self.operand(dtype, number, wide)}" for number in (x, y))
         name = self.pure(f"select {choice}, {first}, {second}", wide)
         if dtype.kind == "i" and (one := self.range_of(x)) and (other := self.range_of(y)):
@@ -208,11 +208,11 @@ class Builder(Instructions):
 
     def address(self, base: Name, offset: Index) -> Name:
         """An address ``offset`` bytes behind another."""
-        return base if offset == 0 else self.pure(f"getelementptr i8, ptr {base}, i64 {offset}")
+        return base if offset == 0 else self.pure(f"getelementptr i8, ptr {base}, i64 {self.operand(INDEX, offset)}")
 
     def allocate(self, size: int) -> Name:
         """Memory of ``size`` bytes, which belongs to the function while it runs."""
-        name = self._drop_unused()
+        name = self._new_name()
         if size <= self.module.target.most_on_stack:
             self._allocated.append(f"{name} = alloca [{size} x i8], align {ALIGNMENT}")
             return name
@@ -254,7 +254,7 @@ class Builder(Instructions):
         self.write(f"br label %{label}")
 
     def branch(self, condition: Element, yes: str, no: str) -> None:
-        self.write(f"br i1 {write_element(condition)}, label %{yes}, label %{no}")
+        self.write(f"br i1 {self.operand(BOOL, condition)}, label %{yes}, label %{no}")
 
     def reserve(self) -> int:
         """A place for a line that is written later, by :meth:`fill`."""
@@ -285,7 +285,7 @@ class Builder(Instructions):
                 for (dtype, _), new, name in zip(carried, turn.following, turn.carried, strict=True)
             ]
             index = self.effect(f"add nuw nsw i64 {turn.index}, 1")
-            self.branch(self.effect(f"icmp slt i64 {index}, {end}"), body, after)
+            self.branch(self.effect(f"icmp slt i64 {index}, {self.operand(INDEX, end)}"), body, after)
         if isinstance(start, int) and isinstance(end, int):
             self.cost = cost + (self.cost - cost) * (end - start)
         self.fill_phi(places[0], turn.index, INDEX, [(start, before), (index, self.label)])
@@ -299,9 +299,9 @@ class Builder(Instructions):
 
         **Raises:** ``UnsupportedError`` for a vector where the name stands for a single number.
         """
-        if isinstance(name, Lanes):
+        if isinstance(name, Vector):
             return self.spread(dtype, x)
-        if isinstance(x, Lanes):
+        if isinstance(x, Vector):
             raise UnsupportedError("A number that becomes one of each lane")
         return x
 
@@ -311,7 +311,7 @@ class Builder(Instructions):
         if is_known(condition) and condition:
             yield
             return
-        if isinstance(condition, Lanes):
+        if isinstance(condition, Vector):
             with self.mask_writes(condition):
                 yield
             return
@@ -325,13 +325,13 @@ class Builder(Instructions):
         self.begin(after)
 
     @contextlib.contextmanager
-    def mask_writes(self, condition: Lanes) -> Iterator[Lanes]:
+    def mask_writes(self, condition: Vector) -> Iterator[Vector]:
         """The instructions written in this Python block change older memory only in the lanes of the condition.
 
         Yields the lanes: those of the condition within those of the block around this one.
         """
         around = self.mask
-        self.mask = condition if around is None else Lanes(self.apply("and", BOOL, condition, around))
+        self.mask = condition if around is None else Vector(self.apply("and", BOOL, condition, around))
         self.level += 1
         try:
             yield self.mask

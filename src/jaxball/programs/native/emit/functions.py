@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..ir.elements import LANES, Element, Lanes, vector_type
+from ..ir.elements import LANES, Element, Vector, vector_type
 from ..ir.program import Block, Value
 from .builder import BOOL, Builder
 from .lowering import Function
@@ -101,11 +101,11 @@ def compile_function(caller: Function, name: str, varying: Sequence[bool]) -> Si
             given.append(f"{kind} {name}")
             # Lanes can be taken out of a vector that has a line of its own.
             name = b.effect(f"bitcast {kind} {name} to {kind}", LANES) if form.stacked else name
-            numbers.append(Lanes(name) if wide else name)
+            numbers.append(Vector(name) if wide else name)
         arguments.append(form.together(b, value, numbers))
     if signature.mask_writes:
         given.append(f"{vector_type(BOOL)} %mask")
-        b.mask, b.level = Lanes("%mask"), 1
+        b.mask, b.level = Vector("%mask"), 1
     with function.write_block(block, arguments) as results:
         types_of_results = []
         for position, (array, form) in enumerate(zip(results, signature.results, strict=True)):

@@ -5,21 +5,21 @@ before loops in which it is invariant (:mod:`scopes`). Writing text is faster th
 reads 20,000 lines in 20 ms.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from ..ir.elements import (
     LANES,
     Element,
-    Lanes,
+    Lane,
     Name,
+    Vector,
     in_lanes,
     is_known,
     llvm_type,
     vector_type,
     width_of,
-    with_lanes,
     write_element,
 )
 from ..ir.folding import read
@@ -41,14 +41,13 @@ class Instructions:
         self._count = 0
         self._scopes = Scopes()
         self._loaded: set[Name] = set()
-        self._vectors: dict[Name, tuple[np.dtype, int]] = {}  # type and width of those whose lanes have names
+        # Of the vectors whose lanes are elements: the type, and the lanes that instructions read.
+        self._lanes: dict[Name, tuple[str, set[int]]] = {}
 
     def function(self, head: str) -> str:
         """The function's text. ``head``: its result, name and parameters."""
         lines = [*self._allocated, *self._lines]
-        if self._vectors:
-            lines = with_lanes("\n".join(lines), self._vectors)
-        return "\n".join([f"define {head} {{", "entry:", *lines, "}"])
+        return "\n".join([f"define {head} {{", "entry:", *self._take_lanes(lines), "}"])
 
     @property
     def lines(self) -> int:
@@ -83,7 +82,7 @@ class Instructions:
         name = scopes.find(instruction)
         if name is not None:
             return name
-        name = self._drop_unused(wide)
+        name = self._new_name(wide)
         ahead_of = scopes.note(instruction, name)
         if ahead_of is None:
             self.write(f"{name} = {instruction}")
@@ -93,34 +92,41 @@ class Instructions:
         return name
 
     def fresh(self, wide: int = 0) -> Name:
-        name = self._drop_unused(wide)
+        name = self._new_name(wide)
         self._scopes.name(name)
         return name
 
-    def _drop_unused(self, wide: int = 0) -> Name:
+    def _new_name(self, wide: int = 0) -> Name:
         self._count += 1
         name = f"%v{self._count}"
-        return Lanes(name, LANES if wide is True else wide) if wide else name
+        return Vector(name, LANES if wide is True else wide) if wide else name
 
     # Lanes
 
-    def operand(self, dtype: np.dtype, x: Element, wide: int) -> str:
-        """An element as an operand; ``wide``: as a vector, in which all lanes are the same if x is not a vector."""
-        if isinstance(x, Lanes):
+    def operand(self, dtype: np.dtype, x: Element, wide: int = 0) -> str:
+        """An element as an operand; ``wide``: as a vector, in which all lanes are the same if x is not a vector.
+
+        Every element that an instruction reads is written by this method, which notes the lanes among them.
+        """
+        if isinstance(x, Vector):
             return x
         if not wide:
-            return x if isinstance(x, str) else write_element(x)
+            if not isinstance(x, str):
+                return write_element(x)
+            if isinstance(x, Lane):
+                self._lanes[x.vector][1].add(x.index)
+            return x
         return f"splat ({llvm_type(dtype)} {write_element(x)})" if is_known(x) else self.spread(dtype, x, wide)
 
     def spread(self, dtype: np.dtype, x: Element, width: int = LANES) -> Element:
         """A vector in which all lanes have the same number, or the vector that x is already."""
-        if isinstance(x, Lanes):
+        if isinstance(x, Vector):
             return x
         kind = vector_type(dtype, width)
         if is_known(x):
             numbers = f"{kind} splat ({llvm_type(dtype)} {write_element(x)})"
             return self.pure(f"select i1 true, {numbers}, {kind} poison", width)
-        first = self.pure(f"insertelement {kind} poison, {llvm_type(dtype)} {x}, i64 0")
+        first = self.pure(f"insertelement {kind} poison, {llvm_type(dtype)} {self.operand(dtype, x)}, i64 0")
         return self.pure(f"shufflevector {kind} {first}, {kind} poison, <{width} x i32> zeroinitializer", width)
 
     def lane(self, dtype: np.dtype, x: Element, lane: int) -> Element:
@@ -128,35 +134,53 @@ class Instructions:
         return self.pure(f"extractelement {vector_type(dtype, x.width)} {x}, i64 {lane}") if in_lanes(x) else x
 
     def lanes_of(self, dtype: np.dtype, x: Element, count: int) -> list[Element]:
-        """The numbers of the first lanes, by names; those that something reads are taken out of the vector."""
-        if not isinstance(x, Lanes):
+        """The numbers of the first lanes. Nothing is written for those that no instruction reads."""
+        if not isinstance(x, Vector):
             return [x] * count
         if x.startswith("<"):  # of known numbers, which an operation left as they are
             numbers = [number.split()[1] for number in x[1:-1].split(", ")]
             return [read(dtype, number) for number in numbers[:count]]
-        self._vectors[x] = dtype, x.width
-        return [f"{x}.{lane}" for lane in range(count)]
+        self._lanes.setdefault(x, (vector_type(dtype, x.width), set()))
+        return [Lane(x, index) for index in range(count)]
 
-    def place_of(self, name: Name) -> tuple[Lanes | None, int]:
-        """The vector of which a name is that of a lane, and which lane; None where it is not."""
-        vector, _, lane = name.partition(".")
-        return (Lanes(vector, self._vectors[vector][1]), int(lane)) if vector in self._vectors else (None, 0)
+    def _take_lanes(self, lines: Sequence[str]) -> Iterator[str]:
+        """Takes the lanes that instructions read out of their vectors, directly behind these.
 
-    def shuffle(self, dtype: np.dtype, x: Lanes, y: Lanes | None, lanes: Sequence[int]) -> Lanes:
+        Most operations on short arrays read whole vectors, so which lanes are read is known only now, when all
+        instructions are written.
+        """
+        waiting: list[str] = []  # behind the last phi of a block, since phis come first in it
+        for line in "\n".join(lines).split("\n"):
+            vector, _, instruction = line.partition(" = ")
+            is_phi = instruction.startswith("phi ")
+            if not is_phi:
+                yield from waiting
+                waiting = []
+            yield line
+            if vector not in self._lanes:
+                continue
+            kind, read = self._lanes[vector]
+            taken = [f"{vector}.{lane} = extractelement {kind} {vector}, i64 {lane}" for lane in sorted(read)]
+            if is_phi:
+                waiting += taken
+            else:
+                yield from taken
+
+    def shuffle(self, dtype: np.dtype, x: Vector, y: Vector | None, lanes: Sequence[int]) -> Vector:
         """A vector of lanes of one vector, or of two, of which those of the second are numbered from its width on."""
         kind, places = vector_type(dtype, x.width), ", ".join(f"i32 {lane}" for lane in lanes)
         other = f"{kind} {'poison' if y is None else y}"
-        return Lanes(
+        return Vector(
             self.pure(f"shufflevector {kind} {x}, {other}, <{len(lanes)} x i32> <{places}>", len(lanes)), len(lanes)
         )
 
-    def gather(self, dtype: np.dtype, numbers: Sequence[Element], width: int = LANES) -> Lanes:
+    def gather(self, dtype: np.dtype, numbers: Sequence[Element], width: int = LANES) -> Vector:
         """A vector of the numbers of the lanes."""
         vector: Name = "poison"
         for lane, number in enumerate(numbers):
-            item = f"{llvm_type(dtype)} {write_element(number)}"
+            item = f"{llvm_type(dtype)} {self.operand(dtype, number)}"
             vector = self.pure(f"insertelement {vector_type(dtype, width)} {vector}, {item}, i64 {lane}", width)
-        return Lanes(vector, width)
+        return Vector(vector, width)
 
     def is_same_in_every_turn(self, element: Element) -> bool:
         """Whether a number is computed before the innermost loop that is being written."""
@@ -164,7 +188,7 @@ class Instructions:
 
     def any_lane(self, condition: Element) -> Element:
         """Whether a condition holds in any of the lanes."""
-        if not isinstance(condition, Lanes):
+        if not isinstance(condition, Vector):
             return condition
         name, kind = f"@llvm.vector.reduce.or.v{LANES}i1", vector_type(BOOL)
         self.module.declared.setdefault(name, f"declare i1 {name}({kind})")

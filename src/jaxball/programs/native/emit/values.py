@@ -20,10 +20,10 @@ from ..ir.elements import (
     MOST_ROWS,
     Element,
     Index,
-    Lanes,
     Name,
     Pair,
     UnsupportedError,
+    Vector,
     as_elements,
     in_lanes,
     llvm_type,
@@ -114,7 +114,7 @@ class Memory:
 
     def element(self, builder: Builder, index: Sequence[Index]) -> Element:
         place = linear(builder, self.shape, index)
-        if not isinstance(place, Lanes):
+        if not isinstance(place, Vector):
             return load(builder, self.dtype, self._parts(builder, place), self.buffer.lanes)
         rows = [load(builder, self.dtype, self._of_lane(builder, place, lane)) for lane in range(LANES)]
         if self.dtype.kind != "c":
@@ -126,7 +126,7 @@ class Memory:
         """Writes the element of an index, where there is a mask and the array is from before it in its lanes."""
         place = linear(builder, self.shape, index)
         mask = builder.mask if self.buffer.level < builder.level else None
-        if not isinstance(place, Lanes):
+        if not isinstance(place, Vector):
             if not self.buffer.lanes and (in_lanes(element) or mask is not None):
                 raise UnsupportedError("An array that becomes one of each lane")
             store(builder, self.dtype, element, self._parts(builder, place), self.buffer.lanes, mask)
@@ -145,7 +145,7 @@ class Memory:
         first = builder.address(self.buffer.name, builder.times(place, count * size))
         return [builder.address(first, part * size) for part in range(count)]
 
-    def _of_lane(self, builder: Builder, places: Lanes, lane: int) -> list[Name]:
+    def _of_lane(self, builder: Builder, places: Vector, lane: int) -> list[Name]:
         """Where one lane's number at its own place is, or its parts."""
         offset = lane * part_of(self.dtype).itemsize if self.buffer.lanes else 0
         places_of = self._parts(builder, builder.lane(INDEX, places, lane))

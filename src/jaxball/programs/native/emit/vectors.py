@@ -1,8 +1,8 @@
 """Short arrays and those with a short first axis, which are computed in vectors along it: up to eight lanes in each.
 
 Such an array remains an array of single numbers, so that all rules work with it: its elements are the lanes of vectors,
-one or two vectors for each place along the other axes, and lane k of the vector ``%v7`` has the name ``%v7.k``. An
-operation finds the vectors by these names. Only lanes that are read individually are extracted.
+one or two vectors for each place along the other axes. An operation takes whole vectors where its operands are their
+lanes in order. Only lanes that are read individually are extracted.
 """
 
 import functools
@@ -12,7 +12,18 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from ..ir.elements import FEWEST_ALWAYS, LANES, MOST_ROWS, Element, Lanes, Pair, is_known, llvm_type, write_element
+from ..ir.elements import (
+    FEWEST_ALWAYS,
+    LANES,
+    MOST_ROWS,
+    Element,
+    Lane,
+    Pair,
+    Vector,
+    is_known,
+    llvm_type,
+    write_element,
+)
 from .builder import Builder
 
 SHORTEST_AXIS = 3  # elements of a first axis that is computed in vectors
@@ -36,7 +47,7 @@ def side_by_side(
         return None
     for column in columns:
         for element in column:
-            if isinstance(element, (Lanes, Pair)):
+            if isinstance(element, (Vector, Pair)):
                 return None
             known = known and not isinstance(element, str)
     if known or all(map(_is_uniform, columns)):
@@ -78,8 +89,8 @@ def pack(builder: Builder, dtype: np.dtype, numbers: Sequence[Element], width: i
         texts = [write_element(number) for number in numbers]
         texts += texts[-1:] * (width - len(texts))
         kind = llvm_type(dtype)
-        return Lanes(f"<{', '.join(f'{kind} {text}' for text in texts)}>", width)
-    vectors, lanes = _sources(builder, numbers, width)
+        return Vector(f"<{', '.join(f'{kind} {text}' for text in texts)}>", width)
+    vectors, lanes = _sources(numbers, width)
     if len(vectors) == 1 and lanes == list(range(len(numbers))):
         return vectors[0]
     if 1 <= len(vectors) <= 2:
@@ -119,17 +130,16 @@ def _is_uniform(numbers: Sequence[Element]) -> bool:
     return all((number if isinstance(number, str) else write_element(number)) == first for number in numbers)
 
 
-def _sources(builder: Builder, numbers: Sequence[Element], width: int) -> tuple[list[Lanes], list[int]]:
+def _sources(numbers: Sequence[Element], width: int) -> tuple[list[Vector], list[int]]:
     """The vectors of one width, two at most, whose lanes the numbers are, and which; no vectors where they are not."""
-    vectors: list[Lanes] = []
+    vectors: list[Vector] = []
     lanes = []
     for number in numbers:
-        vector, lane = (None, 0) if is_known(number) else builder.place_of(number)
-        if vector is None or vector.width != width:
+        if not isinstance(number, Lane) or number.vector.width != width:
             return [], []
-        if vector not in vectors:
-            vectors.append(vector)
-        lanes.append(width * vectors.index(vector) + lane)
+        if number.vector not in vectors:
+            vectors.append(number.vector)
+        lanes.append(width * vectors.index(number.vector) + number.index)
     return (vectors, lanes) if len(vectors) <= 2 else ([], [])
 
 
@@ -145,7 +155,7 @@ def _cost_of_one(builder: Builder, numbers: Sequence[Element], width: int) -> in
         return 1
     if all(map(builder.is_loaded, numbers)):
         return 1
-    vectors, lanes = _sources(builder, numbers, width)
+    vectors, lanes = _sources(numbers, width)
     if not vectors:
         return len(numbers)
     return int(len(vectors) > 1 or lanes != list(range(len(numbers))))

@@ -1,13 +1,15 @@
 """The types of elements, and elements themselves: numbers that are known, and names of those that are not yet.
 
-An element is a scalar of NumPy, where it is known while compiling; the name of an instruction's result, ``%12``; or,
-of a complex type, a :class:`Pair` of such. An index is an ``int`` or a name. Where turns of a loop are computed side by
-side, a name of :class:`Lanes` stands for one number of each.
+An element is a scalar of NumPy, where it is known while compiling; the name of an instruction's result, ``%v12``; or,
+of a complex type, a :class:`Pair` of such. An index is an ``int`` or a name. Names are strings, because they are mostly
+written into instructions. Two kinds of them carry more than their text:
+
+- A :class:`Vector` is one number for each lane. Where turns of a loop are computed side by side, it stands for the
+  element of each turn.
+- A :class:`Lane` is one number of a vector: elements of short arrays, which are computed in vectors.
 """
 
 import functools
-import re
-from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -16,22 +18,33 @@ Name: TypeAlias = str
 Element: TypeAlias = Any
 Index: TypeAlias = int | Name
 
-_LANE = re.compile(r"(%v\d+)\.(\d)")
-
 LANES = 8
 FEWEST_ALWAYS = 5  # elements of a first axis that are computed in vectors whatever it costs to make these
 MOST_ROWS = 2 * LANES  # of a first axis that is computed in vectors: with more than eight, in two
 
 
-class Lanes(str):
+class Vector(str):
     """The name of a vector: one number for each of ``width`` lanes."""
 
     width: int
 
-    def __new__(cls, name: str, width: int = LANES) -> "Lanes":
-        """The name as one of a vector."""
+    def __new__(cls, name: str, width: int = LANES) -> "Vector":
+        """Makes the name of a vector of a name."""
         new = super().__new__(cls, name)
         new.width = width
+        return new
+
+
+class Lane(str):
+    """The name of the number in lane ``index`` of a ``vector``: ``%v7.2``, in lane 2 of ``%v7``."""
+
+    vector: Vector
+    index: int
+
+    def __new__(cls, vector: Vector, index: int) -> "Lane":
+        """Makes the name of a lane."""
+        new = super().__new__(cls, f"{vector}.{index}")
+        new.vector, new.index = vector, index
         return new
 
 
@@ -77,7 +90,7 @@ def vector_type(dtype: np.dtype, width: int = LANES) -> str:
 def width_of(*elements: Element) -> int:
     """How many lanes those of the elements have that are vectors; 0 where none is."""
     for element in elements:
-        if isinstance(element, Lanes):
+        if isinstance(element, Vector):
             return element.width
     return 0
 
@@ -90,7 +103,7 @@ def part_of(dtype: np.dtype) -> np.dtype:
 def in_lanes(*elements: Element) -> bool:
     """Whether any of the elements has one number for each lane."""
     for element in elements:
-        if isinstance(element, Lanes) or (isinstance(element, Pair) and in_lanes(element.real, element.imag)):
+        if isinstance(element, Vector) or (isinstance(element, Pair) and in_lanes(element.real, element.imag)):
             return True
     return False
 
@@ -120,26 +133,3 @@ def as_elements(numbers: np.ndarray) -> np.ndarray:
     for position, number in enumerate(numbers.reshape(-1)):
         flat[position] = Pair(number.real, number.imag) if numbers.dtype.kind == "c" else number
     return elements
-
-
-def with_lanes(text: str, vectors: Mapping[Name, tuple[np.dtype, int]]) -> list[str]:
-    """The lines of a function, with the lanes that it reads taken out of their vectors where these are made.
-
-    - ``vectors``: type and width of those whose lanes have names.
-    """
-    read: dict[Name, list[str]] = {}
-    for vector, lane in sorted(set(_LANE.findall(text)), key=lambda pair: int(pair[1])):
-        read.setdefault(vector, []).append(lane)
-    lines, waiting = [], []  # behind the last phi of a block
-    for line in text.split("\n"):
-        vector, _, instruction = line.partition(" = ")
-        is_phi = instruction.startswith("phi ")
-        if not is_phi:
-            lines += waiting
-            waiting = []
-        lines.append(line)
-        for lane in read.get(vector, ()) if vector in vectors else ():
-            kind = vector_type(*vectors[vector])
-            taken = f"{vector}.{lane} = extractelement {kind} {vector}, i64 {lane}"
-            (waiting if is_phi else lines).append(taken)
-    return lines

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ...ir.elements import LANES, Element, Lanes, vector_type
+from ...ir.elements import LANES, Element, Vector, vector_type
 from ...ir.lanes import Independent, independent
 from ...ir.program import Block, Operation
 from ...ir.ranges import find_counters
@@ -187,9 +187,9 @@ def _in_lanes(function: Function, operation: Operation, operands: list[Array], l
         dtype = operands[loop.counter].dtype
         numbers = ", ".join(f"i64 {lane}" for lane in range(LANES))
         first = b.spread(INDEX, b.times(turn.index, LANES))
-        index = b.clamp(Lanes(b.pure(f"add nuw nsw {vector_type(INDEX)} {first}, <{numbers}>", True)), loop.turns - 1)
+        index = b.clamp(Vector(b.pure(f"add nuw nsw {vector_type(INDEX)} {first}, <{numbers}>", True)), loop.turns - 1)
         if dtype.itemsize < INDEX.itemsize:
-            index = Lanes(b.convert("trunc", INDEX, dtype, index))
+            index = Vector(b.convert("trunc", INDEX, dtype, index))
         given = [*arrays]
         given[loop.counter] = registers(dtype, [index], ())
         function.in_lanes = True
@@ -300,7 +300,7 @@ def case(function: Function, operation: Operation, operands: list[Array]) -> lis
     b, storage = function.builder, function.storage
     chosen = storage.to_registers(operands[0]).element(b, ())
     regions, after = operation.regions, b.new_label("after")
-    if isinstance(chosen, Lanes):
+    if isinstance(chosen, Vector):
         return _each_way(function, operation, chosen)
     labels = [b.new_label("case") for _ in regions]
     if operation.name == "stablehlo.if":
@@ -310,7 +310,7 @@ def case(function: Function, operation: Operation, operands: list[Array]) -> lis
         ways = " ".join(f"i32 {k}, label %{label}" for k, label in enumerate(labels[:-1]))
         number = b.as_index(chosen, kind)
         number = number if isinstance(number, int) else chosen
-        b.write(f"switch i32 {number}, label %{labels[-1]} [ {ways} ]")
+        b.write(f"switch i32 {b.operand(kind, number)}, label %{labels[-1]} [ {ways} ]")
     branches = _Branches(function, operation)
     for label, region in zip(labels, regions, strict=True):
         b.begin(label)
@@ -421,7 +421,7 @@ class _Given:
             self.function.storage.pin(array, -1)
 
 
-def _each_way(function: Function, operation: Operation, chosen: Lanes) -> list[Array]:
+def _each_way(function: Function, operation: Operation, chosen: Vector) -> list[Array]:
     """Each region in the lanes that go its way, if there are any."""
     b, storage = function.builder, function.storage
     targets = [
@@ -470,16 +470,16 @@ def _each_way(function: Function, operation: Operation, chosen: Lanes) -> list[A
     return results
 
 
-def _ways(function: Function, operation: Operation, chosen: Lanes) -> list[Lanes]:
+def _ways(function: Function, operation: Operation, chosen: Vector) -> list[Vector]:
     """In which lanes each region is executed."""
     b, dtype = function.builder, operation.operands[0].dtype
     if operation.name == "stablehlo.if":
-        return [chosen, Lanes(b.binary("xor", BOOL, chosen, np.bool_(True)))]
-    ways = [Lanes(b.compare("eq", dtype, chosen, dtype.type(k))) for k in range(len(operation.regions) - 1)]
+        return [chosen, Vector(b.binary("xor", BOOL, chosen, np.bool_(True)))]
+    ways = [Vector(b.compare("eq", dtype, chosen, dtype.type(k))) for k in range(len(operation.regions) - 1)]
     none: Element = b.spread(BOOL, np.bool_(True))
     for way in ways:
         none = b.binary("and", BOOL, none, b.binary("xor", BOOL, way, np.bool_(True)))
-    return [*ways, Lanes(none)]
+    return [*ways, Vector(none)]
 
 
 def _numbers(function: Function, array: Array, varying: bool) -> list[Element]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...ir.elements import Element, Index, Name, Pair, UnsupportedError, llvm_type, part_of
+from ...ir.elements import Element, Index, Name, Pair, UnsupportedError, part_of
 from ...ir.program import Operation
 from ...targets import machine
 from ..builder import INDEX
@@ -143,7 +143,7 @@ def _eigenvalues(r: _Routine, operands: list[Memory]) -> list[Memory]:
             back = b.as_index(b.select(INDEX, second, np.int64(1), np.int64(0)), INDEX)
             k = b.clamp(b.plus(j, b.times(back, -1)), n - 1)
             real, other = (source.element(b, (b.clamp(b.plus(k, d), n - 1), i)) for d in (0, 1))
-            imaginary = b.select(r.dtype, second, b.pure(f"fneg {llvm_type(r.dtype)} {other}"), other)
+            imaginary = b.select(r.dtype, second, b.negative(r.dtype, other), other)
             imaginary = b.select(r.dtype, b.compare("oeq", r.dtype, turned, zero), zero, imaginary)
             storage.put(target, (j, i), Pair(real, imaginary))
     return [*values, *pairs, info]

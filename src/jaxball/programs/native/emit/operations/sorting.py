@@ -49,7 +49,7 @@ def _sort(function: Function, operation: Operation, length: int, rows: list[Memo
     with b.loop(0, (length - 1).bit_length()) as turn:
         part = b.pure(f"shl i64 1, {turn.index}")
         twice = b.plus(part, part)
-        parts = b.pure(f"sdiv i64 {b.plus(twice, length - 1)}, {twice}")
+        parts = b.pure(f"sdiv i64 {b.operand(INDEX, b.plus(twice, length - 1))}, {twice}")
         with b.loop(0, parts) as pair:
             start = b.times(pair.index, twice)
             middle, end = least(b.plus(start, part), length), least(b.plus(start, twice), length)

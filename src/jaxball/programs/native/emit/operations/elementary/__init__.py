@@ -16,7 +16,7 @@ import functools
 
 import numpy as np
 
-from ....ir.elements import Element, Lanes, Name
+from ....ir.elements import Element, Name, Vector
 from ...builder import Builder
 from . import errors, exponentials, hyperbolic, remainders, roots, trigonometric
 from .writer import Function, Writer
@@ -86,7 +86,7 @@ def _write_function(name: str, lanes: int) -> tuple[str, dict[str, str]]:
 
 def write_call(b: Builder, name: str, *operands: Element, part: int | None = None) -> Name:
     """A call, for vectors where an operand is one, written once for equal operands; ``part`` of several results."""
-    width = max((x.width for x in operands if isinstance(x, Lanes)), default=0)
+    width = max((x.width for x in operands if isinstance(x, Vector)), default=0)
     lanes = width or 1
     for symbol, line in declarations(name, lanes).items():
         b.module.declared.setdefault(symbol, line)
