@@ -18,8 +18,9 @@ from ..ir.elements import (
     write_element,
 )
 from ..ir.folding import COMPARED, FOLDED, simpler_float, simpler_integer, suffix
-from ..ir.module import ALIGNMENT, Module
+from ..ir.module import Module
 from ..ir.scopes import Turn
+from ..limits import ALIGNMENT
 from ..targets.machine import multiplies_and_adds
 from .instructions import BOOL, Instructions
 

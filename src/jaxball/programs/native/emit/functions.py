@@ -5,8 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..ir.elements import LANES, Element, Vector, vector_type
+from ..ir.elements import Element, Vector, vector_type
 from ..ir.program import Block, Value
+from ..limits import LANES
 from .builder import BOOL, Builder
 from .lowering import Function
 from .storage import join_parts, parts, parts_of

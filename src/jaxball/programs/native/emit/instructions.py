@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ..ir.elements import (
-    LANES,
     Element,
     Lane,
     Name,
@@ -25,6 +24,7 @@ from ..ir.elements import (
 from ..ir.folding import read
 from ..ir.module import Module
 from ..ir.scopes import Scopes
+from ..limits import LANES
 
 BOOL = np.dtype(bool)
 

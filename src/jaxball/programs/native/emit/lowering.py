@@ -8,6 +8,7 @@ import numpy as np
 from ..ir.elements import Element, UnsupportedError
 from ..ir.lanes import Varying
 from ..ir.program import Block, Operation, Value
+from ..limits import MOST_INLINED
 from ..targets.processors import HOST, Target
 from .builder import Builder, Module
 from .rules import RULES
@@ -16,7 +17,6 @@ from .values import Array, Buffer, Formula, Memory, Registers, is_small
 
 # Why a program stopped before its end: a signal, or because it cannot do what comes next.
 INTERRUPTED_CODE, REFUSED = 1, 2
-MOST_INLINED = 200  # operations of a function that is called more than once and still written where it is called
 
 
 class Compiler:
@@ -107,7 +107,7 @@ class Function:
         for operation in block.operations:
             self.execute(operation)
         yield [self.values[value] for value in block.results]
-        for value in set(block.results):
+        for value in dict.fromkeys(block.results):
             if value.block is block:
                 self.unbind(value)
 

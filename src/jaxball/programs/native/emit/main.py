@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..ir.module import ALIGNMENT
 from ..ir.program import Block, Value
+from ..limits import ALIGNMENT
 from .lowering import Compiler, Function
 from .values import Array, Buffer, Memory, size_of
 

@@ -5,7 +5,8 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from ..ir.elements import LANES, Element, Index, Pair, part_of
+from ..ir.elements import Element, Index, Pair, part_of
+from ..limits import LANES, MOST_TERMS
 from .builder import Builder
 from .values import Array, Buffer, Formula, Memory, Registers, indices, is_small, size_of
 
@@ -142,7 +143,7 @@ class Storage:
         shape: Sequence[int],
         start: Sequence[tuple[np.dtype, Element]],
         step: Callable[[list[Index], list[Element]], Sequence[Element]],
-        most_steps: int = 16,
+        most_steps: int = MOST_TERMS,
         varying: bool = False,
     ) -> list[Element]:
         """What is left of numbers to which ``step(index, numbers)`` was applied for every index of a shape, in order.

@@ -15,9 +15,6 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..ir.elements import (
-    FEWEST_ALWAYS,
-    LANES,
-    MOST_ROWS,
     Element,
     Index,
     Name,
@@ -30,13 +27,17 @@ from ..ir.elements import (
     part_of,
     vector_type,
 )
+from ..limits import (
+    DEEPEST_FORMULA,
+    FEWEST_ALWAYS,
+    LANES,
+    LONGEST_AXIS,
+    MOST_PAIRS,
+    MOST_REGISTERS,
+    MOST_ROWS,
+    MOST_VECTORS,
+)
 from .builder import BOOL, INDEX, Builder
-
-MOST_REGISTERS = 81  # numbers of an array
-LONGEST_AXIS = 48  # axis of such an array: longer ones are of many times or switches, not of vectors and stages
-MOST_VECTORS = 100  # of an array whose first axis is in vectors
-MOST_PAIRS = 30  # of vectors, in an array whose first axis takes two
-_DEEPEST = 40  # formulas in formulas
 
 
 class Buffer:
@@ -176,7 +177,7 @@ class Formula:
 
     @property
     def deep(self) -> bool:
-        return self.depth > _DEEPEST
+        return self.depth > DEEPEST_FORMULA
 
     def element(self, builder: Builder, index: Sequence[Index]) -> Element:
         return self.at(index)

@@ -13,9 +13,6 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from ..ir.elements import (
-    FEWEST_ALWAYS,
-    LANES,
-    MOST_ROWS,
     Element,
     Lane,
     Pair,
@@ -24,10 +21,8 @@ from ..ir.elements import (
     llvm_type,
     write_element,
 )
+from ..limits import FEWEST_ALWAYS, LANES, MOST_ROWS, MOST_TO_PACK, SHORTEST_AXIS
 from .builder import Builder
-
-SHORTEST_AXIS = 3  # elements of a first axis that is computed in vectors
-MOST_TO_PACK = 3  # instructions that make vectors of less, for one operation on them
 
 
 def side_by_side(

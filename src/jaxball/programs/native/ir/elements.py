@@ -14,13 +14,11 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from ..limits import LANES
+
 Name: TypeAlias = str
 Element: TypeAlias = Any
 Index: TypeAlias = int | Name
-
-LANES = 8
-FEWEST_ALWAYS = 5  # elements of a first axis that are computed in vectors whatever it costs to make these
-MOST_ROWS = 2 * LANES  # of a first axis that is computed in vectors: with more than eight, in two
 
 
 class Vector(str):

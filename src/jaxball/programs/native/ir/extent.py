@@ -2,9 +2,8 @@
 
 from collections.abc import Mapping
 
+from ..limits import LONG_AXIS
 from .program import Block
-
-LONG_AXIS = 64  # numbers along an axis
 
 
 def loops_over_large_arrays(functions: Mapping[str, Block]) -> bool:

@@ -128,6 +128,10 @@ class Block:
             _add(reads, operation.reads)
         return reads
 
+    def makers(self) -> dict[Value, Operation]:
+        """The operation that makes each value."""
+        return {result: operation for operation in self.operations for result in operation.results}
+
     def every_operation(self) -> Iterator[Operation]:
         """The operations, and those within them."""
         for operation in self.operations:

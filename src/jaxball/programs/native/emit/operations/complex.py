@@ -4,7 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...ir.elements import LANES, Element, Pair, UnsupportedError, in_lanes, part_of
+from ...ir.elements import Element, Pair, UnsupportedError, in_lanes, part_of
+from ...limits import LANES
 from ..builder import Builder
 from ..values import lane_of
 from . import complex_functions, real

@@ -5,10 +5,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ...ir.elements import LANES, Element, Vector, vector_type
+from ...ir.counters import find_counters
+from ...ir.elements import Element, Vector, vector_type
 from ...ir.lanes import Independent, independent
 from ...ir.program import Block, Operation
-from ...ir.ranges import find_counters
+from ...limits import LANES, MOST_NUMBERS, MOST_TURNS, MOST_UNCHANGED
 from .. import uninitialised
 from ..builder import BOOL, INDEX
 from ..functions import call_function
@@ -18,11 +19,9 @@ from ..storage import join_parts, parts, parts_of
 from ..values import Array, Memory, Registers, is_small, registers, size_of
 from ..vectors import are_handed_on, in_vectors, number_of_vectors, one_by_one
 
-MOST_TURNS, MOST_NUMBERS = 20, 6000  # of a loop that is written out, and what it computes in them
 _OF_CONDITIONS = {
     f"stablehlo.{name}" for name in ("and", "broadcast_in_dim", "compare", "constant", "convert", "reduce")
 }
-MOST_UNCHANGED = 256  # numbers of an array that a loop reads and does not change, and that are read once before it
 
 
 @rule("func.call")
@@ -34,7 +33,7 @@ def call(function: Function, operation: Operation, operands: list[Array]) -> lis
         return [function.storage.allocate(value.shape, value.dtype) for value in operation.results]
     if function.compiler.stays_function(name):
         return call_function(function, name, block, operands)
-    for value in set(operation.operands):
+    for value in dict.fromkeys(operation.operands):
         function.hand_on(operation, value)
     with function.write_block(block, operands) as results:
         for array in results:  # theirs until they are the call's
@@ -86,7 +85,7 @@ def while_(function: Function, operation: Operation, operands: list[Array]) -> l
             b.branch(goes_on if going is None else b.any_lane(going), inside, after)
             stack.enter_context(b.scope())
             b.begin(inside)
-            for position, (_, limit) in counters.items():
+            for position, (_, limit, _) in counters.items():
                 carries[position].note_limit(limit)
             with function.write_block(body, [carry.array for carry in carries]) as results:
                 in_memory = [
@@ -104,7 +103,7 @@ def while_(function: Function, operation: Operation, operands: list[Array]) -> l
                 carry.end(before, numbers)
             b.jump(header)
     b.begin(after)
-    for position, (step, limit) in counters.items():
+    for position, (step, limit, _) in counters.items():
         carries[position].note_limit(None if limit is None else limit + step)
     for carry in carries:
         carry.release()
@@ -126,7 +125,7 @@ def _few_turns(function: Function, operation: Operation, operands: list[Array]) 
     numbers, counters = [_read_integer(array) for array in operands], find_counters(operation)
     ends = [
         -(-(limit - number) // step)
-        for position, (step, limit) in counters.items()
+        for position, (step, limit, _) in counters.items()
         if limit is not None and (number := numbers[position]) is not None
     ]
     condition, body = operation.regions

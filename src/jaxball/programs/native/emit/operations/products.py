@@ -7,15 +7,13 @@ import numpy as np
 
 from ...ir.elements import Element, Index, is_known
 from ...ir.program import Operation
+from ...limits import MOST_PRODUCTS, MOST_TERMS, PARTIAL_SUMS
 from ..lowering import Function
 from ..rules import rule
 from ..values import Array, Formula, Registers, is_small, size_of
 from ..vectors import is_of_vectors, side_by_side
 from . import complex, real
 from .elementwise import as_array
-
-PARTIAL_SUMS = 4
-MOST_PRODUCTS = 512  # of one operation that are written out; more are loops
 
 
 @rule("stablehlo.dot_general")
@@ -28,7 +26,7 @@ def dot_general(function: Function, operation: Operation, operands: list[Array])
         in_registers = all(isinstance(array, Registers) for array in products.operands)
         if in_registers and count and products.batch and function.uses_vectors and is_of_vectors(shape):
             return products.in_vectors(shape)
-        if count <= 16 or in_registers:
+        if count <= MOST_TERMS or in_registers:
             at = products.write_sum
         else:
             products.operands, at = [storage.anywhere(array) for array in products.operands], products.in_loop

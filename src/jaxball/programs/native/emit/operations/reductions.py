@@ -7,6 +7,7 @@ import numpy as np
 
 from ...ir.elements import Element, Index, in_lanes
 from ...ir.program import Operation
+from ...limits import MOST_TERMS
 from ..builder import BOOL, INDEX
 from ..lowering import Function
 from ..rules import rule
@@ -45,7 +46,7 @@ def reduce(function: Function, operation: Operation, operands: list[Array]) -> l
                 place[k] = i
             return combine(*numbers, *(array.element(builder, place) for array in arrays))
 
-        most = size_of(lengths) if written_out else 16
+        most = size_of(lengths) if written_out else MOST_TERMS
         return storage.accumulate(lengths, list(zip(dtypes, first, strict=True)), step, most, varying)
 
     if written_out and kept[:1] == [0] and function.uses_vectors and is_of_vectors(shape):

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from ...ir.elements import LANES, Element, Index
+from ...ir.elements import Element, Index
 from ...ir.program import Operation
+from ...limits import LANES
 from ..builder import BOOL, INDEX
 from ..lowering import Function
 from ..rules import rule
