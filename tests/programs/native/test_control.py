@@ -9,7 +9,7 @@ import pytest
 from jax import lax
 
 from jaxball.programs.native import Lowered
-from jaxball.programs.native.emit.operations import control
+from jaxball.programs.native.emit.operations import loops
 from jaxball.programs.native.ir import lanes
 
 from .comparison import agree
@@ -211,6 +211,6 @@ def test_a_loop_is_computed_in_lanes_where_it_does_more_than_move_numbers(f, pay
         found.append(lanes.independent(*arguments))
         return found[-1]
 
-    monkeypatch.setattr(control, "independent", noted)
+    monkeypatch.setattr(loops, "independent", noted)
     agree(lambda x: lax.map(f, x), numbers((24, 3)), ulps=200)  # a product and a sum are rounded once or twice
     assert (found[0] is not None) == pays

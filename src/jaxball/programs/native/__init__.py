@@ -14,8 +14,8 @@ turns it into many small loops. Here such a program is written as LLVM IR, numbe
 - ``calls``: how Python, XLA, and threads of a CPU or of a GPU call the main function.
 
 Around them are ``arguments``, their types; ``tracing``, functions traced by JAX; ``choice``, of the compiler;
-``executable`` and ``gpu``, programs that are called; ``collecting``, of garbage while the compiler works; and ``limits``,
-all sizes that decide what is written how.
+``executable`` and ``gpu``, programs that are called; ``collecting``, of garbage while the compiler works; and
+``limits``, all sizes that decide what is written how.
 
 It contains nothing specific to mechanics.
 """

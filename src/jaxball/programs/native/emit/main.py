@@ -6,8 +6,9 @@ import numpy as np
 
 from ..ir.program import Block, Value
 from ..limits import ALIGNMENT
+from .buffers import Buffer
 from .lowering import Compiler, Function
-from .values import Array, Buffer, Memory, size_of
+from .values import Array, Memory, size_of
 
 
 class Result(NamedTuple):

@@ -37,26 +37,8 @@ from ..limits import (
     MOST_ROWS,
     MOST_VECTORS,
 )
+from .buffers import Buffer
 from .builder import BOOL, INDEX, Builder
-
-
-class Buffer:
-    """Memory of an array.
-
-    - ``owners``: how many values are there, or follow from what is there.
-    - ``writable``: whether it is the program's, neither an argument nor a constant.
-    - ``size``: its bytes, which are used again once nobody owns it; 0 where they are not.
-    - ``pin``: how many loops and branches that are being written need it, whoever owns it.
-    - ``lanes``: whether each element is a vector; ``level``: in how many masks it was allocated.
-    - ``shared``: whether it is one array of which each lane writes its own part.
-    """
-
-    __slots__ = ("lanes", "level", "name", "owners", "pins", "shared", "size", "writable")
-
-    def __init__(self, name: Name, size: int, writable: bool = True, lanes: bool = False, level: int = 0):
-        self.name, self.size, self.writable = name, size, writable
-        self.lanes, self.level, self.shared = lanes, level, False
-        self.owners, self.pins = 0, 0
 
 
 class Registers:

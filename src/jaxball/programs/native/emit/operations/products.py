@@ -20,7 +20,7 @@ from .elementwise import as_array
 def dot_general(function: Function, operation: Operation, operands: list[Array]) -> Array:
     """Sums of products over the dimensions contracted; those of the batch come first, then each operand's others."""
     storage, (result,) = function.storage, operation.results
-    products = _Products(function, operation, [storage.settle(array) for array in operands])
+    products = _Products(function, operation, [storage.evaluate(array) for array in operands])
     shape, count = result.shape, size_of(products.lengths)
     if is_small(shape) and size_of(shape) * count <= MOST_PRODUCTS:
         in_registers = all(isinstance(array, Registers) for array in products.operands)

@@ -29,7 +29,7 @@ def reduce(function: Function, operation: Operation, operands: list[Array]) -> l
     small = is_small(shape) and is_small(operation.results[0].shape)
     written_out = small and all(isinstance(array, Registers) for array in arrays)
     if not written_out:
-        arrays = [storage.anywhere(storage.settle(array) if count > 1 else array) for array in arrays]
+        arrays = [storage.anywhere(storage.evaluate(array) if count > 1 else array) for array in arrays]
     first = [storage.to_registers(array).element(builder, ()) for array in operands[count:]]
     combine = function.combination(operation.regions[0])
     varying = in_lanes(*first) or any(array.varying for array in arrays)
@@ -114,7 +114,7 @@ def reduce_window(function: Function, operation: Operation, operands: list[Array
     """The elements within each window combined by the region."""
     storage, builder = function.storage, function.builder
     count = len(operands) // 2
-    arrays = [storage.settle(array) for array in operands[:count]]
+    arrays = [storage.evaluate(array) for array in operands[:count]]
     first = [storage.to_registers(array).element(builder, ()) for array in operands[count:]]
     combine = function.combination(operation.regions[0])
     varying = in_lanes(*first) or any(array.varying for array in arrays)
@@ -143,7 +143,7 @@ def select_and_scatter(function: Function, operation: Operation, operands: list[
     second, by the second region, to begin with the third.
     """
     storage, builder = function.storage, function.builder
-    array, source = (storage.anywhere(storage.settle(operand)) for operand in operands[:2])
+    array, source = (storage.anywhere(storage.evaluate(operand)) for operand in operands[:2])
     first = storage.to_registers(operands[2]).element(builder, ())
     selects, combine = (function.combination(region) for region in operation.regions)
     window, dtype = _Window(operation, array.shape), array.dtype

@@ -25,7 +25,7 @@ def rearrange(
     if isinstance(array, Registers) and (array.known or is_small(result.shape)):
         return Registers(array.dtype, of_registers(array.elements))
     if is_small(result.shape) and isinstance(array, Formula) and (is_small(array.shape) or not array.cheap):
-        array = function.storage.settle(array)
+        array = function.storage.evaluate(array)
         return rearrange(function, operation, array, of_registers, source)
     array = function.storage.anywhere(array)
     return Formula(

@@ -17,7 +17,7 @@ def sort(function: Function, operation: Operation, operands: list[Array]) -> lis
     """Arrays brought along one dimension into the order in which the region says what comes before what."""
     storage, dimension = function.storage, operation.attribute("dimension")
     shape = operands[0].shape
-    sources = [storage.anywhere(storage.settle(array)) for array in operands]
+    sources = [storage.anywhere(storage.evaluate(array)) for array in operands]
     varying = any(array.varying for array in sources)
     targets = [storage.allocate(shape, array.dtype, varying) for array in operands]
     length = shape[dimension]
