@@ -103,5 +103,5 @@ ROWS_OF_LAUNCH = 2**18
 MOST_LOCAL = 16_384
 # Bytes of the table of arrays, which is an argument of the kernel, and may have no more.
 MOST_BYTES_OF_TABLE = 4_096
-# Bytes of what the driver says of an error.
+# Bytes of the driver's text about an error.
 LONGEST_LOG = 8_192

@@ -4,7 +4,7 @@ A value of StableHLO never changes, but to copy an array for an update of one el
 update. So an operation writes into the buffer of its operand where nothing reads the old numbers any more. That is
 decided while the program is written, by two counts of each buffer:
 
-- ``owners``: the values, still to be read, whose numbers lie in the buffer or are formulas of what lies there.
+- ``owners``: the values, still to be read, whose numbers lie in the buffer or are computed from it by formulas.
   ``Function.bind`` adds one, and ``Function.unbind`` drops it behind the last operation that reads the value.
 - ``pins``: the loops, branches and calls, still being written, that need the buffer whatever lies in it.
 
@@ -14,8 +14,8 @@ Two rules follow, and nothing else decides:
   (``Function.overwritable``). Pins do not prevent that: a loop's body is to overwrite what the loop carries.
 - A buffer without owners and pins is memory of the next array of its size (:meth:`Buffers.free_unused`).
 
-A region is written once, and executed once, often or never. So the owners of what it takes from around it are set before
-it is written, and what they were is restored behind it (:class:`OwnersBefore`):
+A region is written once, and executed once, often or never. So the owners of buffers from around it are set before it
+is written, and restored behind it (:class:`OwnersBefore`):
 
 - A function in the place of its call is executed once: an operand that only the call still reads loses its owner to the
   function's argument (``Function.transfer_owner``).
@@ -52,7 +52,7 @@ class Buffer:
 
 
 class InBuffers(Protocol):
-    """An array whose numbers lie in buffers, or are formulas of what lies there."""
+    """An array whose numbers lie in buffers, or are computed from these by formulas."""
 
     @property
     def buffers(self) -> tuple[Buffer, ...]:

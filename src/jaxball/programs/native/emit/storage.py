@@ -77,7 +77,7 @@ class Storage(Buffers):
         return target
 
     def move(self, moves: Sequence[tuple[Memory, Array]]) -> None:
-        """Fills targets with sources as if at once: x, y ← y, x needs a copy of what is overwritten first."""
+        """Fills targets with sources as if at once: x, y ← y, x needs a copy."""
         names = {target.buffer.name for target, _ in moves}
         rest = []
         for target, source in moves:

@@ -40,7 +40,7 @@ def while_(function: Function, operation: Operation, operands: list[Array]) -> l
 class _Loop:
     """A loop of LLVM's in three parts.
 
-    The header begins with the phis of what is carried in registers, and decides whether there is another turn. The body
+    The header begins with the phis of arrays in registers, and decides whether there is another turn. The body
     computes that. The back edge says with what the next one begins, and jumps to the header. Arrays in memory are at
     the same place in every turn: they are carried without an instruction, once the body has moved them there.
     """
@@ -85,7 +85,7 @@ class _Loop:
         b, storage = self.function.builder, self.function.storage
         for carry in self.carries:
             carry.begin_turn()
-        # An index that an operation of the body uses as an address is carried in memory: nothing is known of it.
+        # An array in memory, as the index of another operation may be, has no name whose bounds could be noted.
         self.counters = {
             position: counter for position, counter in self.counters.items() if self.carries[position].phis
         }
