@@ -1,7 +1,7 @@
 """One function as LLVM IR: numbers with constant folding, indices, memory, loops and branches."""
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -13,11 +13,11 @@ from ..ir.elements import (
     Vector,
     in_lanes,
     is_known,
-    vector_type,
+    llvm_type,
     width_of,
     write_element,
 )
-from ..ir.folding import COMPARED, FOLDED, simpler_float, simpler_integer, suffix
+from ..ir.folding import COMPARED, FOLDED, simpler_float, simpler_integer
 from ..ir.module import Module
 from ..ir.scopes import Turn
 from ..limits import ALIGNMENT
@@ -42,9 +42,7 @@ class Builder(Instructions):
 
     def convert(self, operation: str, source: np.dtype, target: np.dtype, x: Element) -> Name:
         """An instruction that makes a number of another type."""
-        wide = width_of(x)
-        old, new = (vector_type(kind, wide) for kind in (source, target))
-        name = self.pure(f"{operation} {old} {self.operand(source, x)} to {new}", wide)
+        name = self.cast(operation, source, target, x)
         bounds = self.range_of(x) if source.kind == "i" == target.kind else None
         if bounds and np.iinfo(target).min <= bounds[0] and bounds[1] <= np.iinfo(target).max:
             self.note_bounds(name, bounds)
@@ -122,11 +120,7 @@ class Builder(Instructions):
             return x if condition else y
         if write_element(x) == write_element(y):
             return x
-        wide = width_of(condition, x, y)
-        kind = vector_type(dtype, wide)
-        choice = f"{vector_type(BOOL, width_of(condition))} {self.operand(BOOL, condition)}"
-        first, second = (f"{kind} {self.operand(dtype, number, wide)}" for number in (x, y))
-        name = self.pure(f"select {choice}, {first}, {second}", wide)
+        name = self.choose(dtype, condition, x, y)
         if dtype.kind == "i" and (one := self.range_of(x)) and (other := self.range_of(y)):
             self.note_bounds(name, (min(one[0], other[0]), max(one[1], other[1])))
         return name
@@ -145,21 +139,18 @@ class Builder(Instructions):
         It is written once for equal operands. LLVM's take vectors as well, C's are called for one lane after another.
         ``flags``: one more operand of an intrinsic.
         """
-        intrinsic, result, wide = function.startswith("llvm."), to or dtype, width_of(*operands)
-        if wide and not intrinsic:
+        if function.startswith("llvm."):
+            return self.intrinsic(function, dtype, *operands, to=to, flags=flags)
+        result, wide = to or dtype, width_of(*operands)
+        if wide:
             rows = ([self.lane(dtype, x, lane) for x in operands] for lane in range(wide))
             calls = [self.call(function, dtype, *row, to=to, attributes=attributes) for row in rows]
             return self.gather(result, calls, wide)
-        given, gives = (vector_type(kind, wide) for kind in (dtype, result))
-        name = f"@{function}"
-        if intrinsic:
-            types = (result, dtype) if to is not None else (dtype,)
-            name += "".join(f".v{wide}{suffix(kind)}" if wide else f".{suffix(kind)}" for kind in types)
-        kinds = ", ".join(filter(None, [*[given] * len(operands), flags.partition(" ")[0]]))
-        end = "" if intrinsic else f" nounwind willreturn {attributes}"
-        self.module.declared.setdefault(name, f"declare {gives} {name}({kinds}){end}")
-        numbers = [f"{given} {self.operand(dtype, x, wide)}" for x in operands]
-        return self.pure(f"call {gives} {name}({', '.join(filter(None, [*numbers, flags]))})", wide)
+        given, gives = llvm_type(dtype), llvm_type(result)
+        head = f"declare {gives} @{function}({', '.join([given] * len(operands))}) nounwind willreturn {attributes}"
+        self.module.declared.setdefault(f"@{function}", head)
+        numbers = ", ".join(f"{given} {self.operand(dtype, x)}" for x in operands)
+        return self.pure(f"call {gives} @{function}({numbers})")
 
     # Indices, of 64 bits
 
@@ -246,25 +237,6 @@ class Builder(Instructions):
         self._count += 1
         return f"{name}.{self._count}"
 
-    def begin(self, label: str) -> None:
-        """Begins the block with that label."""
-        self._lines.append(f"{label}:")
-        self.label = label
-
-    def jump(self, label: str) -> None:
-        self.write(f"br label %{label}")
-
-    def branch(self, condition: Element, yes: str, no: str) -> None:
-        self.write(f"br i1 {self.operand(BOOL, condition)}, label %{yes}, label %{no}")
-
-    def reserve(self) -> int:
-        """A place for a line that is written later, by :meth:`fill`."""
-        self._lines.append("")
-        return len(self._lines) - 1
-
-    def fill(self, place: int, line: str) -> None:
-        self._lines[place] = line
-
     @contextlib.contextmanager
     def loop(self, start: Index, end: Index, *carried: tuple[np.dtype, Element]) -> Iterator["Turn"]:
         """A loop over indices from start to before end, at least one of them.
@@ -338,21 +310,3 @@ class Builder(Instructions):
             yield self.mask
         finally:
             self.mask, self.level = around, self.level - 1
-
-    def fill_phi(self, place: int, name: Name, dtype: np.dtype, cases: Sequence[tuple[Element, str]]) -> None:
-        """Writes, at a place that was reserved, that a name is the number that the block before gives."""
-        wide = width_of(name)
-        kind = vector_type(dtype, wide)
-        ways = ", ".join(f"[ {self.operand(dtype, element, wide)}, %{label} ]" for element, label in cases)
-        self.fill(place, f"{name} = phi {kind} {ways}")
-
-    def phi(self, dtype: np.dtype, cases: Sequence[tuple[Element, str]]) -> Element:
-        """The number that the block before this one gives; a vector where one of them is, and then so must all be that
-        are not known.
-        """
-        texts = [write_element(element) for element, _ in cases]
-        if len(set(texts)) == 1 and all(is_known(element) for element, _ in cases):
-            return cases[0][0]
-        name, place = self.fresh(in_lanes(*(element for element, _ in cases))), self.reserve()
-        self.fill_phi(place, name, dtype, cases)
-        return name

@@ -21,7 +21,7 @@ from ..ir.elements import (
     width_of,
     write_element,
 )
-from ..ir.folding import read
+from ..ir.folding import read, suffix
 from ..ir.module import Module
 from ..ir.scopes import Scopes
 from ..limits import LANES
@@ -190,7 +190,7 @@ class Instructions:
         """Whether a condition holds in any of the lanes."""
         if not isinstance(condition, Vector):
             return condition
-        name, kind = f"@llvm.vector.reduce.or.v{LANES}i1", vector_type(BOOL)
+        name, kind = f"@llvm.vector.reduce.or.v{condition.width}i1", vector_type(BOOL, condition.width)
         self.module.declared.setdefault(name, f"declare i1 {name}({kind})")
         return self.pure(f"call i1 {name}({kind} {condition})")
 
@@ -200,3 +200,69 @@ class Instructions:
         kind = vector_type(dtype, wide)
         numbers = ", ".join([self.operand(dtype, x, wide) for x in operands])
         return self.pure(f"{operation} {kind} {numbers}", wide)
+
+    def cast(self, operation: str, source: np.dtype, target: np.dtype, x: Element) -> Name:
+        """An instruction that makes a number of another type."""
+        wide = width_of(x)
+        old, new = (vector_type(kind, wide) for kind in (source, target))
+        return self.pure(f"{operation} {old} {self.operand(source, x)} to {new}", wide)
+
+    def choose(self, dtype: np.dtype, condition: Name, x: Element, y: Element) -> Name:
+        """x where a condition holds that is not known, else y."""
+        wide = width_of(condition, x, y)
+        kind = vector_type(dtype, wide)
+        choice = f"{vector_type(BOOL, width_of(condition))} {self.operand(BOOL, condition)}"
+        first, second = (f"{kind} {self.operand(dtype, number, wide)}" for number in (x, y))
+        return self.pure(f"select {choice}, {first}, {second}", wide)
+
+    def intrinsic(
+        self, function: str, dtype: np.dtype, *operands: Element, to: np.dtype | None = None, flags: str = ""
+    ) -> Name:
+        """A function of LLVM's; ``to``: the type of its result, if another; ``flags``: one more operand."""
+        result, wide = to or dtype, width_of(*operands)
+        given, gives = (vector_type(kind, wide) for kind in (dtype, result))
+        types = (dtype,) if to is None else (result, dtype)
+        name = f"@{function}" + "".join(f".v{wide}{suffix(kind)}" if wide else f".{suffix(kind)}" for kind in types)
+        kinds = ", ".join(filter(None, [*[given] * len(operands), flags.partition(" ")[0]]))
+        self.module.declared.setdefault(name, f"declare {gives} {name}({kinds})")
+        numbers = [f"{given} {self.operand(dtype, x, wide)}" for x in operands]
+        return self.pure(f"call {gives} {name}({', '.join(filter(None, [*numbers, flags]))})", wide)
+
+    # Blocks
+
+    def begin(self, label: str) -> None:
+        """Begins the block with that label."""
+        self._lines.append(f"{label}:")
+        self.label = label
+
+    def jump(self, label: str) -> None:
+        self.write(f"br label %{label}")
+
+    def branch(self, condition: Element, yes: str, no: str) -> None:
+        self.write(f"br i1 {self.operand(BOOL, condition)}, label %{yes}, label %{no}")
+
+    def reserve(self) -> int:
+        """A place for a line that is written later, by :meth:`fill`."""
+        self._lines.append("")
+        return len(self._lines) - 1
+
+    def fill(self, place: int, line: str) -> None:
+        self._lines[place] = line
+
+    def fill_phi(self, place: int, name: Name, dtype: np.dtype, cases: Sequence[tuple[Element, str]]) -> None:
+        """Writes, at a place that was reserved, that a name is the number that the block before gives."""
+        wide = width_of(name)
+        kind = vector_type(dtype, wide)
+        ways = ", ".join(f"[ {self.operand(dtype, element, wide)}, %{label} ]" for element, label in cases)
+        self.fill(place, f"{name} = phi {kind} {ways}")
+
+    def phi(self, dtype: np.dtype, cases: Sequence[tuple[Element, str]]) -> Element:
+        """The number that the block before this one gives; a vector where one of them is, and then so must all be that
+        are not known.
+        """
+        texts = [write_element(element) for element, _ in cases]
+        if len(set(texts)) == 1 and all(is_known(element) for element, _ in cases):
+            return cases[0][0]
+        name, place = self.fresh(width_of(*(element for element, _ in cases))), self.reserve()
+        self.fill_phi(place, name, dtype, cases)
+        return name

@@ -119,7 +119,7 @@ def write_element(element: Element) -> str:
         return element
     if isinstance(element, np.bool_ | bool):
         return "true" if element else "false"
-    if isinstance(element, np.floating):  # LLVM writes also those of 32 bits by the 64 of the same number
+    if isinstance(element, np.floating | float):  # LLVM writes also those of 32 bits by the 64 of the same number
         return f"0x{np.float64(element).view(np.uint64):016X}"
     return str(int(element))
 
