@@ -199,6 +199,30 @@ def test_a_loop_of_calls_of_a_long_function_is_not_written_out():
     agree(f, numbers(2), ulps=2000)
 
 
+@pytest.mark.parametrize(("dtype", "step", "limit"), [("int8", 100, 120), ("uint8", 100, 251), ("int32", 3, 10)])
+def test_a_counter_that_passes_the_last_integer_of_its_type_goes_on_with_the_first(dtype, step, limit):
+    bounds, count = np.iinfo(dtype), 0
+    while count < limit:
+        count = (count + step - bounds.min) % (bounds.max - bounds.min + 1) + bounds.min
+    step, limit = np.array(step, dtype), np.array(limit, dtype)
+    found = agree(lambda: lax.while_loop(lambda i: i < limit, lambda i: i + step, jnp.zeros((), dtype)))
+    assert found == count
+
+
+def test_a_program_has_the_same_text_whenever_it_is_compiled():
+    """Memory that several results leave at once is used again in the same order, whatever their addresses in Python."""
+
+    def f(arrays):
+        def turn(carried):
+            k, arrays = carried
+            return k + 1, [*(0.5 * jnp.sort(x) for x in arrays[1:]), jnp.sort(arrays[0])]
+
+        _, arrays = lax.while_loop(lambda carried: carried[0] < jnp.sum(carried[1][0]), turn, (0, arrays))
+        return [jnp.sort(x[::-1]) for x in arrays]
+
+    assert len({Lowered(f, [numbers(200)] * 5, "f").as_text() for _ in range(4)}) == 1
+
+
 def polynomial(x):
     return functools.reduce(lambda value, k: value * x + k, range(20), x)
 
