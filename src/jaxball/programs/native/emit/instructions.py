@@ -114,7 +114,7 @@ class Instructions:
             if not isinstance(x, str):
                 return write_element(x)
             if isinstance(x, Lane):
-                self._lanes[x.vector][1].add(x.index)
+                self._lanes[x.vector][1].add(x.position)
             return x
         return f"splat ({llvm_type(dtype)} {write_element(x)})" if is_known(x) else self.spread(dtype, x, wide)
 
@@ -141,7 +141,7 @@ class Instructions:
             numbers = [number.split()[1] for number in x[1:-1].split(", ")]
             return [read(dtype, number) for number in numbers[:count]]
         self._lanes.setdefault(x, (vector_type(dtype, x.width), set()))
-        return [Lane(x, index) for index in range(count)]
+        return [Lane(x, position) for position in range(count)]
 
     def _take_lanes(self, lines: Sequence[str]) -> Iterator[str]:
         """Takes the lanes that instructions read out of their vectors, directly behind these.

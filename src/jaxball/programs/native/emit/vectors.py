@@ -134,7 +134,7 @@ def _sources(numbers: Sequence[Element], width: int) -> tuple[list[Vector], list
             return [], []
         if number.vector not in vectors:
             vectors.append(number.vector)
-        lanes.append(width * vectors.index(number.vector) + number.index)
+        lanes.append(width * vectors.index(number.vector) + number.position)
     return (vectors, lanes) if len(vectors) <= 2 else ([], [])
 
 

@@ -34,15 +34,15 @@ class Vector(str):
 
 
 class Lane(str):
-    """The name of the number in lane ``index`` of a ``vector``: ``%v7.2``, in lane 2 of ``%v7``."""
+    """The name of one number of a ``vector``: ``%v7.2``, at ``position`` 2 in ``%v7``."""
 
     vector: Vector
-    index: int
+    position: int
 
-    def __new__(cls, vector: Vector, index: int) -> "Lane":
+    def __new__(cls, vector: Vector, position: int) -> "Lane":
         """Makes the name of a lane."""
-        new = super().__new__(cls, f"{vector}.{index}")
-        new.vector, new.index = vector, index
+        new = super().__new__(cls, f"{vector}.{position}")
+        new.vector, new.position = vector, position
         return new
 
 

@@ -1,6 +1,6 @@
 """Calls of functions, and branches."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -98,11 +98,23 @@ class _Branches:
         self.owners.restore()
         self.function.storage.free_unused(mark)
 
-    def end(self) -> None:
-        """Leaves all memory to the values that own it behind the branches."""
+    def end(self, numbers: Iterator[Element]) -> list[Array]:
+        """Leaves all memory to the values that own it behind the branches.
+
+        - ``numbers``: those of all results in registers, one result after another.
+
+        Returns the results.
+        """
         for array in (*self.last.values(), *self.targets):
             if array is not None:
                 self.function.storage.unpin(array)
+        results: list[Array] = []
+        for passing, target in zip(self.passing, self.targets, strict=True):
+            if target is not None:
+                results.append(target)
+            elif passing is not None:
+                results.append(passing.join([next(numbers) for _ in passing.kinds]))
+        return results
 
 
 class _OneWay(_Branches):
@@ -147,21 +159,15 @@ class _OneWay(_Branches):
 
     def results(self) -> list[Array]:
         """The results, behind all branches."""
-        self.end()
-        b = self.function.builder
-        results: list[Array] = []
-        for passing, target, cases in zip(self.passing, self.targets, self.cases, strict=True):
-            if target is not None:
-                results.append(target)
-            elif passing is not None:
-                labels = [label for _, label in cases]
-                columns = zip(*(numbers for numbers, _ in cases), strict=True)
-                numbers = [
-                    b.phi(kind, list(zip(ways, labels, strict=True)))
-                    for (kind, _), ways in zip(passing.kinds, columns, strict=True)
-                ]
-                results.append(passing.join(numbers))
-        return results
+        return self.end(self._phis())
+
+    def _phis(self) -> Iterator[Element]:
+        """The numbers of the results in registers, each of the branch that was taken."""
+        for passing, cases in zip(self.passing, self.cases, strict=True):
+            labels = [label for _, label in cases]
+            columns = zip(*(numbers for numbers, _ in cases), strict=True)
+            for (kind, _), ways in zip(passing.kinds if passing else [], columns, strict=True):
+                yield self.function.builder.phi(kind, list(zip(ways, labels, strict=True)))
 
 
 def _each_way(function: Function, operation: Operation, chosen: Vector) -> list[Array]:
@@ -190,10 +196,7 @@ def _each_way(function: Function, operation: Operation, chosen: Vector) -> list[
                 b.jump(after)
             b.begin(after)
             numbers = [b.phi(kind, [(y, before), (x, last)]) for kind, x, y in zip(kinds, new, numbers, strict=True)]
-    branches.end()
-    rest = iter(numbers)
-    joined = (passing.join([next(rest) for _ in passing.kinds]) if passing else None for passing in branches.passing)
-    return [target or array for target, array in zip(branches.targets, joined, strict=True)]
+    return branches.end(iter(numbers))
 
 
 def _ways(function: Function, operation: Operation, chosen: Vector) -> list[Vector]:
