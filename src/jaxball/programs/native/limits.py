@@ -61,6 +61,8 @@ MOST_PRODUCTS = 512
 PARTIAL_SUMS = 4
 # Terms of a sum, or of another reduction, of an array in memory: as many as two vectors have numbers.
 MOST_TERMS = 16
+# Elements in registers each of which is computed by a loop of its own, rather than all in memory by one loop.
+MOST_LOOPS = 4
 # Operations of a function that is called more than once and still written where it is called. A field of the ball has
 # some thousand. With all of them written there, emitting took 0.1 to 0.2 s longer, and LLVM as long.
 MOST_INLINED = 200

@@ -63,6 +63,7 @@ class Builder(Instructions):
 
     def binary(self, operation: str, dtype: np.dtype, x: Element, y: Element) -> Element:
         """add, sub, mul and div of any type (integers' div apart); and, or, xor of integers and booleans."""
+        # NumPy rounds as the processor does.
         if is_known(x) and is_known(y) and operation in FOLDED:
             with np.errstate(all="ignore"):
                 return dtype.type(FOLDED[operation](x, y))
@@ -71,6 +72,7 @@ class Builder(Instructions):
                 return simpler
             if operation == "mul":
                 product = self.apply("fmul", dtype, x, y)
+                # Remembered, not written as a product with a sum: whether one follows, only the next operations tell.
                 self._products[product] = x, y
                 return product
             return self._fuse(operation, dtype, x, y) or self.apply(f"f{operation}", dtype, x, y)
@@ -107,6 +109,7 @@ class Builder(Instructions):
         kind = "fcmp" if dtype.kind == "f" else "icmp"
         if is_known(x) and is_known(y) and predicate in COMPARED:
             return np.bool_(COMPARED[predicate](x, y))
+        # Only what JAX writes to wrap negative indices and to clamp slices: i < 0, and i ≥ n.
         one, other = self.range_of(x), self.range_of(y)
         if predicate not in ("slt", "sge") or one is None or other is None:
             return self.apply(f"{kind} {predicate}", dtype, x, y)
@@ -118,6 +121,7 @@ class Builder(Instructions):
         """x where the condition holds, else y; no complex numbers."""
         if is_known(condition):
             return x if condition else y
+        # By its text, because equal numbers of floats include 0 and −0.
         if write_element(x) == write_element(y):
             return x
         name = self.choose(dtype, condition, x, y)
@@ -182,6 +186,7 @@ class Builder(Instructions):
             return min(max(i, 0), high)
         if high == 0:
             return 0
+        # A counter of a loop over the array needs no clamp, which would keep LLVM from seeing how its addresses follow.
         least, greatest = self.range_of(i) or (-1, high + 1)
         if least >= 0 and greatest <= high:
             return i
@@ -208,6 +213,7 @@ class Builder(Instructions):
         if size <= self.module.target.most_on_stack:
             self._allocated.append(f"{name} = alloca [{size} x i8], align {ALIGNMENT}")
             return name
+        # A static place for each array, also in loops: a buffer made within a loop is the same one in every turn.
         offset = self.module.workspace
         self.module.workspace += -(-size // ALIGNMENT) * ALIGNMENT
         self._allocated.append(f"{name} = getelementptr i8, ptr %workspace, i64 {offset}")
@@ -250,6 +256,7 @@ class Builder(Instructions):
             self.jump(body)
             self.begin(body)
             turn = Turn(self.fresh(), [self.fresh(in_lanes(first)) for _, first in carried])
+            # What a phi is given by the last turn has no name yet.
             places = [self.reserve() for _ in (turn.index, *carried)]
             cost = self.cost
             yield turn
@@ -259,6 +266,7 @@ class Builder(Instructions):
             ]
             index = self.effect(f"add nuw nsw i64 {turn.index}, 1")
             self.branch(self.effect(f"icmp slt i64 {index}, {self.operand(INDEX, end)}"), body, after)
+        # Otherwise one turn counts: the cost only says how often to look for signals.
         if isinstance(start, int) and isinstance(end, int):
             self.cost = cost + (self.cost - cost) * (end - start)
         self.fill_phi(places[0], turn.index, INDEX, [(start, before), (index, self.label)])
@@ -288,6 +296,7 @@ class Builder(Instructions):
             with self.mask_writes(condition):
                 yield
             return
+        # The block that is never entered is written all the same: whoever writes it counts on the names in it.
         condition = "false" if is_known(condition) else condition
         yes, after = self.new_label("then"), self.new_label("after")
         self.branch(condition, yes, after)

@@ -74,6 +74,7 @@ def compile_function(caller: Function, name: str, varying: Sequence[bool]) -> Si
     function.in_lanes = caller.in_lanes
     b, storage = function.builder, function.storage
     given, arguments = ["ptr %control", "ptr %workspace"], []
+    # A function never writes to its arguments: it copies what it overwrites, since callers may still read them.
     for position, (value, form) in enumerate(zip(block.arguments, signature.arguments, strict=True)):
         if form.passing is None:
             given.append(f"ptr noalias readonly %a{position}")
@@ -122,6 +123,7 @@ def call_function(function: Function, name: str, block: Block, operands: Sequenc
             given.append(f"ptr {storage.to_memory(array).buffer.name}")
     if signature.mask_writes:
         given.append(f"{vector_type(BOOL)} {b.mask}")
+    # Large results are written where the caller has room, so that nothing is copied behind the call.
     memory: list[Array] = []
     for value, form in zip(block.results, signature.results, strict=True):
         if form.passing is None:
@@ -129,6 +131,7 @@ def call_function(function: Function, name: str, block: Block, operands: Sequenc
             given.append(f"ptr {target.buffer.name}")
             memory.append(target)
     call = f"call {signature.type} @{signature.name}({', '.join(given)})"
+    # A loop of calls looks for signals as often as one of the instructions that they execute.
     b.cost += function.compiler.compiled[signature.name]
     if signature.type == "void":
         b.write(call)

@@ -79,6 +79,7 @@ class Instructions:
     def pure(self, instruction: str, wide: int = 0) -> Name:
         """A pure instruction, which cannot fail. ``wide``: its lanes, of a vector."""
         scopes = self._scopes
+        # A name is given once, so equal texts are equal numbers.
         name = scopes.find(instruction)
         if name is not None:
             return name
@@ -125,6 +126,7 @@ class Instructions:
         kind = vector_type(dtype, width)
         if is_known(x):
             numbers = f"{kind} splat ({llvm_type(dtype)} {write_element(x)})"
+            # A constant vector needs a name, by which it is found again and is placed before loops.
             return self.pure(f"select i1 true, {numbers}, {kind} poison", width)
         first = self.pure(f"insertelement {kind} poison, {llvm_type(dtype)} {self.operand(dtype, x)}, i64 0")
         return self.pure(f"shufflevector {kind} {first}, {kind} poison, <{width} x i32> zeroinitializer", width)
@@ -137,6 +139,7 @@ class Instructions:
         """The numbers of the first lanes. Nothing is written for those that no instruction reads."""
         if not isinstance(x, Vector):
             return [x] * count
+        # Known numbers are folded further where they are read one by one.
         if x.startswith("<"):  # of known numbers, which an operation left as they are
             numbers = [number.split()[1] for number in x[1:-1].split(", ")]
             return [read(dtype, number) for number in numbers[:count]]

@@ -54,6 +54,7 @@ class Compiler:
             block = self.functions[name]
             operations = list(block.every_operation())
             self._sizes[name] = len(operations)
+            # Backwards: that a loop or a function indexes its argument is known before the value is that it is given.
             for operation in reversed(operations):
                 if operation.name == "func.call":
                     self._sizes[name] += self._survey(operation.attribute("callee"))
@@ -108,6 +109,7 @@ class Function:
         for operation in block.operations:
             self.execute(operation)
         yield [self.values[value] for value in block.results]
+        # Each once, in their order: a set would free memory in another order in each process.
         for value in dict.fromkeys(block.results):
             if value.block is block:
                 self.unbind(value)
@@ -130,9 +132,11 @@ class Function:
 
     def bind(self, value: Value, array: Array) -> None:
         """Says where a value is. A formula stays one where it is used once, or costs nothing."""
+        # Nothing would unbind it, and its memory would never be free.
         if not value.reads:
             return
         if isinstance(array, Formula):
+            # A region may be executed many times: a formula that is read in one would be computed in each.
             once = value.reads == 1 and not value.captured
             if is_small(array.shape) or array.deep or not (once or array.cheap):
                 array = self.storage.evaluate(array)
@@ -226,6 +230,7 @@ class Function:
         b.write(f"store i8 {REFUSED}, ptr {b.address('%control', 8)}")
         b.write("store i64 -1, ptr %control")
         b.write(self.abort)
+        # Instructions follow, which belong to some block.
         b.begin(b.new_label("never"))
 
     def looks_for_signals(self, cost: int) -> None:

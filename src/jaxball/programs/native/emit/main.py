@@ -53,6 +53,7 @@ def emit_main(compiler: Compiler) -> Main:
             results.append(Result(size, array.shape, array.dtype))
             address = _load_address(function, "%outputs", position)
             function.storage.fill(Memory(array.shape, array.dtype, Buffer(address, 0)), array)
+            # Each begins at a multiple of the alignment, as JAX's arrays must to be taken without a copy.
             size += -(-max(size_of(array.shape) * array.dtype.itemsize, 1) // ALIGNMENT) * ALIGNMENT
     function.builder.write("ret void")
     module = compiler.module

@@ -58,7 +58,8 @@ class Storage(Buffers):
         """Writes all numbers of an array to memory."""
         builder = self.builder
         if isinstance(source, Registers) and source.known and not is_small(source.shape):
-            source = self.anywhere(source)  # by a loop
+            source = self.anywhere(source)  # by a loop: otherwise each number is an instruction
+        # A copy of bytes knows no masks.
         everywhere = builder.mask is None or target.buffer.level == builder.level
         if isinstance(source, Memory) and everywhere and source.varying == target.varying:
             size = size_of(source.shape) * source.dtype.itemsize * (LANES if source.varying else 1)

@@ -99,6 +99,7 @@ class Memory:
         place = linear(builder, self.shape, index)
         if not isinstance(place, Vector):
             return load(builder, self.dtype, self._parts(builder, place), self.buffer.lanes)
+        # Each lane reads at a place of its own.
         rows = [load(builder, self.dtype, self._of_lane(builder, place, lane)) for lane in range(LANES)]
         if self.dtype.kind != "c":
             return builder.gather(self.dtype, rows)
@@ -108,6 +109,7 @@ class Memory:
     def put(self, builder: Builder, index: Sequence[Index], element: Element) -> None:
         """Writes the element of an index, where there is a mask and the array is from before it in its lanes."""
         place = linear(builder, self.shape, index)
+        # Memory that was allocated under the mask holds nothing that lanes outside of it would still read.
         mask = builder.mask if self.buffer.level < builder.level else None
         if not isinstance(place, Vector):
             if not self.buffer.lanes and (in_lanes(element) or mask is not None):
@@ -180,6 +182,7 @@ def size_of(shape: Sequence[int]) -> int:
 def is_small(shape: Sequence[int]) -> bool:
     """Whether an array of that shape is kept in registers."""
     size = size_of(shape)
+    # A first axis in vectors divides the number of registers by its length, so such arrays may be larger.
     if size <= MOST_REGISTERS:
         return size <= LONGEST_AXIS or max(shape) <= LONGEST_AXIS
     if FEWEST_ALWAYS <= shape[0] <= LANES:

@@ -45,6 +45,7 @@ def side_by_side(
             if isinstance(element, (Vector, Pair)):
                 return None
             known = known and not isinstance(element, str)
+    # One number for all lanes is computed once, and known ones while compiling.
     if known or all(map(_is_uniform, columns)):
         return None
     width, parts = width_for(count), [[column[part] for column in columns] for part in vectors_of(count)]
@@ -82,10 +83,13 @@ def pack(builder: Builder, dtype: np.dtype, numbers: Sequence[Element], width: i
         return numbers[0]
     if all(map(is_known, numbers)):
         texts = [write_element(number) for number in numbers]
+        # Lanes beyond the axis compute what the last one does: other numbers might need the loops and branches of rare
+        # cases, such as huge angles, which are executed if any lane needs them.
         texts += texts[-1:] * (width - len(texts))
         kind = llvm_type(dtype)
         return Vector(f"<{', '.join(f'{kind} {text}' for text in texts)}>", width)
     vectors, lanes = _sources(numbers, width)
+    # The usual case, in which one operation follows another in vectors: nothing is written.
     if len(vectors) == 1 and lanes == list(range(len(numbers))):
         return vectors[0]
     if 1 <= len(vectors) <= 2:
@@ -144,10 +148,12 @@ def _cost(builder: Builder, columns: Sequence[Sequence[Element]], width: int) ->
 
 
 def _cost_of_one(builder: Builder, numbers: Sequence[Element], width: int) -> int:
+    # Made once before the loop.
     if all(map(builder.is_same_in_every_turn, numbers)):
         return 0
     if _is_uniform(numbers):
         return 1
+    # LLVM makes one load of neighbouring ones.
     if all(map(builder.is_loaded, numbers)):
         return 1
     vectors, lanes = _sources(numbers, width)

@@ -36,6 +36,7 @@ def find_counters(operation: Operation) -> dict[int, Counter]:
         following = makers.get(result)
         if argument.shape or argument.dtype.kind not in "iu" or following is None:
             continue
+        # As JAX writes it, with the step second.
         if following.name != "stablehlo.add" or following.operands[0] is not argument:
             continue
         step, counter = constant_of(makers, following.operands[1]), condition.arguments[position]

@@ -50,6 +50,7 @@ def independent(
     counter, turns = counts[0] if counts else (0, None)
     if turns is None or start[counter] != 0 or turns < FEWEST * LANES or _is_apart(body, functions):
         return None
+    # Lanes pay for arithmetic only.
     moved, computed = _work(body, functions)
     if computed < LEAST_WORK * moved:
         return None
@@ -61,8 +62,10 @@ def independent(
     reads, of_condition = body.reads_within(), condition.reads_within()
     for position in written:
         argument, result = body.arguments[position], body.results[position]
+        # Read once means: by the update itself. Then no turn sees what another one wrote.
         if reads.get(argument) != 1 or not _is_written_at(result, argument, body.arguments[counter], body, functions):
             return None
+        # The condition would see some turns' elements before others are computed.
         if condition.arguments[position] in of_condition:
             return None
     return Independent(turns, counter, written) if written else None
@@ -105,6 +108,7 @@ def _is_wrapped(makers: dict[Value, Operation], value: Value, index: Value) -> b
     select = makers.get(value)
     if select is None or select.name != "stablehlo.select" or select.operands[2] is not index:
         return False
+    # Of a counter from 0 on the condition is false, so the select is the counter.
     below = makers.get(select.operands[0])
     if below is None or below.name != "stablehlo.compare" or below.operands[0] is not index:
         return False
@@ -148,6 +152,7 @@ class Varying:
         carried = list(start)
         while True:
             (apart,) = self.results(condition, carried)
+            # A value that a turn leaves as it is does not differ because lanes leave at different turns.
             changed = [result is not argument for result, argument in zip(body.results, body.arguments, strict=True)]
             new = [
                 before or after or (apart and changes)
@@ -155,6 +160,7 @@ class Varying:
             ]
             if new == carried:
                 return apart, carried
+            # What follows from a value that varies does so in the next turn. None ceases to vary, so this ends.
             carried = new
 
     def branches(self, operation: Operation, chosen: bool) -> list[bool]:

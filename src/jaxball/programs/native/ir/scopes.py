@@ -58,6 +58,7 @@ class Scopes:
 
     def _home(self, instruction: str) -> Loop | None:
         """The innermost loop outside of which an instruction lacks an operand; None where it lacks none anywhere."""
+        # The innermost home of an operand decides. Most operands are of the innermost loop, and end the search at once.
         loop = self.loop
         if loop is None:
             return None

@@ -25,6 +25,7 @@ def call(function: Function, operation: Operation, operands: list[Array]) -> lis
         return [function.storage.allocate(value.shape, value.dtype) for value in operation.results]
     if function.compiler.stays_function(name):
         return call_function(function, name, block, operands)
+    # So that the function, in the place of its call, can overwrite its argument.
     for value in dict.fromkeys(operation.operands):
         function.transfer_owner(operation, value)
     with function.write_block(block, operands) as results:
@@ -41,6 +42,7 @@ def case(function: Function, operation: Operation, operands: list[Array]) -> lis
     b, storage = function.builder, function.storage
     chosen = storage.to_registers(operands[0]).element(b, ())
     regions, after = operation.regions, b.new_label("after")
+    # Lanes that go different ways cannot jump: each way is computed where any lane goes it.
     if isinstance(chosen, Vector):
         return _each_way(function, operation, chosen)
     labels = [b.new_label("case") for _ in regions]
@@ -50,6 +52,7 @@ def case(function: Function, operation: Operation, operands: list[Array]) -> lis
         kind = operands[0].dtype
         ways = " ".join(f"i32 {k}, label %{label}" for k, label in enumerate(labels[:-1]))
         number = b.as_index(chosen, kind)
+        # An index would be of 64 bits, and the switch is of 32.
         number = number if isinstance(number, int) else chosen
         b.write(f"switch i32 {b.operand(kind, number)}, label %{labels[-1]} [ {ways} ]")
     branches = _OneWay(function, operation)
@@ -178,6 +181,7 @@ def _each_way(function: Function, operation: Operation, chosen: Vector) -> list[
         if branches.passing[position] is None:  # each region fills its lanes of it
             branches.set(position, storage.allocate(value.shape, value.dtype, True))
     kinds = [kind for passing in branches.passing if passing for kind, _ in passing.kinds]
+    # Each lane goes some way, so that none of these zeros remains.
     numbers: list[Element] = [b.spread(kind, kind.type(0)) for kind in kinds]
     for condition, region in zip(_ways(function, operation, chosen), operation.regions, strict=True):
         with b.mask_writes(condition) as going:

@@ -26,6 +26,7 @@ def map_elements(
             elements = storage.to_registers(array).flat()
             flat.append(elements if array.shape == shape else elements * size_of(shape))
         return Registers(dtype, as_array([compute(*elements) for elements in zip(*flat, strict=True)], shape, dtype))
+    # Nothing is computed yet: the loop that reads the result computes each element, and no array is written between.
     arrays = [storage.anywhere(array) for array in of]
 
     def at(index: Sequence[Element]) -> Element:

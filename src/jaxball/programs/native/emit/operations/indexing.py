@@ -30,6 +30,7 @@ def dynamic_slice(function: Function, operation: Operation, operands: list[Array
     result, builder = operation.results[0], function.builder
     starts = _starts(function, operation, numbers, result.shape)
     if isinstance(array, Registers) and array.has(starts):
+        # An unknown start along an axis of length one can only be 0.
         first = [0 if isinstance(start, str) else start for start in starts]
         cut = tuple(slice(i, i + length) for i, length in zip(first, result.shape, strict=True))
         return Registers(array.dtype, array.elements[cut])
@@ -128,6 +129,7 @@ def scatter(function: Function, operation: Operation, operands: list[Array]) -> 
         for target, element in zip(targets, new, strict=True):
             storage.put(target, place, element)
 
+    # Numbers in registers cannot be found by the index of a loop, so each update has its instructions.
     if all(isinstance(array, Registers) for array in (*updates, places.numbers)) and is_small(updates[0].shape):
         for window in filter(None, places.slices()):
             with builder.where(places.of(window[0])[0]):
@@ -184,6 +186,7 @@ class _Places:
             place[dimension] = b.plus(start[dimension], index[k])
         inside: Element = np.bool_(True)
         for i, length, size in zip(start, self.shape, lengths, strict=True):
+            # A slice that is longer than the array lies within it nowhere.
             if length >= size:
                 inside = b.binary("and", BOOL, inside, b.within(i, 0, length - size + 1))
             else:

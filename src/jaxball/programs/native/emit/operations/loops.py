@@ -29,6 +29,7 @@ def while_(function: Function, operation: Operation, operands: list[Array]) -> l
         loop = independent(operation, [_read_integer(array) for array in operands], function.compiler.functions)
         if loop is not None and function.uses_vectors:
             return _in_lanes(function, operation, operands, loop)
+        # A GPU would turn it in one thread: whoever compiles for it asks how long it is.
         if loop is not None:
             function.compiler.longest_map = max(function.compiler.longest_map, loop.turns)
     turns = _few_turns(function, operation, operands)
@@ -222,6 +223,7 @@ def _few_turns(function: Function, operation: Operation, operands: list[Array]) 
         if limit is not None and (number := numbers[position]) is not None
     ]
     condition, body = operation.regions
+    # As many comparisons as counters with known ends means that nothing else ends the loop.
     facts = sum(
         inner.name == "stablehlo.compare" and inner.operands[0].dtype.kind != "b" for inner in condition.operations
     )
@@ -269,6 +271,7 @@ def _in_lanes(function: Function, operation: Operation, operands: list[Array], l
     for position, array in enumerate(operands):
         if position in loop.written:
             array = function.overwritable(operation, position, array)
+            # In lanes an array would be one of each lane, but here each lane writes an element of the same.
             array.buffer.shared = True
         elif position != loop.counter:
             array = storage.evaluate(array)
@@ -279,6 +282,7 @@ def _in_lanes(function: Function, operation: Operation, operands: list[Array], l
         dtype = operands[loop.counter].dtype
         numbers = ", ".join(f"i64 {lane}" for lane in range(LANES))
         first = b.spread(INDEX, b.times(turn.index, LANES))
+        # The last vector computes the last turn in the lanes that would be beyond it, and writes the same once more.
         index = b.clamp(Vector(b.pure(f"add nuw nsw {vector_type(INDEX)} {first}, <{numbers}>", True)), loop.turns - 1)
         if dtype.itemsize < INDEX.itemsize:
             index = Vector(b.convert("trunc", INDEX, dtype, index))

@@ -26,6 +26,7 @@ def dot_general(function: Function, operation: Operation, operands: list[Array])
         in_registers = all(isinstance(array, Registers) for array in products.operands)
         if in_registers and count and products.batch and function.uses_vectors and is_of_vectors(shape):
             return products.in_vectors(shape)
+        # Factors in registers have no index that a loop could count.
         if count <= MOST_TERMS or in_registers:
             at = products.write_sum
         else:

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...ir.elements import Element, Index, in_lanes
 from ...ir.program import Operation
-from ...limits import MOST_TERMS
+from ...limits import MOST_LOOPS, MOST_TERMS
 from ..builder import BOOL, INDEX
 from ..lowering import Function
 from ..rules import rule
@@ -93,7 +93,7 @@ def several(function: Function, operation: Operation, at: Any, of: Sequence[Arra
     storage, results = function.storage, operation.results
     shape, dtypes = results[0].shape, [result.dtype for result in results]
     loops = any(not isinstance(array, Registers) for array in of)
-    if is_small(shape) and (not loops or size_of(shape) <= 4):
+    if is_small(shape) and (not loops or size_of(shape) <= MOST_LOOPS):
         rows = [at(index) for index in np.ndindex(*shape)]
         columns = list(zip(*rows, strict=True)) or [()] * len(results)
         return [Registers(dtype, as_array(column, shape, dtype)) for dtype, column in zip(dtypes, columns, strict=True)]
@@ -150,6 +150,7 @@ def select_and_scatter(function: Function, operation: Operation, operands: list[
     target = storage.allocate(array.shape, dtype)
     with storage.every_index(target.shape) as index:
         storage.put(target, index, first)
+    # Its comparison does not count: the first element that lies within the array is taken, whatever it is.
     zero = join_parts([dtype], [part.type(0) for part, _ in parts([dtype], [first])])[0]
     with storage.every_index(source.shape) as index:
 
