@@ -31,32 +31,46 @@ def side_by_side(
     results: Sequence[np.dtype],
     columns: Sequence[Sequence[Element]],
     compute: Callable[..., Sequence[Element]],
-) -> list[list[Element]] | None:
-    """What ``compute`` gives for each lane, computed in vectors; None where it is to be computed one by one.
+) -> list[list[Element]]:
+    """What ``compute`` gives for each lane, computed in vectors where that takes less time, else lane by lane.
 
     - ``columns``: of each operand the numbers of the lanes; ``dtypes``: their types.
     - ``results``: the types of the results; the list has the numbers of the lanes of each.
     """
-    count, known = len(columns[0]), True
-    if any(dtype.kind == "c" for dtype in (*dtypes, *results)):
-        return None
-    for column in columns:
-        for element in column:
-            if isinstance(element, (Vector, Pair)):
-                return None
-            known = known and not isinstance(element, str)
-    # One number for all lanes is computed once, and known ones while compiling.
-    if known or all(map(_is_uniform, columns)):
-        return None
-    width, parts = width_for(count), [[column[part] for column in columns] for part in vectors_of(count)]
-    if not FEWEST_ALWAYS <= count <= LANES and any(_cost(builder, part, width) > MOST_TO_PACK for part in parts):
-        return None
+    if not _pays(builder, (*dtypes, *results), columns):
+        return list(map(list, zip(*(compute(*row) for row in zip(*columns, strict=True)), strict=True)))
+    width, parts = _parts(columns)
     rows: list[list[Element]] = [[] for _ in results]
     for part in parts:
         found = compute(*[pack(builder, dtype, column, width) for dtype, column in zip(dtypes, part, strict=True)])
         for row, dtype, number in zip(rows, results, found, strict=True):
             row += builder.lanes_of(dtype, number, len(part[0]))
     return rows
+
+
+def _pays(builder: Builder, dtypes: Sequence[np.dtype], columns: Sequence[Sequence[Element]]) -> bool:
+    """Whether numbers of these types are computed in vectors."""
+    if any(dtype.kind == "c" for dtype in dtypes):
+        return False
+    known = True
+    for column in columns:
+        for element in column:
+            if isinstance(element, (Vector, Pair)):
+                return False
+            known = known and not isinstance(element, str)
+    # One number for all lanes is computed once, and known ones while compiling.
+    if known or all(map(_is_uniform, columns)):
+        return False
+    if FEWEST_ALWAYS <= len(columns[0]) <= LANES:
+        return True
+    width, parts = _parts(columns)
+    return all(_cost(builder, part, width) <= MOST_TO_PACK for part in parts)
+
+
+def _parts(columns: Sequence[Sequence[Element]]) -> tuple[int, list[list[Sequence[Element]]]]:
+    """The width of the vectors that columns take, and the lanes of each."""
+    count = len(columns[0])
+    return width_for(count), [[column[part] for column in columns] for part in vectors_of(count)]
 
 
 def is_of_vectors(shape: Sequence[int]) -> bool:
@@ -121,7 +135,7 @@ def one_by_one(builder: Builder, dtype: np.dtype, shape: Sequence[int], vectors:
     counts = [part.stop - part.start for part in vectors_of(shape[0])]
     lanes = [builder.lanes_of(dtype, vector, count) for vector, count in zip(vectors, itertools.cycle(counts))]
     columns = [list(itertools.chain(*lanes[k : k + len(counts)])) for k in range(0, len(lanes), len(counts))]
-    return [lane for row in zip(*columns, strict=True) for lane in row]
+    return row_by_row(columns)
 
 
 def _is_uniform(numbers: Sequence[Element]) -> bool:
@@ -160,6 +174,11 @@ def _cost_of_one(builder: Builder, numbers: Sequence[Element], width: int) -> in
     if not vectors:
         return len(numbers)
     return int(len(vectors) > 1 or lanes != list(range(len(numbers))))
+
+
+def row_by_row(columns: Sequence[Sequence[Element]]) -> list[Element]:
+    """The elements of an array, of those along the first axis for each place along the other axes."""
+    return [element for row in zip(*columns, strict=True) for element in row]
 
 
 def in_columns(shape: Sequence[int], arrays: Sequence[Sequence[Element]]) -> Iterator[list[Sequence[Element]]]:

@@ -11,7 +11,7 @@ from ...limits import MOST_PRODUCTS, MOST_TERMS, PARTIAL_SUMS
 from ..lowering import Function
 from ..rules import rule
 from ..values import Array, Formula, Registers, is_small, size_of
-from ..vectors import is_of_vectors, side_by_side
+from ..vectors import is_of_vectors, row_by_row, side_by_side
 from . import complex, real
 from .elementwise import as_array
 
@@ -62,10 +62,8 @@ class _Products:
         for place in np.ndindex(*shape[1:]):
             rows = [self._factors_at((lane, *place)) for lane in range(shape[0])]
             columns, dtypes = list(zip(*rows, strict=True)), [self.dtype] * len(rows[0])
-            vectors = side_by_side(self._builder, dtypes, [self.dtype], columns, lambda *row: [self._sum(row)])
-            found.append([self._sum(row) for row in rows] if vectors is None else vectors[0])
-        elements = [number for lane in zip(*found, strict=True) for number in lane]
-        return Registers(self.dtype, as_array(elements, shape, self.dtype))
+            found += side_by_side(self._builder, dtypes, [self.dtype], columns, lambda *row: [self._sum(row)])
+        return Registers(self.dtype, as_array(row_by_row(found), shape, self.dtype))
 
     def write_sum(self, index: Sequence[Index]) -> Element:
         """The sum at an index of the result."""

@@ -1,6 +1,6 @@
 """Reductions over dimensions and over windows."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from ..lowering import Function
 from ..rules import rule
 from ..storage import join_parts, parts
 from ..values import Array, Formula, Memory, Registers, is_small, size_of
-from ..vectors import is_of_vectors, side_by_side
+from ..vectors import is_of_vectors, row_by_row, side_by_side
 from .elementwise import as_array
 
 
@@ -63,29 +63,22 @@ def _in_vectors(
     combine: Any,
 ) -> list[Array]:
     """The same where the first axis stays and is as long as vectors are."""
-    results, count = operation.results, len(first)
+    results = operation.results
     dtypes = [result.dtype for result in results]
     shape = results[0].shape
     table = [np.moveaxis(array.objects(), reduced, range(-len(reduced), 0)) for array in arrays]
-    elements = [np.empty(shape, object) for _ in results]
+    found: list[list[list[Element]]] = [[] for _ in results]
     for place in np.ndindex(*shape[1:]):
         numbers = [[number] * shape[0] for number in first]
         for within in np.ndindex(*table[0].shape[len(shape) :]):
             columns = [*numbers, *(t[(slice(None), *place, *within)].tolist() for t in table)]
-            new = side_by_side(function.builder, dtypes * 2, dtypes, columns, combine)
-            numbers = _in_turn(combine, columns) if new is None else new
-        for k in range(count):
-            for lane in range(shape[0]):
-                elements[k][(lane, *place)] = numbers[k][lane]
+            numbers = side_by_side(function.builder, dtypes * 2, dtypes, columns, combine)
+        for columns, column in zip(found, numbers, strict=True):
+            columns.append(column)
     return [
-        Registers(dtype, as_array(list(array.reshape(-1)), shape, dtype))
-        for dtype, array in zip(dtypes, elements, strict=True)
+        Registers(dtype, as_array(row_by_row(columns), shape, dtype))
+        for dtype, columns in zip(dtypes, found, strict=True)
     ]
-
-
-def _in_turn(combine: Callable[..., Sequence[Element]], columns: Sequence[Sequence[Element]]) -> list[list[Element]]:
-    """What is combined of the numbers of each lane, one lane after another."""
-    return list(map(list, zip(*(combine(*row) for row in zip(*columns, strict=True)), strict=True)))
 
 
 def several(function: Function, operation: Operation, at: Any, of: Sequence[Array], varying: bool) -> list[Array]:
