@@ -46,7 +46,8 @@ def independent(
     """
     condition, body = operation.regions
     # JAX counts the turns of a map from 0, one by one, and nothing else ends it.
-    counts = [(at, turns) for at, (step, turns, decides) in find_counters(operation).items() if decides and step == 1]
+    counters = find_counters(operation).items()
+    counts = [(position, turns) for position, (step, turns, decides) in counters if decides and step == 1]
     counter, turns = counts[0] if counts else (0, None)
     if turns is None or start[counter] != 0 or turns < FEWEST * LANES or _is_apart(body, functions):
         return None

@@ -90,7 +90,7 @@ class _Branches:
         rows = zip(self.targets, results, strict=True)
         self.function.storage.move([(target, array) for target, array in rows if target is not None])
 
-    def set(self, position: int, target: Memory) -> None:
+    def set_target(self, position: int, target: Memory) -> None:
         """Chooses the memory of a result, for all branches."""
         self.function.storage.pin(target)
         self.targets[position] = target
@@ -142,8 +142,8 @@ class _OneWay(_Branches):
                 numbers.append(passing.spread(array) if passing else [])
             self.move(results)
             label = self.function.builder.label  # of the block in which the branch ends, perhaps behind a loop
-            for cases, own in zip(self.cases, numbers, strict=True):
-                cases.append((own, label))
+            for cases, row in zip(self.cases, numbers, strict=True):
+                cases.append((row, label))
         self.end_branch(mark)
 
     def _choose_target(self, position: int, region: Block, array: Array) -> None:
@@ -153,12 +153,12 @@ class _OneWay(_Branches):
         them. Two results need two memories.
         """
         value, taken = region.results[position], {target.buffer.name for target in self.targets if target is not None}
-        own = isinstance(array, Memory) and array.buffer.writable and array.buffer.owners == 1
-        own &= value.block is region or value in self.last
-        same = array.varying == self.varying[position]
-        if not isinstance(array, Memory) or not own or not same or array.buffer.name in taken:
+        stays = isinstance(array, Memory) and array.buffer.writable and array.buffer.owners == 1
+        stays &= value.block is region or value in self.last
+        stays &= array.varying == self.varying[position]
+        if not isinstance(array, Memory) or not stays or array.buffer.name in taken:
             array = self.function.storage.allocate(array.shape, array.dtype, self.varying[position])
-        self.set(position, array)
+        self.set_target(position, array)
 
     def results(self) -> list[Array]:
         """The results, behind all branches."""
@@ -179,7 +179,7 @@ def _each_way(function: Function, operation: Operation, chosen: Vector) -> list[
     branches = _Branches(function, operation, [True] * len(operation.results))
     for position, value in enumerate(operation.results):
         if branches.passing[position] is None:  # each region fills its lanes of it
-            branches.set(position, storage.allocate(value.shape, value.dtype, True))
+            branches.set_target(position, storage.allocate(value.shape, value.dtype, True))
     kinds = [kind for passing in branches.passing if passing for kind, _ in passing.kinds]
     # Each lane goes some way, so that none of these zeros remains.
     numbers: list[Element] = [b.spread(kind, kind.type(0)) for kind in kinds]

@@ -40,11 +40,11 @@ def _in_vectors(
 ) -> Array:
     """The same in vectors along the first axis, where that takes less time."""
     dtypes = [array.dtype for array in of]
-    found = [
+    rows = [
         side_by_side(function.builder, dtypes, [dtype], columns, lambda *xs: (compute(*xs),))[0]
         for columns in in_columns(shape, [function.storage.to_registers(array).flat() for array in of])
     ]
-    return Registers(dtype, as_array(row_by_row(found), shape, dtype))
+    return Registers(dtype, as_array(row_by_row(rows), shape, dtype))
 
 
 def as_array(elements: Sequence[Element], shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:

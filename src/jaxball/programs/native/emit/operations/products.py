@@ -58,12 +58,12 @@ class _Products:
 
     def in_vectors(self, shape: tuple[int, ...]) -> Array:
         """All sums, in vectors along the first dimension."""
-        found = []
+        sums = []
         for place in np.ndindex(*shape[1:]):
             rows = [self._factors_at((lane, *place)) for lane in range(shape[0])]
             columns, dtypes = list(zip(*rows, strict=True)), [self.dtype] * len(rows[0])
-            found += side_by_side(self._builder, dtypes, [self.dtype], columns, lambda *row: [self._sum(row)])
-        return Registers(self.dtype, as_array(row_by_row(found), shape, self.dtype))
+            sums += side_by_side(self._builder, dtypes, [self.dtype], columns, lambda *row: [self._sum(row)])
+        return Registers(self.dtype, as_array(row_by_row(sums), shape, self.dtype))
 
     def write_sum(self, index: Sequence[Index]) -> Element:
         """The sum at an index of the result."""
