@@ -53,6 +53,8 @@ class Signature:
         results = function.varying().call(name, varying) if function.in_lanes else [False] * len(block.results)
         self.arguments = list(map(form, block.arguments, varying))
         self.results = list(map(form, block.results, results))
+        # In lanes there is one function of LLVM's for each choice of operands that differ between them: what all lanes
+        # have in common stays a single number.
         pattern = "".join("v" if varies else "s" for varies in varying) + ("m" if self.mask_writes else "")
         self.name = f"{name}.{pattern}" if function.in_lanes else name
         kinds = [vector_type(dtype, LANES * wide) for dtype, wide in self.types_of_results()]
@@ -101,6 +103,7 @@ def compile_function(caller: Function, name: str, varying: Sequence[bool]) -> Si
                 given.append(f"ptr noalias %r{position}")
                 target = Buffer(f"%r{position}", 0, lanes=form.varying, level=b.level)
                 storage.fill(Memory(array.shape, array.dtype, target), array)
+    # LLVM returns such a structure in registers as far as these go.
     result = "undef"
     for position, (kind, number) in enumerate(zip(signature.types_of_results(), returned, strict=True)):
         result = b.effect(f"insertvalue {signature.type} {result}, {_with_type(b, kind, number)}, {position}")

@@ -63,6 +63,7 @@ def emit_main(compiler: Compiler) -> Main:
 
 
 def _argument(function: Function, compiler: Compiler, value: Value, position: int) -> Array:
+    # The caller's array, which JAX may share with other values.
     buffer = Buffer(_load_address(function, "%inputs", position), 0, writable=False)
     memory = Memory(value.shape, value.dtype, buffer)
     return function.storage.to_registers(memory) if compiler.in_registers(value) else memory

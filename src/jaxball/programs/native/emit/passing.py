@@ -23,6 +23,7 @@ class Passing:
         self.function, self.shape, self.dtype, self.varying = function, shape, dtype, varying
         self.stacked = function.uses_vectors and are_handed_on(shape, dtype)
         self.kinds = [(kind, varying) for kind in parts_of(dtype, size_of(shape))]
+        # Phis of single numbers would make LLVM take the vectors apart in every turn.
         if self.stacked:
             self.kinds = [(dtype, True)] * number_of_vectors(shape)
 

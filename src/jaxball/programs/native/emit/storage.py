@@ -24,6 +24,7 @@ class Storage(Buffers):
         if isinstance(array, Memory):
             return array
         if isinstance(array, Registers) and array.twin is not None:
+            # The loop read these numbers into registers, and left them where they were as well.
             return array.twin
         if isinstance(array, Registers) and array.known:
             return Memory(array.shape, array.dtype, Buffer(self.builder.module.constant(array.elements), 0, False))
@@ -49,6 +50,7 @@ class Storage(Buffers):
         """The same numbers where an index need not be known; a single number may stay in its register."""
         if not isinstance(array, Registers) or size_of(array.shape) == 1:
             return array
+        # A constant of equal numbers, such as zeros, needs no memory.
         if array.known and is_uniform(array.elements):
             number = array.element(self.builder, [0] * len(array.shape))
             return Formula(array.shape, array.dtype, lambda index: number, (), cheap=True)
@@ -84,6 +86,7 @@ class Storage(Buffers):
         for target, source in moves:
             if isinstance(source, Memory) and source.buffer.name == target.buffer.name:
                 continue
+            # Copied also where it is its own target, if a formula reads it: in reverse, for instance.
             if any(buffer.name in names for buffer in source.buffers):
                 source = self.copy_of(source)
             rest.append((target, source))

@@ -75,6 +75,7 @@ class Registers:
 
     def element(self, builder: Builder, index: Sequence[Index]) -> Element:
         """The element at an index, which must be known in dimensions longer than one."""
+        # An index along a dimension of length one may be unknown, and is 0 all the same.
         position: Any = tuple(0 if length == 1 else i for i, length in zip(index, self.shape, strict=True))
         element: Any = self.elements[position]
         return Pair(element.real, element.imag) if self.known and self.dtype.kind == "c" else element
@@ -112,6 +113,7 @@ class Memory:
         # Memory that was allocated under the mask holds nothing that lanes outside of it would still read.
         mask = builder.mask if self.buffer.level < builder.level else None
         if not isinstance(place, Vector):
+            # One place would be written by several lanes. Which of them was last, no program may depend on.
             if not self.buffer.lanes and (in_lanes(element) or mask is not None):
                 raise UnsupportedError("An array that becomes one of each lane")
             store(builder, self.dtype, element, self._parts(builder, place), self.buffer.lanes, mask)
@@ -225,6 +227,7 @@ def load(builder: Builder, dtype: np.dtype, parts: Sequence[Name], wide: bool = 
     """The number at an address, a complex one at two; a boolean is a byte. ``wide``: a vector of the lanes'."""
     if dtype.kind == "c":
         return Pair(*(load(builder, part_of(dtype), [part], wide) for part in parts))
+    # NumPy keeps a boolean in a byte, LLVM in a bit.
     kind = np.dtype(np.uint8) if dtype.kind == "b" else dtype
     number = builder.load(vector_type(kind) if wide else llvm_type(kind), parts[0], wide)
     return builder.apply("icmp ne", kind, number, kind.type(0)) if dtype.kind == "b" else number

@@ -127,6 +127,7 @@ def write_element(element: Element) -> str:
 def as_elements(numbers: np.ndarray) -> np.ndarray:
     """An array of elements of an array of numbers."""
     elements = np.empty(numbers.shape, object)
+    # One by one: NumPy would make Python's numbers of them, which have no type.
     flat = elements.reshape(-1)
     for position, number in enumerate(numbers.reshape(-1)):
         flat[position] = Pair(number.real, number.imag) if numbers.dtype.kind == "c" else number

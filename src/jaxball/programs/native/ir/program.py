@@ -215,6 +215,7 @@ class _Reader:
             for region in operation.regions:
                 if len(region.blocks) != 1:
                     raise UnsupportedError(f"{name} of several blocks")
+                # A region sees the values around it, so an operation reads what its regions read.
                 inner = self.block(region.blocks[0])
                 made.regions.append(inner)
                 _add(made.reads, inner.reads())

@@ -61,6 +61,7 @@ def scalar(operation: Operation) -> Callable[..., Element]:
     """
     name, dtype, to = short(operation.name), operation.operands[0].dtype, operation.results[0].dtype
     if name == "convert":
+        # Either type may be complex: to a real one, only the real part is converted.
         conversion = complex.convert if "c" in (dtype.kind, to.kind) else real.convert
         return lambda builder, x: conversion(builder, dtype, to, x)
     if name == "bitcast_convert":

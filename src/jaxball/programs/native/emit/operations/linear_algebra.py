@@ -216,6 +216,7 @@ def solve(function: Function, operation: Operation, operands: list[Array], lette
     """A routine of LAPACK's or BLAS's, of each matrix."""
     storage, compute = function.storage, _ROUTINES[name]
     routine = _Routine(function, operation, letter)
+    # LAPACK overwrites its matrices, and has them column by column: each is copied, its indices exchanged.
     arrays = [storage.anywhere(storage.evaluate(array)) for array in operands]
     targets = [storage.allocate(result.shape, result.dtype) for result in operation.results]
     batch = arrays[0].shape[: -1 if name == "gtsv" else -2]

@@ -94,6 +94,7 @@ class _Products:
                 places[side][pair[side]] = i
         rest = iter(index[len(self.batch) :])
         for side in (0, 1):
+            # Behind the batch, the result has the free dimensions of the first operand, then those of the second.
             for k in self._free[side]:
                 places[side][k] = next(rest)
         return [self._convert(array, place) for array, place in zip(self.operands, places, strict=True)]

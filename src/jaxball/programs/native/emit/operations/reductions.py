@@ -86,6 +86,7 @@ def several(function: Function, operation: Operation, at: Any, of: Sequence[Arra
     storage, results = function.storage, operation.results
     shape, dtypes = results[0].shape, [result.dtype for result in results]
     loops = any(not isinstance(array, Registers) for array in of)
+    # What is summed in memory takes a loop for each element of the result: a few are in registers.
     if is_small(shape) and (not loops or size_of(shape) <= MOST_LOOPS):
         rows = [at(index) for index in np.ndindex(*shape)]
         columns = list(zip(*rows, strict=True)) or [()] * len(results)
@@ -94,6 +95,7 @@ def several(function: Function, operation: Operation, at: Any, of: Sequence[Arra
         formula = Formula(shape, dtypes[0], lambda index: at(index)[0], of, varying=varying)
         if not is_small(shape):
             return [formula]
+        # One loop over all elements, and then few loads.
         return [storage.to_registers(storage.to_memory(formula))]
     targets = [storage.allocate(shape, dtype, varying) for dtype in dtypes]
     with storage.every_index(shape) as index:
@@ -152,6 +154,7 @@ def select_and_scatter(function: Function, operation: Operation, operands: list[
             number, found, *chosen = best
             other = array.element(builder, place)
             kept = builder.binary("and", BOOL, found, selects(number, other)[0])
+            # Padding is never chosen, whatever would be compared with it.
             kept = builder.binary("or", BOOL, kept, builder.binary("xor", BOOL, inside, np.bool_(True)))
             pairs = zip(parts([dtype], [number]), parts([dtype], [other]), strict=True)
             new = join_parts([dtype], [builder.select(part, kept, x, y) for (part, x), (_, y) in pairs])

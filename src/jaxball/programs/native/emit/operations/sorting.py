@@ -61,12 +61,14 @@ def _sort(function: Function, operation: Operation, length: int, rows: list[Memo
                 first, second = ([row.element(b, (least(k, length - 1),)) for row in rows] for k in (i, j))
                 later = comes_before(*(element for two in zip(second, first, strict=True) for element in two))[0]
                 has_first, has_second = b.compare("slt", INDEX, i, middle), b.compare("slt", INDEX, j, end)
+                # Of equal elements the first comes first, so that the sort is stable, as JAX asks for.
                 takes_second = b.binary("and", BOOL, later, has_second)
                 takes_second = b.binary("or", BOOL, takes_second, b.binary("xor", BOOL, has_first, np.bool_(True)))
                 for row, x, y in zip(spare, second, first, strict=True):
                     storage.put(row, (one.index,), _choose(function, row.dtype, takes_second, x, y))
                 step = b.convert("zext", BOOL, INDEX, takes_second)
                 one.following = [b.plus(i, b.apply("sub", INDEX, 1, step)), b.plus(j, step)]
+        # Copied back in each round, so that the loop over rounds has the same two memories in each.
         for row, other in zip(rows, spare, strict=True):
             b.copy(row.buffer.name, other.buffer.name, length * row.dtype.itemsize * (LANES if row.varying else 1))
 

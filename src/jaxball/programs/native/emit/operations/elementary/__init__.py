@@ -84,6 +84,7 @@ def write_call(b: Builder, name: str, *operands: Element, part: int | None = Non
     """A call, for vectors where an operand is one, written once for equal operands; ``part`` of several results."""
     width = width_of(*operands)
     lanes = width or 1
+    # Written once in a process, and part of each module that calls it.
     for symbol, line in declarations(name, lanes).items():
         b.module.declared.setdefault(symbol, line)
     b.module.declared.setdefault(name_of(name, lanes), definition(name, lanes))

@@ -109,6 +109,7 @@ def _angle(w: Writer, y: str, x: str | float, y_rest: str | float = 0.0, x_rest:
     rest = w.mul(w.div(rest, below), w.sub(1.0, z))
     tail = w.fma(w.mul(q, z), w.polynomial(z, _ATAN), rest)
     backwards = w.is_negative(x)
+    # The multiple of π/4 that was taken off, by selects: lanes may need different ones.
     quarter = w.select(turned, 1.0, 0.0)
     quarter = w.select(steep, w.sub(2.0, quarter), quarter)
     quarter = w.select(backwards, w.sub(4.0, quarter), quarter)
