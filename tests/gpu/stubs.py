@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxball.programs.native.calls.grid import ROWS_OF_LAUNCH
+from jaxball.programs.native.limits import ROWS_OF_LAUNCH
 
 STREAM, KERNEL, RESIDENT = 0x5712EA, 0x4E12E1, 4096
 _POINTER, _INT, _LONG = ctypes.c_void_p, ctypes.c_int, ctypes.c_int64

@@ -7,6 +7,7 @@ from jaxball.programs.native.calls import grid
 from jaxball.programs.native.calls.handler import handler
 from jaxball.programs.native.calls.table import NEXT, PARTS, ROWS, Part
 from jaxball.programs.native.gpu import GridForm, connect
+from jaxball.programs.native.limits import ROWS_OF_LAUNCH
 from jaxball.programs.native.targets.machine import object_code
 
 from . import stubs
@@ -49,17 +50,17 @@ def test_a_single_run_is_one_thread():
 
 def test_many_rows_are_started_in_slices():
     driver, xla = stubs.Driver(parts=3), stubs.Xla()
-    rows = 2 * grid.ROWS_OF_LAUNCH + 100
+    rows = 2 * ROWS_OF_LAUNCH + 100
     assert start(driver, xla, rows)[0] is None
     spans = [(launch.table[NEXT // 8], launch.table[ROWS // 8]) for launch in driver.launches]
     assert spans == [
-        (0, grid.ROWS_OF_LAUNCH),
-        (grid.ROWS_OF_LAUNCH, 2 * grid.ROWS_OF_LAUNCH),
-        (2 * grid.ROWS_OF_LAUNCH, rows),
+        (0, ROWS_OF_LAUNCH),
+        (ROWS_OF_LAUNCH, 2 * ROWS_OF_LAUNCH),
+        (2 * ROWS_OF_LAUNCH, rows),
     ]
     assert [launch.groups * launch.threads for launch in driver.launches] == [
-        grid.ROWS_OF_LAUNCH,
-        grid.ROWS_OF_LAUNCH,
+        ROWS_OF_LAUNCH,
+        ROWS_OF_LAUNCH,
         128,
     ]
 
@@ -97,7 +98,7 @@ def test_too_little_memory_is_an_error_that_says_what_to_do():
 @pytest.mark.parametrize(("result", "code"), [(2, 8), (701, 8), (719, 13)])
 def test_what_the_driver_says_is_an_error_of_xla(result, code):
     driver, xla = stubs.Driver(parts=3, results=[0, result]), stubs.Xla()
-    assert start(driver, xla, 3 * grid.ROWS_OF_LAUNCH)[0] is not None
+    assert start(driver, xla, 3 * ROWS_OF_LAUNCH)[0] is not None
     assert len(driver.launches) == 2  # nothing is started after what failed
     ((found, message),) = xla.errors
     assert found == code

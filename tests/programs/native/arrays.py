@@ -6,8 +6,9 @@ import numpy as np
 
 from jaxball.programs.native.emit.builder import Builder
 from jaxball.programs.native.emit.values import load, store
-from jaxball.programs.native.ir.elements import LANES, part_of
-from jaxball.programs.native.ir.module import ALIGNMENT, Module
+from jaxball.programs.native.ir.elements import part_of
+from jaxball.programs.native.ir.module import Module
+from jaxball.programs.native.limits import ALIGNMENT, LANES
 from jaxball.programs.native.targets.machine import Code, object_code
 from jaxball.programs.native.targets.processors import HOST
 

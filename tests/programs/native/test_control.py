@@ -9,7 +9,7 @@ import pytest
 from jax import lax
 
 from jaxball.programs.native import Lowered
-from jaxball.programs.native.emit.operations import control
+from jaxball.programs.native.emit.operations import loops
 from jaxball.programs.native.ir import lanes
 
 from .comparison import agree
@@ -199,6 +199,30 @@ def test_a_loop_of_calls_of_a_long_function_is_not_written_out():
     agree(f, numbers(2), ulps=2000)
 
 
+@pytest.mark.parametrize(("dtype", "step", "limit"), [("int8", 100, 120), ("uint8", 100, 251), ("int32", 3, 10)])
+def test_a_counter_that_passes_the_last_integer_of_its_type_goes_on_with_the_first(dtype, step, limit):
+    bounds, count = np.iinfo(dtype), 0
+    while count < limit:
+        count = (count + step - bounds.min) % (bounds.max - bounds.min + 1) + bounds.min
+    step, limit = np.array(step, dtype), np.array(limit, dtype)
+    found = agree(lambda: lax.while_loop(lambda i: i < limit, lambda i: i + step, jnp.zeros((), dtype)))
+    assert found == count
+
+
+def test_a_program_has_the_same_text_whenever_it_is_compiled():
+    """Memory that several results leave at once is used again in the same order, whatever their addresses in Python."""
+
+    def f(arrays):
+        def turn(carried):
+            k, arrays = carried
+            return k + 1, [*(0.5 * jnp.sort(x) for x in arrays[1:]), jnp.sort(arrays[0])]
+
+        _, arrays = lax.while_loop(lambda carried: carried[0] < jnp.sum(carried[1][0]), turn, (0, arrays))
+        return [jnp.sort(x[::-1]) for x in arrays]
+
+    assert len({Lowered(f, [numbers(200)] * 5, "f").as_text() for _ in range(4)}) == 1
+
+
 def polynomial(x):
     return functools.reduce(lambda value, k: value * x + k, range(20), x)
 
@@ -211,6 +235,6 @@ def test_a_loop_is_computed_in_lanes_where_it_does_more_than_move_numbers(f, pay
         found.append(lanes.independent(*arguments))
         return found[-1]
 
-    monkeypatch.setattr(control, "independent", noted)
+    monkeypatch.setattr(loops, "independent", noted)
     agree(lambda x: lax.map(f, x), numbers((24, 3)), ulps=200)  # a product and a sum are rounded once or twice
     assert (found[0] is not None) == pays

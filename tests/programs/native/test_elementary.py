@@ -18,8 +18,7 @@ LANES = [1, 8]
 @functools.cache
 def compiled(name, lanes):
     """The function of arrays whose lengths are multiples of the lanes."""
-    w = elementary.Writer(lanes)
-    kind = w.type("double")
+    kind = "double" if lanes == 1 else f"<{lanes} x double>"
     count = elementary.FUNCTIONS[name][1]
     loads = [f"%x{k} = load {kind}, ptr %p{k}, align 8" for k in range(count)]
     steps = [

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from jax import lax
 
-from jaxball.programs.native.emit.operations import control
+from jaxball.programs.native.emit.operations import loops
 from jaxball.programs.native.ir import lanes
 
 from .comparison import agree, native
@@ -25,7 +25,7 @@ def _in_lanes(monkeypatch):
         entered.append(found is not None)
         return found
 
-    monkeypatch.setattr(control, "independent", noted)
+    monkeypatch.setattr(loops, "independent", noted)
     monkeypatch.setattr(lanes, "LEAST_WORK", 0)  # also where they do not pay
     yield
     assert any(entered)

@@ -14,8 +14,9 @@ from jax import lax
 from jaxball.programs.native import Lowered
 from jaxball.programs.native.emit import lowering
 from jaxball.programs.native.emit.operations import complex, real
-from jaxball.programs.native.ir.elements import LANES, UnsupportedError
+from jaxball.programs.native.ir.elements import UnsupportedError
 from jaxball.programs.native.ir.module import Module
+from jaxball.programs.native.limits import LANES
 
 from .arrays import Compiled, written_program
 

@@ -115,6 +115,7 @@ def while_loop(
 
     if not reverse:
         return structure.unflatten(_repeat(goes_on, lambda k, leaves: step(leaves), leaves, max_steps)[1])
+    # Traced once: the way back needs the very operations of the way forward, to find the recorded parts among them.
     programs = jax.make_jaxpr(goes_on)(leaves), jax.make_jaxpr(step)(leaves)
     return structure.unflatten(_Loop(*programs, is_buffer, max_steps, rows, recorded, parts)(leaves))
 
@@ -164,6 +165,7 @@ class _Loop:
         self.recorded = [(e, named[e.params["name"]]) for e in step.jaxpr.eqns if e.params.get("name") in named]
         results = [variable.aval for equation, _ in self.recorded for variable in equation.outvars]
         self.packing = _Packing([*choose(step.in_avals, self.is_carried), *results])
+        # With √n rows, each step is taken twice at most, in segments of some √n steps.
         least = math.isqrt(max(max_steps - 1, 0)) + 1
         self.rows = min(max(BYTES_FOR_ALL // max(self.packing.size, 1), least) if rows is None else rows, max_steps)
         # Steps that are taken twice are taken by the same program, so that they are the same to the last bit.
@@ -204,9 +206,12 @@ class _Loop:
             new, row = self.take_step(whole, leaves)
             if self.rows == self.max_steps:
                 return new, every, _write_row(rows, k, row)
+            # How many steps there will be is not known: when the rows are full, every second one is dropped, and steps
+            # are recorded half as often from there on.
             full = k == every * self.rows
             rows = jax.lax.fori_loop(0, jnp.where(full, (self.rows + 1) // 2, 0), _keep_every_second, rows)
             every = jnp.where(full, 2 * every, every)
+            # A row beyond the last is not written.
             place = jnp.where(k % every == 0, k // every, self.rows)
             return new, every, _write_row(rows, place, row)
 
@@ -253,6 +258,7 @@ class _WayBack:
     def __init__(self, loop: _Loop, recording: _Recording, varies: Any):
         self.loop, self.recording = loop, recording
         of_constants, self.of_arrays, self.of_conditions, of_leaves = varies
+        # The whole varies if any of its parts does.
         if loop.place is not None:
             of_constants[loop.place] = any(self.of_arrays)
         self.of_constants, self.which = of_constants, varying_in_loop(loop.step, of_constants, of_leaves)
@@ -280,6 +286,7 @@ class _WayBack:
 
             kept = [row[first // every] for row in self.recording.rows]
             begun, count = loop.packing.unpack(kept)[: sum(loop.is_carried)], end - first
+            # The row of the first step is there; only those behind it are computed again.
             rows = _write_row(rows, jnp.asarray(0), kept)
             _, (_, rows) = _repeat(lambda _: True, again, (begun, rows), jnp.where(count == 1, 0, count))
             return first, self.through(rows, end - first, cotangents), rows

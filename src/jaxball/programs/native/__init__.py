@@ -14,7 +14,8 @@ turns it into many small loops. Here such a program is written as LLVM IR, numbe
 - ``calls``: how Python, XLA, and threads of a CPU or of a GPU call the main function.
 
 Around them are ``arguments``, their types; ``tracing``, functions traced by JAX; ``choice``, of the compiler;
-``executable`` and ``gpu``, programs that are called; ``collecting``, of garbage while the compiler works.
+``executable`` and ``gpu``, programs that are called; ``collecting``, of garbage while the compiler works; and
+``limits``, all sizes that decide what is written how.
 
 It contains nothing specific to mechanics.
 """
@@ -36,8 +37,7 @@ from .choice import (
 )
 from .executable import CallbackReachedError, Form, Program
 from .gpu import GridForm, GridProgram
-from .ir.elements import LANES
-from .ir.lanes import FEWEST
+from .limits import FEWEST, LANES
 from .targets.cuda import CudaError
 from .targets.machine import identity
 from .tracing import Lowered, is_traced_natively

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...compat import array_type, put
 from .arguments import is_of_numpy
-from .ir.module import ALIGNMENT
+from .limits import ALIGNMENT
 from .targets.machine import Code
 
 _spare = threading.local()

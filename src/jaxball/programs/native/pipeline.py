@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .calls.grid import MOST_BYTES_OF_TABLE, kernel, launcher
+from .calls.grid import kernel, launcher
 from .calls.handler import handler
 from .calls.python import python_call
 from .calls.row_threads import rows_in_threads
@@ -19,6 +19,7 @@ from .gpu import GridForm, compile_for_gpus
 from .ir.elements import UnsupportedError
 from .ir.extent import loops_over_large_arrays
 from .ir.program import Block, functions_of
+from .limits import MOST_BYTES_OF_TABLE
 from .targets.machine import object_code, ptx, routines_in, triple
 from .targets.processors import HOST, THREAD, Target, host_for
 

@@ -6,16 +6,8 @@ the program. The other runs on the CPU beside XLA's handler: it starts the kerne
 
 from collections.abc import Iterator, Sequence
 
+from ..limits import FEWEST_THREADS, MOST_LOCAL, ROWS_OF_LAUNCH, THREADS
 from .table import DONE, NEXT, ROWS, Part, bytes_of_table, write_places
-
-THREADS = 64  # of a group: few, because the registers of a group are free again only when its last run has ended
-# Rows that are started together. Where a display hangs on the GPU, its driver ends what takes more than seconds.
-ROWS_OF_LAUNCH = 2**18
-# Bytes to work in that a thread has as its own memory, which CUDA reserves for all threads that a GPU can run at once,
-# and arranges so that they read side by side. More is one array of XLA's, of which each thread has a part.
-MOST_LOCAL = 16_384
-FEWEST_THREADS = 1_024  # threads below which too little memory is left
-MOST_BYTES_OF_TABLE = 4_096  # which is an argument of the kernel, and may have no more
 
 MEMORY = DONE  # where the array to work in is: a number of the table that a grid does not need
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from ..emit.lowering import INTERRUPTED_CODE, REFUSED
 from ..emit.main import Result
-from .row_threads import PATIENCE
+from ..limits import PATIENCE
 
 # The control data of a program: the instructions left until it next checks for signals, whether it must stop, the state
 # of Python's thread, which has released Python's lock, and where it says that all threads must stop, if it has several.

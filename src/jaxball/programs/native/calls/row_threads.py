@@ -6,13 +6,10 @@ XLA's, or of Python's, which call ``rows(shared)``. A block is the same to the l
 
 from collections.abc import Iterator, Sequence
 
+from ..limits import MOST_HELPER_THREADS, PATIENCE, SPARE
 from .table import BLOCKS, DONE, ROWS, STOPPED, USERS, Part, write_places
 
-MOST_HELPER_THREADS = 255  # threads that compute blocks besides the one that calls
-SPARE = 16  # memories to work in that a program keeps for its next calls
-
-# Instructions between two checks for signals: a few milliseconds; and more than there are, for XLA's threads.
-PATIENCE, NEVER = 5_000_000, 2**63 - 1
+NEVER = 2**63 - 1  # instructions: XLA's threads do not look for signals
 
 
 def rows_in_threads(takes: Sequence[Part], gives: Sequence[Part], block: int, workspace: int, triple: str) -> str:

@@ -1,25 +1,26 @@
 """One function as LLVM IR: numbers with constant folding, indices, memory, loops and branches."""
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
 from ..ir.elements import (
     Element,
     Index,
-    Lanes,
     Name,
     UnsupportedError,
+    Vector,
     in_lanes,
     is_known,
-    vector_type,
+    llvm_type,
     width_of,
     write_element,
 )
-from ..ir.folding import COMPARED, FOLDED, simpler_float, simpler_integer, suffix
-from ..ir.module import ALIGNMENT, Module
+from ..ir.folding import COMPARED, FOLDED, simpler_float, simpler_integer
+from ..ir.module import Module
 from ..ir.scopes import Turn
+from ..limits import ALIGNMENT
 from ..targets.machine import multiplies_and_adds
 from .instructions import BOOL, Instructions
 
@@ -32,7 +33,7 @@ class Builder(Instructions):
     def __init__(self, module: Module):
         super().__init__(module)
         # The lanes in which memory changes, where not in all, and in how many blocks within each other that is said.
-        self.mask: Lanes | None = None
+        self.mask: Vector | None = None
         self.level = 0
         self._ranges: dict[Name, tuple[int, int]] = {}  # of integers, the least and the greatest that they can be
         self._products: dict[Name, tuple[Element, Element]] = {}  # the factors of each
@@ -41,9 +42,7 @@ class Builder(Instructions):
 
     def convert(self, operation: str, source: np.dtype, target: np.dtype, x: Element) -> Name:
         """An instruction that makes a number of another type."""
-        wide = width_of(x)
-        old, new = (vector_type(kind, wide) for kind in (source, target))
-        name = self.pure(f"{operation} {old} {write_element(x)} to {new}", wide)
+        name = self.cast(operation, source, target, x)
         bounds = self.range_of(x) if source.kind == "i" == target.kind else None
         if bounds and np.iinfo(target).min <= bounds[0] and bounds[1] <= np.iinfo(target).max:
             self.note_bounds(name, bounds)
@@ -64,6 +63,7 @@ class Builder(Instructions):
 
     def binary(self, operation: str, dtype: np.dtype, x: Element, y: Element) -> Element:
         """add, sub, mul and div of any type (integers' div apart); and, or, xor of integers and booleans."""
+        # NumPy rounds as the processor does.
         if is_known(x) and is_known(y) and operation in FOLDED:
             with np.errstate(all="ignore"):
                 return dtype.type(FOLDED[operation](x, y))
@@ -72,6 +72,7 @@ class Builder(Instructions):
                 return simpler
             if operation == "mul":
                 product = self.apply("fmul", dtype, x, y)
+                # Remembered, not written as a product with a sum: whether one follows, only the next operations tell.
                 self._products[product] = x, y
                 return product
             return self._fuse(operation, dtype, x, y) or self.apply(f"f{operation}", dtype, x, y)
@@ -108,6 +109,7 @@ class Builder(Instructions):
         kind = "fcmp" if dtype.kind == "f" else "icmp"
         if is_known(x) and is_known(y) and predicate in COMPARED:
             return np.bool_(COMPARED[predicate](x, y))
+        # Only what JAX writes to wrap negative indices and to clamp slices: i < 0, and i ≥ n.
         one, other = self.range_of(x), self.range_of(y)
         if predicate not in ("slt", "sge") or one is None or other is None:
             return self.apply(f"{kind} {predicate}", dtype, x, y)
@@ -119,13 +121,10 @@ class Builder(Instructions):
         """x where the condition holds, else y; no complex numbers."""
         if is_known(condition):
             return x if condition else y
+        # By its text, because equal numbers of floats include 0 and −0.
         if write_element(x) == write_element(y):
             return x
-        wide = width_of(condition, x, y)
-        kind = vector_type(dtype, wide)
-        choice = f"{vector_type(BOOL, width_of(condition))} {condition}"
-        first, second = (f"{kind} {self.operand(dtype, number, wide)}" for number in (x, y))
-        name = self.pure(f"select {choice}, {first}, {second}", wide)
+        name = self.choose(dtype, condition, x, y)
         if dtype.kind == "i" and (one := self.range_of(x)) and (other := self.range_of(y)):
             self.note_bounds(name, (min(one[0], other[0]), max(one[1], other[1])))
         return name
@@ -144,21 +143,18 @@ class Builder(Instructions):
         It is written once for equal operands. LLVM's take vectors as well, C's are called for one lane after another.
         ``flags``: one more operand of an intrinsic.
         """
-        intrinsic, result, wide = function.startswith("llvm."), to or dtype, width_of(*operands)
-        if wide and not intrinsic:
+        if function.startswith("llvm."):
+            return self.intrinsic(function, dtype, *operands, to=to, flags=flags)
+        result, wide = to or dtype, width_of(*operands)
+        if wide:
             rows = ([self.lane(dtype, x, lane) for x in operands] for lane in range(wide))
             calls = [self.call(function, dtype, *row, to=to, attributes=attributes) for row in rows]
             return self.gather(result, calls, wide)
-        given, gives = (vector_type(kind, wide) for kind in (dtype, result))
-        name = f"@{function}"
-        if intrinsic:
-            types = (result, dtype) if to is not None else (dtype,)
-            name += "".join(f".v{wide}{suffix(kind)}" if wide else f".{suffix(kind)}" for kind in types)
-        kinds = ", ".join(filter(None, [*[given] * len(operands), flags.partition(" ")[0]]))
-        end = "" if intrinsic else f" nounwind willreturn {attributes}"
-        self.module.declared.setdefault(name, f"declare {gives} {name}({kinds}){end}")
-        numbers = [f"{given} {self.operand(dtype, x, wide)}" for x in operands]
-        return self.pure(f"call {gives} {name}({', '.join(filter(None, [*numbers, flags]))})", wide)
+        given, gives = llvm_type(dtype), llvm_type(result)
+        head = f"declare {gives} @{function}({', '.join([given] * len(operands))}) nounwind willreturn {attributes}"
+        self.module.declared.setdefault(f"@{function}", head)
+        numbers = ", ".join(f"{given} {self.operand(dtype, x)}" for x in operands)
+        return self.pure(f"call {gives} @{function}({numbers})")
 
     # Indices, of 64 bits
 
@@ -190,6 +186,7 @@ class Builder(Instructions):
             return min(max(i, 0), high)
         if high == 0:
             return 0
+        # A counter of a loop over the array needs no clamp, which would keep LLVM from seeing how its addresses follow.
         least, greatest = self.range_of(i) or (-1, high + 1)
         if least >= 0 and greatest <= high:
             return i
@@ -208,14 +205,15 @@ class Builder(Instructions):
 
     def address(self, base: Name, offset: Index) -> Name:
         """An address ``offset`` bytes behind another."""
-        return base if offset == 0 else self.pure(f"getelementptr i8, ptr {base}, i64 {offset}")
+        return base if offset == 0 else self.pure(f"getelementptr i8, ptr {base}, i64 {self.operand(INDEX, offset)}")
 
     def allocate(self, size: int) -> Name:
         """Memory of ``size`` bytes, which belongs to the function while it runs."""
-        name = self._drop_unused()
+        name = self._new_name()
         if size <= self.module.target.most_on_stack:
             self._allocated.append(f"{name} = alloca [{size} x i8], align {ALIGNMENT}")
             return name
+        # A static place for each array, also in loops: a buffer made within a loop is the same one in every turn.
         offset = self.module.workspace
         self.module.workspace += -(-size // ALIGNMENT) * ALIGNMENT
         self._allocated.append(f"{name} = getelementptr i8, ptr %workspace, i64 {offset}")
@@ -245,25 +243,6 @@ class Builder(Instructions):
         self._count += 1
         return f"{name}.{self._count}"
 
-    def begin(self, label: str) -> None:
-        """Begins the block with that label."""
-        self._lines.append(f"{label}:")
-        self.label = label
-
-    def jump(self, label: str) -> None:
-        self.write(f"br label %{label}")
-
-    def branch(self, condition: Element, yes: str, no: str) -> None:
-        self.write(f"br i1 {write_element(condition)}, label %{yes}, label %{no}")
-
-    def reserve(self) -> int:
-        """A place for a line that is written later, by :meth:`fill`."""
-        self._lines.append("")
-        return len(self._lines) - 1
-
-    def fill(self, place: int, line: str) -> None:
-        self._lines[place] = line
-
     @contextlib.contextmanager
     def loop(self, start: Index, end: Index, *carried: tuple[np.dtype, Element]) -> Iterator["Turn"]:
         """A loop over indices from start to before end, at least one of them.
@@ -277,6 +256,7 @@ class Builder(Instructions):
             self.jump(body)
             self.begin(body)
             turn = Turn(self.fresh(), [self.fresh(in_lanes(first)) for _, first in carried])
+            # What a phi is given by the last turn has no name yet.
             places = [self.reserve() for _ in (turn.index, *carried)]
             cost = self.cost
             yield turn
@@ -285,7 +265,8 @@ class Builder(Instructions):
                 for (dtype, _), new, name in zip(carried, turn.following, turn.carried, strict=True)
             ]
             index = self.effect(f"add nuw nsw i64 {turn.index}, 1")
-            self.branch(self.effect(f"icmp slt i64 {index}, {end}"), body, after)
+            self.branch(self.effect(f"icmp slt i64 {index}, {self.operand(INDEX, end)}"), body, after)
+        # Otherwise one turn counts: the cost only says how often to look for signals.
         if isinstance(start, int) and isinstance(end, int):
             self.cost = cost + (self.cost - cost) * (end - start)
         self.fill_phi(places[0], turn.index, INDEX, [(start, before), (index, self.label)])
@@ -299,9 +280,9 @@ class Builder(Instructions):
 
         **Raises:** ``UnsupportedError`` for a vector where the name stands for a single number.
         """
-        if isinstance(name, Lanes):
+        if isinstance(name, Vector):
             return self.spread(dtype, x)
-        if isinstance(x, Lanes):
+        if isinstance(x, Vector):
             raise UnsupportedError("A number that becomes one of each lane")
         return x
 
@@ -311,10 +292,11 @@ class Builder(Instructions):
         if is_known(condition) and condition:
             yield
             return
-        if isinstance(condition, Lanes):
+        if isinstance(condition, Vector):
             with self.mask_writes(condition):
                 yield
             return
+        # The block that is never entered is written all the same: whoever writes it counts on the names in it.
         condition = "false" if is_known(condition) else condition
         yes, after = self.new_label("then"), self.new_label("after")
         self.branch(condition, yes, after)
@@ -325,33 +307,15 @@ class Builder(Instructions):
         self.begin(after)
 
     @contextlib.contextmanager
-    def mask_writes(self, condition: Lanes) -> Iterator[Lanes]:
+    def mask_writes(self, condition: Vector) -> Iterator[Vector]:
         """The instructions written in this Python block change older memory only in the lanes of the condition.
 
         Yields the lanes: those of the condition within those of the block around this one.
         """
         around = self.mask
-        self.mask = condition if around is None else Lanes(self.apply("and", BOOL, condition, around))
+        self.mask = condition if around is None else Vector(self.apply("and", BOOL, condition, around))
         self.level += 1
         try:
             yield self.mask
         finally:
             self.mask, self.level = around, self.level - 1
-
-    def fill_phi(self, place: int, name: Name, dtype: np.dtype, cases: Sequence[tuple[Element, str]]) -> None:
-        """Writes, at a place that was reserved, that a name is the number that the block before gives."""
-        wide = width_of(name)
-        kind = vector_type(dtype, wide)
-        ways = ", ".join(f"[ {self.operand(dtype, element, wide)}, %{label} ]" for element, label in cases)
-        self.fill(place, f"{name} = phi {kind} {ways}")
-
-    def phi(self, dtype: np.dtype, cases: Sequence[tuple[Element, str]]) -> Element:
-        """The number that the block before this one gives; a vector where one of them is, and then so must all be that
-        are not known.
-        """
-        texts = [write_element(element) for element, _ in cases]
-        if len(set(texts)) == 1 and all(is_known(element) for element, _ in cases):
-            return cases[0][0]
-        name, place = self.fresh(in_lanes(*(element for element, _ in cases))), self.reserve()
-        self.fill_phi(place, name, dtype, cases)
-        return name

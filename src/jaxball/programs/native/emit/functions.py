@@ -5,45 +5,30 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..ir.elements import LANES, Element, Lanes, vector_type
+from ..ir.elements import Element, Vector, vector_type
 from ..ir.program import Block, Value
+from ..limits import LANES
+from .buffers import Buffer
 from .builder import BOOL, Builder
 from .lowering import Function
-from .storage import join_parts, parts, parts_of
-from .values import Array, Buffer, Memory, Registers, registers
-from .vectors import are_handed_on, in_vectors, number_of_vectors, one_by_one
+from .passing import Passing
+from .values import Array, Memory
 
 
 class _Form(NamedTuple):
     """How an argument or a result is handed over.
 
-    - ``small``: in registers, one for each number; else as an address.
-    - ``own``: lanes have each their own, and the numbers are vectors.
-    - ``stacked``: in registers, in vectors along its first axis.
+    - ``varying``: whether lanes have each their own.
+    - ``passing``: how it is passed in registers; None where it is passed by its address.
     """
 
-    small: bool
-    own: bool
-    stacked: bool
+    varying: bool
+    passing: Passing | None
 
-    def kinds(self, value: Value) -> list[tuple[np.dtype, bool]]:
+    @property
+    def kinds(self) -> list[tuple[np.dtype, bool]]:
         """The types of the registers, and whether they are vectors."""
-        if self.stacked:
-            return [(value.dtype, True)] * number_of_vectors(value.shape)
-        return [(dtype, self.own) for dtype in parts_of(value.dtype, value.size)] if self.small else []
-
-    def apart(self, builder: Builder, array: Registers) -> list[Element]:
-        """The numbers of the registers."""
-        flat = list(array.objects().reshape(-1))
-        if self.stacked:
-            return in_vectors(builder, array.dtype, array.shape, flat)
-        return [number for _, number in parts([array.dtype] * len(flat), flat)]
-
-    def together(self, builder: Builder, value: Value, numbers: Sequence[Element]) -> Registers:
-        """The array of these numbers."""
-        if self.stacked:
-            numbers = one_by_one(builder, value.dtype, value.shape, numbers)
-        return registers(value.dtype, join_parts([value.dtype] * value.size, numbers), value.shape)
+        return self.passing.kinds if self.passing else []
 
 
 def _with_type(builder: Builder, kind: tuple[np.dtype, bool], number: Element) -> str:
@@ -60,22 +45,24 @@ class Signature:
     """
 
     def __init__(self, function: Function, name: str, block: Block, varying: Sequence[bool]):
-        def form(value: Value, own: bool) -> _Form:
+        def form(value: Value, varies: bool) -> _Form:
             small = function.compiler.in_registers(value)
-            return _Form(small, own, small and function.uses_vectors and are_handed_on(value.shape, value.dtype))
+            return _Form(varies, Passing(function, value.shape, value.dtype, varies) if small else None)
 
         self.mask_writes = function.builder.mask is not None
         results = function.varying().call(name, varying) if function.in_lanes else [False] * len(block.results)
         self.arguments = list(map(form, block.arguments, varying))
         self.results = list(map(form, block.results, results))
-        pattern = "".join("v" if own else "s" for own in varying) + ("m" if self.mask_writes else "")
+        # In lanes there is one function of LLVM's for each choice of operands that differ between them: what all lanes
+        # have in common stays a single number.
+        pattern = "".join("v" if varies else "s" for varies in varying) + ("m" if self.mask_writes else "")
         self.name = f"{name}.{pattern}" if function.in_lanes else name
-        kinds = [vector_type(dtype, LANES * wide) for dtype, wide in self.types_of_results(block)]
+        kinds = [vector_type(dtype, LANES * wide) for dtype, wide in self.types_of_results()]
         self.type = f"{{ {', '.join(kinds)} }}" if kinds else "void"
 
-    def types_of_results(self, block: Block) -> list[tuple[np.dtype, bool]]:
+    def types_of_results(self) -> list[tuple[np.dtype, bool]]:
         """The types of the numbers that are returned, and whether they are vectors."""
-        return [kind for value, form in zip(block.results, self.results, strict=True) for kind in form.kinds(value)]
+        return [kind for form in self.results for kind in form.kinds]
 
 
 def compile_function(caller: Function, name: str, varying: Sequence[bool]) -> Signature:
@@ -89,34 +76,36 @@ def compile_function(caller: Function, name: str, varying: Sequence[bool]) -> Si
     function.in_lanes = caller.in_lanes
     b, storage = function.builder, function.storage
     given, arguments = ["ptr %control", "ptr %workspace"], []
+    # A function never writes to its arguments: it copies what it overwrites, since callers may still read them.
     for position, (value, form) in enumerate(zip(block.arguments, signature.arguments, strict=True)):
-        if not form.small:
+        if form.passing is None:
             given.append(f"ptr noalias readonly %a{position}")
-            buffer = Buffer(f"%a{position}", 0, writable=False, lanes=form.own)
+            buffer = Buffer(f"%a{position}", 0, writable=False, lanes=form.varying)
             arguments.append(Memory(value.shape, value.dtype, buffer))
             continue
         numbers: list[Element] = []
-        for k, (dtype, wide) in enumerate(form.kinds(value)):
+        for k, (dtype, wide) in enumerate(form.kinds):
             kind, name = vector_type(dtype, LANES * wide), f"%a{position}.{k}"
             given.append(f"{kind} {name}")
             # Lanes can be taken out of a vector that has a line of its own.
-            name = b.effect(f"bitcast {kind} {name} to {kind}", LANES) if form.stacked else name
-            numbers.append(Lanes(name) if wide else name)
-        arguments.append(form.together(b, value, numbers))
+            name = b.effect(f"bitcast {kind} {name} to {kind}", LANES) if form.passing.stacked else name
+            numbers.append(Vector(name) if wide else name)
+        arguments.append(form.passing.join(numbers))
     if signature.mask_writes:
         given.append(f"{vector_type(BOOL)} %mask")
-        b.mask, b.level = Lanes("%mask"), 1
+        b.mask, b.level = Vector("%mask"), 1
     with function.write_block(block, arguments) as results:
-        types_of_results = []
+        returned: list[Element] = []
         for position, (array, form) in enumerate(zip(results, signature.results, strict=True)):
-            if form.small:
-                types_of_results += form.apart(b, storage.to_registers(array))
+            if form.passing is not None:
+                returned += form.passing.split(array)
             else:
                 given.append(f"ptr noalias %r{position}")
-                target = Buffer(f"%r{position}", 0, lanes=form.own, level=b.level)
+                target = Buffer(f"%r{position}", 0, lanes=form.varying, level=b.level)
                 storage.fill(Memory(array.shape, array.dtype, target), array)
+    # LLVM returns such a structure in registers as far as these go.
     result = "undef"
-    for position, (kind, number) in enumerate(zip(signature.types_of_results(block), types_of_results, strict=True)):
+    for position, (kind, number) in enumerate(zip(signature.types_of_results(), returned, strict=True)):
         result = b.effect(f"insertvalue {signature.type} {result}, {_with_type(b, kind, number)}, {position}")
     b.write("ret void" if signature.type == "void" else f"ret {signature.type} {result}")
     compiler.module.functions.append(b.function(f"internal {signature.type} @{signature.name}({', '.join(given)})"))
@@ -129,21 +118,23 @@ def call_function(function: Function, name: str, block: Block, operands: Sequenc
     signature = compile_function(function, name, [array.varying for array in operands])
     b, storage = function.builder, function.storage
     given = ["ptr %control", "ptr %workspace"]
-    for value, array, form in zip(block.arguments, operands, signature.arguments, strict=True):
-        if form.small:
-            numbers = form.apart(b, storage.to_registers(array))
-            given += [_with_type(b, kind, number) for kind, number in zip(form.kinds(value), numbers, strict=True)]
+    for array, form in zip(operands, signature.arguments, strict=True):
+        if form.passing is not None:
+            numbers = form.passing.split(array)
+            given += [_with_type(b, kind, number) for kind, number in zip(form.kinds, numbers, strict=True)]
         else:
             given.append(f"ptr {storage.to_memory(array).buffer.name}")
     if signature.mask_writes:
         given.append(f"{vector_type(BOOL)} {b.mask}")
+    # Large results are written where the caller has room, so that nothing is copied behind the call.
     memory: list[Array] = []
     for value, form in zip(block.results, signature.results, strict=True):
-        if not form.small:
-            target = storage.allocate(value.shape, value.dtype, form.own)
+        if form.passing is None:
+            target = storage.allocate(value.shape, value.dtype, form.varying)
             given.append(f"ptr {target.buffer.name}")
             memory.append(target)
     call = f"call {signature.type} @{signature.name}({', '.join(given)})"
+    # A loop of calls looks for signals as often as one of the instructions that they execute.
     b.cost += function.compiler.compiled[signature.name]
     if signature.type == "void":
         b.write(call)
@@ -152,11 +143,11 @@ def call_function(function: Function, name: str, block: Block, operands: Sequenc
     numbers = iter(
         [
             b.effect(f"extractvalue {signature.type} {returned}, {k}", LANES * wide)
-            for k, (_, wide) in enumerate(signature.types_of_results(block))
+            for k, (_, wide) in enumerate(signature.types_of_results())
         ]
     )
     in_memory, results = iter(memory), []
-    for value, form in zip(block.results, signature.results, strict=True):
-        own = [next(numbers) for _ in form.kinds(value)]
-        results.append(form.together(b, value, own) if form.small else next(in_memory))
+    for form in signature.results:
+        passed = [next(numbers) for _ in form.kinds]
+        results.append(next(in_memory) if form.passing is None else form.passing.join(passed))
     return results

@@ -5,26 +5,26 @@ before loops in which it is invariant (:mod:`scopes`). Writing text is faster th
 reads 20,000 lines in 20 ms.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from ..ir.elements import (
-    LANES,
     Element,
-    Lanes,
+    Lane,
     Name,
+    Vector,
     in_lanes,
     is_known,
     llvm_type,
     vector_type,
     width_of,
-    with_lanes,
     write_element,
 )
-from ..ir.folding import read
+from ..ir.folding import read, suffix
 from ..ir.module import Module
 from ..ir.scopes import Scopes
+from ..limits import LANES
 
 BOOL = np.dtype(bool)
 
@@ -41,14 +41,13 @@ class Instructions:
         self._count = 0
         self._scopes = Scopes()
         self._loaded: set[Name] = set()
-        self._vectors: dict[Name, tuple[np.dtype, int]] = {}  # type and width of those whose lanes have names
+        # Of the vectors whose lanes are elements: the type, and the lanes that instructions read.
+        self._lanes: dict[Name, tuple[str, set[int]]] = {}
 
     def function(self, head: str) -> str:
         """The function's text. ``head``: its result, name and parameters."""
         lines = [*self._allocated, *self._lines]
-        if self._vectors:
-            lines = with_lanes("\n".join(lines), self._vectors)
-        return "\n".join([f"define {head} {{", "entry:", *lines, "}"])
+        return "\n".join([f"define {head} {{", "entry:", *self._take_lanes(lines), "}"])
 
     @property
     def lines(self) -> int:
@@ -80,10 +79,11 @@ class Instructions:
     def pure(self, instruction: str, wide: int = 0) -> Name:
         """A pure instruction, which cannot fail. ``wide``: its lanes, of a vector."""
         scopes = self._scopes
+        # A name is given once, so equal texts are equal numbers.
         name = scopes.find(instruction)
         if name is not None:
             return name
-        name = self._drop_unused(wide)
+        name = self._new_name(wide)
         ahead_of = scopes.note(instruction, name)
         if ahead_of is None:
             self.write(f"{name} = {instruction}")
@@ -93,34 +93,42 @@ class Instructions:
         return name
 
     def fresh(self, wide: int = 0) -> Name:
-        name = self._drop_unused(wide)
+        name = self._new_name(wide)
         self._scopes.name(name)
         return name
 
-    def _drop_unused(self, wide: int = 0) -> Name:
+    def _new_name(self, wide: int = 0) -> Name:
         self._count += 1
         name = f"%v{self._count}"
-        return Lanes(name, LANES if wide is True else wide) if wide else name
+        return Vector(name, LANES if wide is True else wide) if wide else name
 
     # Lanes
 
-    def operand(self, dtype: np.dtype, x: Element, wide: int) -> str:
-        """An element as an operand; ``wide``: as a vector, in which all lanes are the same if x is not a vector."""
-        if isinstance(x, Lanes):
+    def operand(self, dtype: np.dtype, x: Element, wide: int = 0) -> str:
+        """An element as an operand; ``wide``: as a vector, in which all lanes are the same if x is not a vector.
+
+        Every element that an instruction reads is written by this method, which notes the lanes among them.
+        """
+        if isinstance(x, Vector):
             return x
         if not wide:
-            return x if isinstance(x, str) else write_element(x)
+            if not isinstance(x, str):
+                return write_element(x)
+            if isinstance(x, Lane):
+                self._lanes[x.vector][1].add(x.position)
+            return x
         return f"splat ({llvm_type(dtype)} {write_element(x)})" if is_known(x) else self.spread(dtype, x, wide)
 
     def spread(self, dtype: np.dtype, x: Element, width: int = LANES) -> Element:
         """A vector in which all lanes have the same number, or the vector that x is already."""
-        if isinstance(x, Lanes):
+        if isinstance(x, Vector):
             return x
         kind = vector_type(dtype, width)
         if is_known(x):
             numbers = f"{kind} splat ({llvm_type(dtype)} {write_element(x)})"
+            # A constant vector needs a name, by which it is found again and is placed before loops.
             return self.pure(f"select i1 true, {numbers}, {kind} poison", width)
-        first = self.pure(f"insertelement {kind} poison, {llvm_type(dtype)} {x}, i64 0")
+        first = self.pure(f"insertelement {kind} poison, {llvm_type(dtype)} {self.operand(dtype, x)}, i64 0")
         return self.pure(f"shufflevector {kind} {first}, {kind} poison, <{width} x i32> zeroinitializer", width)
 
     def lane(self, dtype: np.dtype, x: Element, lane: int) -> Element:
@@ -128,35 +136,54 @@ class Instructions:
         return self.pure(f"extractelement {vector_type(dtype, x.width)} {x}, i64 {lane}") if in_lanes(x) else x
 
     def lanes_of(self, dtype: np.dtype, x: Element, count: int) -> list[Element]:
-        """The numbers of the first lanes, by names; those that something reads are taken out of the vector."""
-        if not isinstance(x, Lanes):
+        """The numbers of the first lanes. Nothing is written for those that no instruction reads."""
+        if not isinstance(x, Vector):
             return [x] * count
+        # Known numbers are folded further where they are read one by one.
         if x.startswith("<"):  # of known numbers, which an operation left as they are
             numbers = [number.split()[1] for number in x[1:-1].split(", ")]
             return [read(dtype, number) for number in numbers[:count]]
-        self._vectors[x] = dtype, x.width
-        return [f"{x}.{lane}" for lane in range(count)]
+        self._lanes.setdefault(x, (vector_type(dtype, x.width), set()))
+        return [Lane(x, position) for position in range(count)]
 
-    def place_of(self, name: Name) -> tuple[Lanes | None, int]:
-        """The vector of which a name is that of a lane, and which lane; None where it is not."""
-        vector, _, lane = name.partition(".")
-        return (Lanes(vector, self._vectors[vector][1]), int(lane)) if vector in self._vectors else (None, 0)
+    def _take_lanes(self, lines: Sequence[str]) -> Iterator[str]:
+        """Takes the lanes that instructions read out of their vectors, directly behind these.
 
-    def shuffle(self, dtype: np.dtype, x: Lanes, y: Lanes | None, lanes: Sequence[int]) -> Lanes:
+        Most operations on short arrays read whole vectors, so which lanes are read is known only now, when all
+        instructions are written.
+        """
+        waiting: list[str] = []  # behind the last phi of a block, since phis come first in it
+        for line in "\n".join(lines).split("\n"):
+            vector, _, instruction = line.partition(" = ")
+            is_phi = instruction.startswith("phi ")
+            if not is_phi:
+                yield from waiting
+                waiting = []
+            yield line
+            if vector not in self._lanes:
+                continue
+            kind, read = self._lanes[vector]
+            taken = [f"{vector}.{lane} = extractelement {kind} {vector}, i64 {lane}" for lane in sorted(read)]
+            if is_phi:
+                waiting += taken
+            else:
+                yield from taken
+
+    def shuffle(self, dtype: np.dtype, x: Vector, y: Vector | None, lanes: Sequence[int]) -> Vector:
         """A vector of lanes of one vector, or of two, of which those of the second are numbered from its width on."""
         kind, places = vector_type(dtype, x.width), ", ".join(f"i32 {lane}" for lane in lanes)
         other = f"{kind} {'poison' if y is None else y}"
-        return Lanes(
+        return Vector(
             self.pure(f"shufflevector {kind} {x}, {other}, <{len(lanes)} x i32> <{places}>", len(lanes)), len(lanes)
         )
 
-    def gather(self, dtype: np.dtype, numbers: Sequence[Element], width: int = LANES) -> Lanes:
+    def gather(self, dtype: np.dtype, numbers: Sequence[Element], width: int = LANES) -> Vector:
         """A vector of the numbers of the lanes."""
         vector: Name = "poison"
         for lane, number in enumerate(numbers):
-            item = f"{llvm_type(dtype)} {write_element(number)}"
+            item = f"{llvm_type(dtype)} {self.operand(dtype, number)}"
             vector = self.pure(f"insertelement {vector_type(dtype, width)} {vector}, {item}, i64 {lane}", width)
-        return Lanes(vector, width)
+        return Vector(vector, width)
 
     def is_same_in_every_turn(self, element: Element) -> bool:
         """Whether a number is computed before the innermost loop that is being written."""
@@ -164,9 +191,9 @@ class Instructions:
 
     def any_lane(self, condition: Element) -> Element:
         """Whether a condition holds in any of the lanes."""
-        if not isinstance(condition, Lanes):
+        if not isinstance(condition, Vector):
             return condition
-        name, kind = f"@llvm.vector.reduce.or.v{LANES}i1", vector_type(BOOL)
+        name, kind = f"@llvm.vector.reduce.or.v{condition.width}i1", vector_type(BOOL, condition.width)
         self.module.declared.setdefault(name, f"declare i1 {name}({kind})")
         return self.pure(f"call i1 {name}({kind} {condition})")
 
@@ -176,3 +203,69 @@ class Instructions:
         kind = vector_type(dtype, wide)
         numbers = ", ".join([self.operand(dtype, x, wide) for x in operands])
         return self.pure(f"{operation} {kind} {numbers}", wide)
+
+    def cast(self, operation: str, source: np.dtype, target: np.dtype, x: Element) -> Name:
+        """An instruction that makes a number of another type."""
+        wide = width_of(x)
+        old, new = (vector_type(kind, wide) for kind in (source, target))
+        return self.pure(f"{operation} {old} {self.operand(source, x)} to {new}", wide)
+
+    def choose(self, dtype: np.dtype, condition: Name, x: Element, y: Element) -> Name:
+        """x where a condition holds that is not known, else y."""
+        wide = width_of(condition, x, y)
+        kind = vector_type(dtype, wide)
+        choice = f"{vector_type(BOOL, width_of(condition))} {self.operand(BOOL, condition)}"
+        first, second = (f"{kind} {self.operand(dtype, number, wide)}" for number in (x, y))
+        return self.pure(f"select {choice}, {first}, {second}", wide)
+
+    def intrinsic(
+        self, function: str, dtype: np.dtype, *operands: Element, to: np.dtype | None = None, flags: str = ""
+    ) -> Name:
+        """A function of LLVM's; ``to``: the type of its result, if another; ``flags``: one more operand."""
+        result, wide = to or dtype, width_of(*operands)
+        given, gives = (vector_type(kind, wide) for kind in (dtype, result))
+        types = (dtype,) if to is None else (result, dtype)
+        name = f"@{function}" + "".join(f".v{wide}{suffix(kind)}" if wide else f".{suffix(kind)}" for kind in types)
+        kinds = ", ".join(filter(None, [*[given] * len(operands), flags.partition(" ")[0]]))
+        self.module.declared.setdefault(name, f"declare {gives} {name}({kinds})")
+        numbers = [f"{given} {self.operand(dtype, x, wide)}" for x in operands]
+        return self.pure(f"call {gives} {name}({', '.join(filter(None, [*numbers, flags]))})", wide)
+
+    # Blocks
+
+    def begin(self, label: str) -> None:
+        """Begins the block with that label."""
+        self._lines.append(f"{label}:")
+        self.label = label
+
+    def jump(self, label: str) -> None:
+        self.write(f"br label %{label}")
+
+    def branch(self, condition: Element, yes: str, no: str) -> None:
+        self.write(f"br i1 {self.operand(BOOL, condition)}, label %{yes}, label %{no}")
+
+    def reserve(self) -> int:
+        """A place for a line that is written later, by :meth:`fill`."""
+        self._lines.append("")
+        return len(self._lines) - 1
+
+    def fill(self, place: int, line: str) -> None:
+        self._lines[place] = line
+
+    def fill_phi(self, place: int, name: Name, dtype: np.dtype, cases: Sequence[tuple[Element, str]]) -> None:
+        """Writes, at a place that was reserved, that a name is the number that the block before gives."""
+        wide = width_of(name)
+        kind = vector_type(dtype, wide)
+        ways = ", ".join(f"[ {self.operand(dtype, element, wide)}, %{label} ]" for element, label in cases)
+        self.fill(place, f"{name} = phi {kind} {ways}")
+
+    def phi(self, dtype: np.dtype, cases: Sequence[tuple[Element, str]]) -> Element:
+        """The number that the block before this one gives; a vector where one of them is, and then so must all be that
+        are not known.
+        """
+        texts = [write_element(element) for element, _ in cases]
+        if len(set(texts)) == 1 and all(is_known(element) for element, _ in cases):
+            return cases[0][0]
+        name, place = self.fresh(width_of(*(element for element, _ in cases))), self.reserve()
+        self.fill_phi(place, name, dtype, cases)
+        return name

@@ -8,15 +8,16 @@ import numpy as np
 from ..ir.elements import Element, UnsupportedError
 from ..ir.lanes import Varying
 from ..ir.program import Block, Operation, Value
+from ..limits import MOST_INLINED
 from ..targets.processors import HOST, Target
+from .buffers import Buffer
 from .builder import Builder, Module
 from .rules import RULES
 from .storage import Storage
-from .values import Array, Buffer, Formula, Memory, Registers, is_small
+from .values import Array, Formula, Memory, Registers, is_small
 
 # Why a program stopped before its end: a signal, or because it cannot do what comes next.
 INTERRUPTED_CODE, REFUSED = 1, 2
-MOST_INLINED = 200  # operations of a function that is called more than once and still written where it is called
 
 
 class Compiler:
@@ -53,6 +54,7 @@ class Compiler:
             block = self.functions[name]
             operations = list(block.every_operation())
             self._sizes[name] = len(operations)
+            # Backwards: that a loop or a function indexes its argument is known before the value is that it is given.
             for operation in reversed(operations):
                 if operation.name == "func.call":
                     self._sizes[name] += self._survey(operation.attribute("callee"))
@@ -107,7 +109,8 @@ class Function:
         for operation in block.operations:
             self.execute(operation)
         yield [self.values[value] for value in block.results]
-        for value in set(block.results):
+        # Each once, in their order: a set would free memory in another order in each process.
+        for value in dict.fromkeys(block.results):
             if value.block is block:
                 self.unbind(value)
 
@@ -125,16 +128,18 @@ class Function:
             self.bind(operation.results[0], results)
         for value in operation.last:
             self.unbind(value)
-        self.storage.sweep(mark)
+        self.storage.free_unused(mark)
 
     def bind(self, value: Value, array: Array) -> None:
         """Says where a value is. A formula stays one where it is used once, or costs nothing."""
+        # Nothing would unbind it, and its memory would never be free.
         if not value.reads:
             return
         if isinstance(array, Formula):
+            # A region may be executed many times: a formula that is read in one would be computed in each.
             once = value.reads == 1 and not value.captured
             if is_small(array.shape) or array.deep or not (once or array.cheap):
-                array = self.storage.settle(array)
+                array = self.storage.evaluate(array)
         if array.buffers:
             self.storage.add_owner(array)
         self.values[value] = array
@@ -149,37 +154,42 @@ class Function:
         """Records which of the following values differ between lanes."""
         return Varying(self.compiler.functions, lambda value: self.values[value].varying)
 
-    def hand_on(self, operation: Operation, value: Value) -> None:
-        """Gives up a value that only this operation still reads, once, to what the operation consists of."""
+    def transfer_owner(self, operation: Operation, value: Value) -> None:
+        """Leaves a value that only this operation still reads, once, to what is written in the operation's place.
+
+        Its buffers are not free meanwhile, but have no owner until the argument there is bound, which may then be
+        overwritten.
+        """
         if value in operation.last and operation.reads[value] == 1:
             for buffer in self.values.pop(value).buffers:
                 buffer.owners -= 1
 
     def overwritable(self, operation: Operation, position: int, array: Array, lanes: bool = False) -> Memory:
-        """An operand in memory that the operation may write to: in place where nobody else reads it any more.
+        """An operand in memory that the operation may write to: in place where :mod:`buffers` allows it.
 
         ``lanes``: each lane has an array of its own, unless it is one of which each writes its own part.
         """
         value = operation.operands[position]
         if isinstance(array, Memory) and array.buffer.shared:
             return array
-        if isinstance(array, Memory) and array.buffer.writable and array.varying >= lanes:
-            # What is computed in a branch is there in no other, and not after it.
-            always = value.block is operation.results[position].block
-            if value in operation.last and operation.reads[value] == 1 and array.buffer.owners > 1 and always:
-                self._settle_readers(value, array.buffer)
-            if value in operation.last and operation.reads[value] == 1 and array.buffer.owners == 1:
+        is_last = value in operation.last and operation.reads[value] == 1
+        if is_last and isinstance(array, Memory) and array.buffer.writable and array.varying >= lanes:
+            # Formulas that still read the old numbers are computed first, if they are of this block: what is computed
+            # in a branch is there in no other, and not behind it.
+            if array.buffer.owners > 1 and value.block is operation.results[position].block:
+                self._evaluate_readers(value, array.buffer)
+            if array.buffer.owners == 1:
                 return array
         return self.storage.copy_of(array, lanes)
 
-    def _settle_readers(self, value: Value, buffer: Buffer) -> None:
+    def _evaluate_readers(self, value: Value, buffer: Buffer) -> None:
         """Computes the formulas of the same block that read a buffer."""
         for other, array in list(self.values.items()):
             if isinstance(array, Formula) and other.block is value.block and buffer in array.buffers:
-                settled = self.storage.settle(array)
-                self.storage.add_owner(settled)
+                evaluated = self.storage.evaluate(array)
+                self.storage.add_owner(evaluated)
                 self.storage.drop_owner(array)
-                self.values[other] = settled
+                self.values[other] = evaluated
 
     def combination(self, block: Block) -> Callable[..., Sequence[Element]]:
         """What a region computes of single numbers."""
@@ -220,6 +230,7 @@ class Function:
         b.write(f"store i8 {REFUSED}, ptr {b.address('%control', 8)}")
         b.write("store i64 -1, ptr %control")
         b.write(self.abort)
+        # Instructions follow, which belong to some block.
         b.begin(b.new_label("never"))
 
     def looks_for_signals(self, cost: int) -> None:

@@ -4,10 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..ir.module import ALIGNMENT
 from ..ir.program import Block, Value
+from ..limits import ALIGNMENT
+from .buffers import Buffer
 from .lowering import Compiler, Function
-from .values import Array, Buffer, Memory, size_of
+from .values import Array, Memory, size_of
 
 
 class Result(NamedTuple):
@@ -52,6 +53,7 @@ def emit_main(compiler: Compiler) -> Main:
             results.append(Result(size, array.shape, array.dtype))
             address = _load_address(function, "%outputs", position)
             function.storage.fill(Memory(array.shape, array.dtype, Buffer(address, 0)), array)
+            # Each begins at a multiple of the alignment, as JAX's arrays must to be taken without a copy.
             size += -(-max(size_of(array.shape) * array.dtype.itemsize, 1) // ALIGNMENT) * ALIGNMENT
     function.builder.write("ret void")
     module = compiler.module
@@ -61,6 +63,7 @@ def emit_main(compiler: Compiler) -> Main:
 
 
 def _argument(function: Function, compiler: Compiler, value: Value, position: int) -> Array:
+    # The caller's array, which JAX may share with other values.
     buffer = Buffer(_load_address(function, "%inputs", position), 0, writable=False)
     memory = Memory(value.shape, value.dtype, buffer)
     return function.storage.to_registers(memory) if compiler.in_registers(value) else memory

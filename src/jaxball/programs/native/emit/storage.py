@@ -5,65 +5,26 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from ..ir.elements import LANES, Element, Index, Pair, part_of
-from .builder import Builder
-from .values import Array, Buffer, Formula, Memory, Registers, indices, is_small, size_of
+from ..ir.elements import Element, Index, Pair, part_of
+from ..limits import LANES, MOST_TERMS
+from .buffers import Buffer, Buffers
+from .values import Array, Formula, Memory, Registers, indices, is_small, size_of
 
 
-class Storage:
-    """The buffers of one function, reused when their contents have no owner."""
-
-    def __init__(self, builder: Builder):
-        self.builder = builder
-        self._free: dict[int, list[str]] = {}
-        self._recent: list[Buffer] = []
+class Storage(Buffers):
+    """The arrays of one function."""
 
     def allocate(self, shape: Sequence[int], dtype: np.dtype, lanes: bool = False) -> Memory:
         """An array with nothing in it yet; ``lanes``: one for each lane."""
         size = max(size_of(shape) * dtype.itemsize, 8) * (LANES if lanes else 1)
-        free = self._free.get(size)
-        name = free.pop() if free else self.builder.allocate(size)
-        buffer = Buffer(name, size, lanes=lanes, level=self.builder.level)
-        self._recent.append(buffer)
-        return Memory(tuple(shape), dtype, buffer)
-
-    def add_owner(self, array: Array) -> None:
-        """Notes that one value more is in the array's buffers."""
-        for buffer in array.buffers:
-            buffer.owners += 1
-
-    def drop_owner(self, array: Array) -> None:
-        """Notes that one value less is in the array's buffers."""
-        for buffer in array.buffers:
-            buffer.owners -= 1
-            self._free_if_unowned(buffer)
-
-    def pin(self, array: Array, count: int) -> None:
-        """Notes that a loop or a branch needs the array's buffers, or, with −1, that it does not any more."""
-        for buffer in array.buffers:
-            buffer.pins += count
-
-    def mark(self) -> int:
-        """A mark for :meth:`sweep`."""
-        return len(self._recent)
-
-    def sweep(self, mark: int) -> None:
-        """Frees what was allocated since a mark and belongs to no value."""
-        if len(self._recent) > mark:
-            for buffer in self._recent[mark:]:
-                self._free_if_unowned(buffer)
-            del self._recent[mark:]
-
-    def _free_if_unowned(self, buffer: Buffer) -> None:
-        if not buffer.owners and not buffer.pins and buffer.size and buffer.writable:
-            self._free.setdefault(buffer.size, []).append(buffer.name)
-            buffer.size = 0
+        return Memory(tuple(shape), dtype, self.allocate_buffer(size, lanes))
 
     def to_memory(self, array: Array) -> Memory:
         """The same numbers in memory."""
         if isinstance(array, Memory):
             return array
         if isinstance(array, Registers) and array.twin is not None:
+            # The loop read these numbers into registers, and left them where they were as well.
             return array.twin
         if isinstance(array, Registers) and array.known:
             return Memory(array.shape, array.dtype, Buffer(self.builder.module.constant(array.elements), 0, False))
@@ -79,7 +40,7 @@ class Storage:
             flat[position] = array.element(self.builder, index)
         return Registers(array.dtype, elements)
 
-    def settle(self, array: Array) -> Registers | Memory:
+    def evaluate(self, array: Array) -> Registers | Memory:
         """The same numbers, computed: in registers where they are few."""
         if not isinstance(array, Formula):
             return array
@@ -89,6 +50,7 @@ class Storage:
         """The same numbers where an index need not be known; a single number may stay in its register."""
         if not isinstance(array, Registers) or size_of(array.shape) == 1:
             return array
+        # A constant of equal numbers, such as zeros, needs no memory.
         if array.known and is_uniform(array.elements):
             number = array.element(self.builder, [0] * len(array.shape))
             return Formula(array.shape, array.dtype, lambda index: number, (), cheap=True)
@@ -98,7 +60,8 @@ class Storage:
         """Writes all numbers of an array to memory."""
         builder = self.builder
         if isinstance(source, Registers) and source.known and not is_small(source.shape):
-            source = self.anywhere(source)  # by a loop
+            source = self.anywhere(source)  # by a loop: otherwise each number is an instruction
+        # A copy of bytes knows no masks.
         everywhere = builder.mask is None or target.buffer.level == builder.level
         if isinstance(source, Memory) and everywhere and source.varying == target.varying:
             size = size_of(source.shape) * source.dtype.itemsize * (LANES if source.varying else 1)
@@ -116,17 +79,18 @@ class Storage:
         self.fill(target, array)
         return target
 
-    def move(self, targets: Sequence[Memory], sources: Sequence[Array]) -> None:
-        """Fills the targets with the sources as if at once: a source may lie in what is a target of another."""
-        names = {target.buffer.name for target in targets}
-        moves = []
-        for target, source in zip(targets, sources, strict=True):
+    def move(self, moves: Sequence[tuple[Memory, Array]]) -> None:
+        """Fills targets with sources as if at once: x, y ← y, x needs a copy."""
+        names = {target.buffer.name for target, _ in moves}
+        rest = []
+        for target, source in moves:
             if isinstance(source, Memory) and source.buffer.name == target.buffer.name:
                 continue
+            # Copied also where it is its own target, if a formula reads it: in reverse, for instance.
             if any(buffer.name in names for buffer in source.buffers):
                 source = self.copy_of(source)
-            moves.append((target, source))
-        for target, source in moves:
+            rest.append((target, source))
+        for target, source in rest:
             self.fill(target, source)
 
     def put(self, target: Memory, index: Sequence[Index], element: Element) -> None:
@@ -142,7 +106,7 @@ class Storage:
         shape: Sequence[int],
         start: Sequence[tuple[np.dtype, Element]],
         step: Callable[[list[Index], list[Element]], Sequence[Element]],
-        most_steps: int = 16,
+        most_steps: int = MOST_TERMS,
         varying: bool = False,
     ) -> list[Element]:
         """What is left of numbers to which ``step(index, numbers)`` was applied for every index of a shape, in order.

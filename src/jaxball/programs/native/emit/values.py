@@ -15,47 +15,30 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..ir.elements import (
-    FEWEST_ALWAYS,
-    LANES,
-    MOST_ROWS,
     Element,
     Index,
-    Lanes,
     Name,
     Pair,
     UnsupportedError,
+    Vector,
     as_elements,
     in_lanes,
     llvm_type,
     part_of,
     vector_type,
 )
+from ..limits import (
+    DEEPEST_FORMULA,
+    FEWEST_ALWAYS,
+    LANES,
+    LONGEST_AXIS,
+    MOST_PAIRS,
+    MOST_REGISTERS,
+    MOST_ROWS,
+    MOST_VECTORS,
+)
+from .buffers import Buffer
 from .builder import BOOL, INDEX, Builder
-
-MOST_REGISTERS = 81  # numbers of an array
-LONGEST_AXIS = 48  # axis of such an array: longer ones are of many times or switches, not of vectors and stages
-MOST_VECTORS = 100  # of an array whose first axis is in vectors
-MOST_PAIRS = 30  # of vectors, in an array whose first axis takes two
-_DEEPEST = 40  # formulas in formulas
-
-
-class Buffer:
-    """Memory of an array.
-
-    - ``owners``: how many values are there, or follow from what is there.
-    - ``writable``: whether it is the program's, neither an argument nor a constant.
-    - ``size``: its bytes, which are used again once nobody owns it; 0 where they are not.
-    - ``pin``: how many loops and branches that are being written need it, whoever owns it.
-    - ``lanes``: whether each element is a vector; ``level``: in how many masks it was allocated.
-    - ``shared``: whether it is one array of which each lane writes its own part.
-    """
-
-    __slots__ = ("lanes", "level", "name", "owners", "pins", "shared", "size", "writable")
-
-    def __init__(self, name: Name, size: int, writable: bool = True, lanes: bool = False, level: int = 0):
-        self.name, self.size, self.writable = name, size, writable
-        self.lanes, self.level, self.shared = lanes, level, False
-        self.owners, self.pins = 0, 0
 
 
 class Registers:
@@ -92,6 +75,7 @@ class Registers:
 
     def element(self, builder: Builder, index: Sequence[Index]) -> Element:
         """The element at an index, which must be known in dimensions longer than one."""
+        # An index along a dimension of length one may be unknown, and is 0 all the same.
         position: Any = tuple(0 if length == 1 else i for i, length in zip(index, self.shape, strict=True))
         element: Any = self.elements[position]
         return Pair(element.real, element.imag) if self.known and self.dtype.kind == "c" else element
@@ -114,8 +98,9 @@ class Memory:
 
     def element(self, builder: Builder, index: Sequence[Index]) -> Element:
         place = linear(builder, self.shape, index)
-        if not isinstance(place, Lanes):
+        if not isinstance(place, Vector):
             return load(builder, self.dtype, self._parts(builder, place), self.buffer.lanes)
+        # Each lane reads at a place of its own.
         rows = [load(builder, self.dtype, self._of_lane(builder, place, lane)) for lane in range(LANES)]
         if self.dtype.kind != "c":
             return builder.gather(self.dtype, rows)
@@ -125,8 +110,10 @@ class Memory:
     def put(self, builder: Builder, index: Sequence[Index], element: Element) -> None:
         """Writes the element of an index, where there is a mask and the array is from before it in its lanes."""
         place = linear(builder, self.shape, index)
+        # Memory that was allocated under the mask holds nothing that lanes outside of it would still read.
         mask = builder.mask if self.buffer.level < builder.level else None
-        if not isinstance(place, Lanes):
+        if not isinstance(place, Vector):
+            # One place would be written by several lanes. Which of them was last, no program may depend on.
             if not self.buffer.lanes and (in_lanes(element) or mask is not None):
                 raise UnsupportedError("An array that becomes one of each lane")
             store(builder, self.dtype, element, self._parts(builder, place), self.buffer.lanes, mask)
@@ -145,7 +132,7 @@ class Memory:
         first = builder.address(self.buffer.name, builder.times(place, count * size))
         return [builder.address(first, part * size) for part in range(count)]
 
-    def _of_lane(self, builder: Builder, places: Lanes, lane: int) -> list[Name]:
+    def _of_lane(self, builder: Builder, places: Vector, lane: int) -> list[Name]:
         """Where one lane's number at its own place is, or its parts."""
         offset = lane * part_of(self.dtype).itemsize if self.buffer.lanes else 0
         places_of = self._parts(builder, builder.lane(INDEX, places, lane))
@@ -176,7 +163,7 @@ class Formula:
 
     @property
     def deep(self) -> bool:
-        return self.depth > _DEEPEST
+        return self.depth > DEEPEST_FORMULA
 
     def element(self, builder: Builder, index: Sequence[Index]) -> Element:
         return self.at(index)
@@ -197,6 +184,7 @@ def size_of(shape: Sequence[int]) -> int:
 def is_small(shape: Sequence[int]) -> bool:
     """Whether an array of that shape is kept in registers."""
     size = size_of(shape)
+    # A first axis in vectors divides the number of registers by its length, so such arrays may be larger.
     if size <= MOST_REGISTERS:
         return size <= LONGEST_AXIS or max(shape) <= LONGEST_AXIS
     if FEWEST_ALWAYS <= shape[0] <= LANES:
@@ -239,6 +227,7 @@ def load(builder: Builder, dtype: np.dtype, parts: Sequence[Name], wide: bool = 
     """The number at an address, a complex one at two; a boolean is a byte. ``wide``: a vector of the lanes'."""
     if dtype.kind == "c":
         return Pair(*(load(builder, part_of(dtype), [part], wide) for part in parts))
+    # NumPy keeps a boolean in a byte, LLVM in a bit.
     kind = np.dtype(np.uint8) if dtype.kind == "b" else dtype
     number = builder.load(vector_type(kind) if wide else llvm_type(kind), parts[0], wide)
     return builder.apply("icmp ne", kind, number, kind.type(0)) if dtype.kind == "b" else number

@@ -1,8 +1,8 @@
 """Short arrays and those with a short first axis, which are computed in vectors along it: up to eight lanes in each.
 
 Such an array remains an array of single numbers, so that all rules work with it: its elements are the lanes of vectors,
-one or two vectors for each place along the other axes, and lane k of the vector ``%v7`` has the name ``%v7.k``. An
-operation finds the vectors by these names. Only lanes that are read individually are extracted.
+one or two vectors for each place along the other axes. An operation takes whole vectors where its operands are their
+lanes in order. Only lanes that are read individually are extracted.
 """
 
 import functools
@@ -12,11 +12,17 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from ..ir.elements import FEWEST_ALWAYS, LANES, MOST_ROWS, Element, Lanes, Pair, is_known, llvm_type, write_element
+from ..ir.elements import (
+    Element,
+    Lane,
+    Pair,
+    Vector,
+    is_known,
+    llvm_type,
+    write_element,
+)
+from ..limits import FEWEST_ALWAYS, LANES, MOST_ROWS, MOST_TO_PACK, SHORTEST_AXIS
 from .builder import Builder
-
-SHORTEST_AXIS = 3  # elements of a first axis that is computed in vectors
-MOST_TO_PACK = 3  # instructions that make vectors of less, for one operation on them
 
 
 def side_by_side(
@@ -25,31 +31,46 @@ def side_by_side(
     results: Sequence[np.dtype],
     columns: Sequence[Sequence[Element]],
     compute: Callable[..., Sequence[Element]],
-) -> list[list[Element]] | None:
-    """What ``compute`` gives for each lane, computed in vectors; None where it is to be computed one by one.
+) -> list[list[Element]]:
+    """What ``compute`` gives for each lane, computed in vectors where that takes less time, else lane by lane.
 
     - ``columns``: of each operand the numbers of the lanes; ``dtypes``: their types.
     - ``results``: the types of the results; the list has the numbers of the lanes of each.
     """
-    count, known = len(columns[0]), True
-    if any(dtype.kind == "c" for dtype in (*dtypes, *results)):
-        return None
-    for column in columns:
-        for element in column:
-            if isinstance(element, (Lanes, Pair)):
-                return None
-            known = known and not isinstance(element, str)
-    if known or all(map(_is_uniform, columns)):
-        return None
-    width, parts = width_for(count), [[column[part] for column in columns] for part in vectors_of(count)]
-    if not FEWEST_ALWAYS <= count <= LANES and any(_cost(builder, part, width) > MOST_TO_PACK for part in parts):
-        return None
+    if not _pays(builder, (*dtypes, *results), columns):
+        return list(map(list, zip(*(compute(*row) for row in zip(*columns, strict=True)), strict=True)))
+    width, parts = _parts(columns)
     rows: list[list[Element]] = [[] for _ in results]
     for part in parts:
         found = compute(*[pack(builder, dtype, column, width) for dtype, column in zip(dtypes, part, strict=True)])
         for row, dtype, number in zip(rows, results, found, strict=True):
             row += builder.lanes_of(dtype, number, len(part[0]))
     return rows
+
+
+def _pays(builder: Builder, dtypes: Sequence[np.dtype], columns: Sequence[Sequence[Element]]) -> bool:
+    """Whether numbers of these types are computed in vectors."""
+    if any(dtype.kind == "c" for dtype in dtypes):
+        return False
+    known = True
+    for column in columns:
+        for element in column:
+            if isinstance(element, (Vector, Pair)):
+                return False
+            known = known and not isinstance(element, str)
+    # One number for all lanes is computed once, and known ones while compiling.
+    if known or all(map(_is_uniform, columns)):
+        return False
+    if FEWEST_ALWAYS <= len(columns[0]) <= LANES:
+        return True
+    width, parts = _parts(columns)
+    return all(_cost(builder, part, width) <= MOST_TO_PACK for part in parts)
+
+
+def _parts(columns: Sequence[Sequence[Element]]) -> tuple[int, list[list[Sequence[Element]]]]:
+    """The width of the vectors that columns take, and the lanes of each."""
+    count = len(columns[0])
+    return width_for(count), [[column[part] for column in columns] for part in vectors_of(count)]
 
 
 def is_of_vectors(shape: Sequence[int]) -> bool:
@@ -76,10 +97,13 @@ def pack(builder: Builder, dtype: np.dtype, numbers: Sequence[Element], width: i
         return numbers[0]
     if all(map(is_known, numbers)):
         texts = [write_element(number) for number in numbers]
+        # Lanes beyond the axis compute what the last one does: other numbers might need the loops and branches of rare
+        # cases, such as huge angles, which are executed if any lane needs them.
         texts += texts[-1:] * (width - len(texts))
         kind = llvm_type(dtype)
-        return Lanes(f"<{', '.join(f'{kind} {text}' for text in texts)}>", width)
-    vectors, lanes = _sources(builder, numbers, width)
+        return Vector(f"<{', '.join(f'{kind} {text}' for text in texts)}>", width)
+    vectors, lanes = _sources(numbers, width)
+    # The usual case, in which one operation follows another in vectors: nothing is written.
     if len(vectors) == 1 and lanes == list(range(len(numbers))):
         return vectors[0]
     if 1 <= len(vectors) <= 2:
@@ -111,7 +135,7 @@ def one_by_one(builder: Builder, dtype: np.dtype, shape: Sequence[int], vectors:
     counts = [part.stop - part.start for part in vectors_of(shape[0])]
     lanes = [builder.lanes_of(dtype, vector, count) for vector, count in zip(vectors, itertools.cycle(counts))]
     columns = [list(itertools.chain(*lanes[k : k + len(counts)])) for k in range(0, len(lanes), len(counts))]
-    return [lane for row in zip(*columns, strict=True) for lane in row]
+    return row_by_row(columns)
 
 
 def _is_uniform(numbers: Sequence[Element]) -> bool:
@@ -119,17 +143,16 @@ def _is_uniform(numbers: Sequence[Element]) -> bool:
     return all((number if isinstance(number, str) else write_element(number)) == first for number in numbers)
 
 
-def _sources(builder: Builder, numbers: Sequence[Element], width: int) -> tuple[list[Lanes], list[int]]:
+def _sources(numbers: Sequence[Element], width: int) -> tuple[list[Vector], list[int]]:
     """The vectors of one width, two at most, whose lanes the numbers are, and which; no vectors where they are not."""
-    vectors: list[Lanes] = []
+    vectors: list[Vector] = []
     lanes = []
     for number in numbers:
-        vector, lane = (None, 0) if is_known(number) else builder.place_of(number)
-        if vector is None or vector.width != width:
+        if not isinstance(number, Lane) or number.vector.width != width:
             return [], []
-        if vector not in vectors:
-            vectors.append(vector)
-        lanes.append(width * vectors.index(vector) + lane)
+        if number.vector not in vectors:
+            vectors.append(number.vector)
+        lanes.append(width * vectors.index(number.vector) + number.position)
     return (vectors, lanes) if len(vectors) <= 2 else ([], [])
 
 
@@ -139,16 +162,23 @@ def _cost(builder: Builder, columns: Sequence[Sequence[Element]], width: int) ->
 
 
 def _cost_of_one(builder: Builder, numbers: Sequence[Element], width: int) -> int:
+    # Made once before the loop.
     if all(map(builder.is_same_in_every_turn, numbers)):
         return 0
     if _is_uniform(numbers):
         return 1
+    # LLVM makes one load of neighbouring ones.
     if all(map(builder.is_loaded, numbers)):
         return 1
-    vectors, lanes = _sources(builder, numbers, width)
+    vectors, lanes = _sources(numbers, width)
     if not vectors:
         return len(numbers)
     return int(len(vectors) > 1 or lanes != list(range(len(numbers))))
+
+
+def row_by_row(columns: Sequence[Sequence[Element]]) -> list[Element]:
+    """The elements of an array, of those along the first axis for each place along the other axes."""
+    return [element for row in zip(*columns, strict=True) for element in row]
 
 
 def in_columns(shape: Sequence[int], arrays: Sequence[Sequence[Element]]) -> Iterator[list[Sequence[Element]]]:

@@ -1,37 +1,48 @@
 """The types of elements, and elements themselves: numbers that are known, and names of those that are not yet.
 
-An element is a scalar of NumPy, where it is known while compiling; the name of an instruction's result, ``%12``; or,
-of a complex type, a :class:`Pair` of such. An index is an ``int`` or a name. Where turns of a loop are computed side by
-side, a name of :class:`Lanes` stands for one number of each.
+An element is a scalar of NumPy, where it is known while compiling; the name of an instruction's result, ``%v12``; or,
+of a complex type, a :class:`Pair` of such. An index is an ``int`` or a name. Names are strings, because they are mostly
+written into instructions. Two kinds of them carry more than their text:
+
+- A :class:`Vector` is one number for each lane. Where turns of a loop are computed side by side, it stands for the
+  element of each turn.
+- A :class:`Lane` is one number of a vector: elements of short arrays, which are computed in vectors.
 """
 
 import functools
-import re
-from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
+
+from ..limits import LANES
 
 Name: TypeAlias = str
 Element: TypeAlias = Any
 Index: TypeAlias = int | Name
 
-_LANE = re.compile(r"(%v\d+)\.(\d)")
 
-LANES = 8
-FEWEST_ALWAYS = 5  # elements of a first axis that are computed in vectors whatever it costs to make these
-MOST_ROWS = 2 * LANES  # of a first axis that is computed in vectors: with more than eight, in two
-
-
-class Lanes(str):
+class Vector(str):
     """The name of a vector: one number for each of ``width`` lanes."""
 
     width: int
 
-    def __new__(cls, name: str, width: int = LANES) -> "Lanes":
-        """The name as one of a vector."""
+    def __new__(cls, name: str, width: int = LANES) -> "Vector":
+        """Makes the name of a vector of a name."""
         new = super().__new__(cls, name)
         new.width = width
+        return new
+
+
+class Lane(str):
+    """The name of one number of a ``vector``: ``%v7.2``, at ``position`` 2 in ``%v7``."""
+
+    vector: Vector
+    position: int
+
+    def __new__(cls, vector: Vector, position: int) -> "Lane":
+        """Makes the name of a lane."""
+        new = super().__new__(cls, f"{vector}.{position}")
+        new.vector, new.position = vector, position
         return new
 
 
@@ -77,7 +88,7 @@ def vector_type(dtype: np.dtype, width: int = LANES) -> str:
 def width_of(*elements: Element) -> int:
     """How many lanes those of the elements have that are vectors; 0 where none is."""
     for element in elements:
-        if isinstance(element, Lanes):
+        if isinstance(element, Vector):
             return element.width
     return 0
 
@@ -90,7 +101,7 @@ def part_of(dtype: np.dtype) -> np.dtype:
 def in_lanes(*elements: Element) -> bool:
     """Whether any of the elements has one number for each lane."""
     for element in elements:
-        if isinstance(element, Lanes) or (isinstance(element, Pair) and in_lanes(element.real, element.imag)):
+        if isinstance(element, Vector) or (isinstance(element, Pair) and in_lanes(element.real, element.imag)):
             return True
     return False
 
@@ -108,7 +119,7 @@ def write_element(element: Element) -> str:
         return element
     if isinstance(element, np.bool_ | bool):
         return "true" if element else "false"
-    if isinstance(element, np.floating):  # LLVM writes also those of 32 bits by the 64 of the same number
+    if isinstance(element, np.floating | float):  # LLVM writes also those of 32 bits by the 64 of the same number
         return f"0x{np.float64(element).view(np.uint64):016X}"
     return str(int(element))
 
@@ -116,30 +127,8 @@ def write_element(element: Element) -> str:
 def as_elements(numbers: np.ndarray) -> np.ndarray:
     """An array of elements of an array of numbers."""
     elements = np.empty(numbers.shape, object)
+    # One by one: NumPy would make Python's numbers of them, which have no type.
     flat = elements.reshape(-1)
     for position, number in enumerate(numbers.reshape(-1)):
         flat[position] = Pair(number.real, number.imag) if numbers.dtype.kind == "c" else number
     return elements
-
-
-def with_lanes(text: str, vectors: Mapping[Name, tuple[np.dtype, int]]) -> list[str]:
-    """The lines of a function, with the lanes that it reads taken out of their vectors where these are made.
-
-    - ``vectors``: type and width of those whose lanes have names.
-    """
-    read: dict[Name, list[str]] = {}
-    for vector, lane in sorted(set(_LANE.findall(text)), key=lambda pair: int(pair[1])):
-        read.setdefault(vector, []).append(lane)
-    lines, waiting = [], []  # behind the last phi of a block
-    for line in text.split("\n"):
-        vector, _, instruction = line.partition(" = ")
-        is_phi = instruction.startswith("phi ")
-        if not is_phi:
-            lines += waiting
-            waiting = []
-        lines.append(line)
-        for lane in read.get(vector, ()) if vector in vectors else ():
-            kind = vector_type(*vectors[vector])
-            taken = f"{vector}.{lane} = extractelement {kind} {vector}, i64 {lane}"
-            (waiting if is_phi else lines).append(taken)
-    return lines

@@ -2,9 +2,8 @@
 
 from collections.abc import Mapping
 
+from ..limits import LONG_AXIS
 from .program import Block
-
-LONG_AXIS = 64  # numbers along an axis
 
 
 def loops_over_large_arrays(functions: Mapping[str, Block]) -> bool:
@@ -26,6 +25,7 @@ def _note(
     """Notes the longest axes of results within loops; ``within`` says of functions seen whether it was in a loop."""
     for operation in block.operations:
         in_loops = in_loop or operation.name == "stablehlo.while"
+        # A loop's own results are not counted, but what its turns compute, once for each operation.
         if in_loop:
             lengths.extend(max(value.shape, default=1) for value in operation.results)
         for region in operation.regions:

@@ -6,15 +6,10 @@ can be computed side by side, one in each lane of vectors; values that are the s
 
 from collections.abc import Callable, Mapping, Sequence
 
-import numpy as np
-
-from .elements import LANES
+from ..limits import FEWEST, LANES, LEAST_WORK
+from .counters import constant_of, find_counters
 from .program import Block, Operation, Value
 
-FEWEST = 2  # vectors that turns must fill
-# Operations on single numbers for each number that a turn reads or writes by its index. Moving one takes three
-# instructions for every lane, so a program that does little else is shorter without lanes, and as fast.
-LEAST_WORK = 8
 _MOVING = ("stablehlo.dynamic_slice", "stablehlo.dynamic_update_slice", "stablehlo.gather")
 _ARITHMETIC = frozenset(
     f"{dialect}.{name}"
@@ -50,12 +45,13 @@ def independent(
     - ``start``: the numbers with which the loop begins, where they are single and known.
     """
     condition, body = operation.regions
-    counted = _find_counter(condition, body)
-    if counted is None:
+    # JAX counts the turns of a map from 0, one by one, and nothing else ends it.
+    counters = find_counters(operation).items()
+    counts = [(position, turns) for position, (step, turns, decides) in counters if decides and step == 1]
+    counter, turns = counts[0] if counts else (0, None)
+    if turns is None or start[counter] != 0 or turns < FEWEST * LANES or _is_apart(body, functions):
         return None
-    counter, turns = counted
-    if start[counter] != 0 or turns < FEWEST * LANES or _is_apart(body, functions):
-        return None
+    # Lanes pay for arithmetic only.
     moved, computed = _work(body, functions)
     if computed < LEAST_WORK * moved:
         return None
@@ -67,8 +63,10 @@ def independent(
     reads, of_condition = body.reads_within(), condition.reads_within()
     for position in written:
         argument, result = body.arguments[position], body.results[position]
+        # Read once means: by the update itself. Then no turn sees what another one wrote.
         if reads.get(argument) != 1 or not _is_written_at(result, argument, body.arguments[counter], body, functions):
             return None
+        # The condition would see some turns' elements before others are computed.
         if condition.arguments[position] in of_condition:
             return None
     return Independent(turns, counter, written) if written else None
@@ -88,34 +86,10 @@ def _work(block: Block, functions: Mapping[str, Block]) -> tuple[int, int]:
     return moved, computed
 
 
-def _find_counter(condition: Block, body: Block) -> tuple[int, int] | None:
-    """The position of the index of a loop that counts from 0 in steps of 1, and to before what."""
-    made = _makers(condition)
-    last = made.get(condition.results[0])
-    if last is None or last.name != "stablehlo.compare" or last.attribute("comparison_direction") != "LT":
-        return None
-    index, end = last.operands
-    limit = made.get(end)
-    if index not in condition.arguments or limit is None or limit.name != "stablehlo.constant":
-        return None
-    counter = condition.arguments.index(index)
-    made = _makers(body)
-    following = made.get(body.results[counter])
-    if following is None or following.name != "stablehlo.add" or following.operands[0] is not body.arguments[counter]:
-        return None
-    step = made.get(following.operands[1])
-    if step is None or step.name != "stablehlo.constant" or int(step.constant().reshape(-1)[0]) != 1:
-        return None
-    return counter, int(limit.constant().reshape(-1)[0])
-
-
-def _makers(block: Block) -> dict[Value, Operation]:
-    return {result: operation for operation in block.operations for result in operation.results}
-
-
 def _is_written_at(result: Value, array: Value, index: Value, block: Block, functions: Mapping[str, Block]) -> bool:
     """Whether a value is an array of whose elements along the first dimension that of an index was replaced."""
-    operation = _makers(block).get(result)
+    makers = block.makers()
+    operation = makers.get(result)
     if operation is None:
         return False
     if operation.name == "func.call":
@@ -126,24 +100,20 @@ def _is_written_at(result: Value, array: Value, index: Value, block: Block, func
     if operation.name != "stablehlo.dynamic_update_slice" or operation.operands[0] is not array:
         return False
     _, update, first, *others = operation.operands
-    made = _makers(block)
-    rest_is_whole = update.shape[1:] == array.shape[1:] and all(_is_zero(made.get(other)) for other in others)
-    return update.shape[0] == 1 and rest_is_whole and (first is index or _is_wrapped(made, first, index))
+    rest_is_whole = update.shape[1:] == array.shape[1:] and all(constant_of(makers, other) == 0 for other in others)
+    return update.shape[0] == 1 and rest_is_whole and (first is index or _is_wrapped(makers, first, index))
 
 
-def _is_zero(operation: Operation | None) -> bool:
-    return operation is not None and operation.name == "stablehlo.constant" and not np.any(operation.constant())
-
-
-def _is_wrapped(made: Mapping[Value, Operation], value: Value, index: Value) -> bool:
+def _is_wrapped(makers: dict[Value, Operation], value: Value, index: Value) -> bool:
     """Whether a value is an index as JAX writes it, i + n where i < 0."""
-    select = made.get(value)
+    select = makers.get(value)
     if select is None or select.name != "stablehlo.select" or select.operands[2] is not index:
         return False
-    below = made.get(select.operands[0])
+    # Of a counter from 0 on the condition is false, so the select is the counter.
+    below = makers.get(select.operands[0])
     if below is None or below.name != "stablehlo.compare" or below.operands[0] is not index:
         return False
-    return below.attribute("comparison_direction") == "LT" and _is_zero(made.get(below.operands[1]))
+    return below.attribute("comparison_direction") == "LT" and constant_of(makers, below.operands[1]) == 0
 
 
 def _is_apart(block: Block, functions: Mapping[str, Block]) -> bool:
@@ -183,6 +153,7 @@ class Varying:
         carried = list(start)
         while True:
             (apart,) = self.results(condition, carried)
+            # A value that a turn leaves as it is does not differ because lanes leave at different turns.
             changed = [result is not argument for result, argument in zip(body.results, body.arguments, strict=True)]
             new = [
                 before or after or (apart and changes)
@@ -190,6 +161,7 @@ class Varying:
             ]
             if new == carried:
                 return apart, carried
+            # What follows from a value that varies does so in the next turn. None ceases to vary, so this ends.
             carried = new
 
     def branches(self, operation: Operation, chosen: bool) -> list[bool]:

@@ -2,11 +2,9 @@
 
 import numpy as np
 
+from ..limits import ALIGNMENT, MOST_LINES
 from ..targets.processors import HOST, Target
 from .elements import Name, UnsupportedError
-
-MOST_LINES = 400_000  # of a program: more takes LLVM longer than XLA
-ALIGNMENT = 64  # of arrays, in bytes
 
 
 class Module:

@@ -128,6 +128,10 @@ class Block:
             _add(reads, operation.reads)
         return reads
 
+    def makers(self) -> dict[Value, Operation]:
+        """The operation that makes each value."""
+        return {result: operation for operation in self.operations for result in operation.results}
+
     def every_operation(self) -> Iterator[Operation]:
         """The operations, and those within them."""
         for operation in self.operations:
@@ -211,10 +215,12 @@ class _Reader:
             for region in operation.regions:
                 if len(region.blocks) != 1:
                     raise UnsupportedError(f"{name} of several blocks")
+                # A region sees the values around it, so an operation reads what its regions read.
                 inner = self.block(region.blocks[0])
                 made.regions.append(inner)
                 _add(made.reads, inner.reads())
             block.operations.append(made)
+        # Derivatives leave much that nothing reads. It must go before reads are counted, or it would count as read.
         _drop_unread(block)
         _count(block)
         return block
@@ -248,6 +254,7 @@ def _drop_unread(block: Block) -> None:
 
 def _count(block: Block) -> None:
     """Notes, of the values of a block, how often each is read, and by whom last."""
+    # A result of the block is read by whoever wrote the block, after all of its operations.
     remaining = set(block.results)
     for operation in reversed(block.operations):
         for value, times in operation.reads.items():
@@ -269,6 +276,7 @@ def _note_last(operation: Operation, value: Value) -> None:
     if operation.name not in ("stablehlo.case", "stablehlo.if"):
         return
     for region in operation.regions:
+        # Of a loop's body this would be wrong, because the next turn reads the value again.
         readers = (inner for inner in reversed(region.operations) if value in inner.reads)
         reader = next(readers, None)
         if reader is not None and value not in region.results:

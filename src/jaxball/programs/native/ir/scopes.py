@@ -8,9 +8,9 @@ import contextlib
 import re
 from collections.abc import Iterator
 
-from .elements import Element, Name
+from .elements import Element, Lane, Name
 
-_NAMES = re.compile(r"%\w+")  # a lane of a vector is where the vector is
+_NAMES = re.compile(r"%\w+")  # of a lane, that of its vector: it is taken out where the vector is made
 
 
 class Loop:
@@ -58,6 +58,7 @@ class Scopes:
 
     def _home(self, instruction: str) -> Loop | None:
         """The innermost loop outside of which an instruction lacks an operand; None where it lacks none anywhere."""
+        # The innermost home of an operand decides. Most operands are of the innermost loop, and end the search at once.
         loop = self.loop
         if loop is None:
             return None
@@ -73,7 +74,7 @@ class Scopes:
 
     def is_of_this_turn(self, element: Name) -> bool:
         """Whether a name, or the vector that it is a lane of, is of the innermost loop that is being written."""
-        return self._home_of(element.partition(".")[0]) is self.loop
+        return self._home_of(element.vector if isinstance(element, Lane) else element) is self.loop
 
     def _home_of(self, name: Name) -> Loop | None:
         loop = self._homes.get(name)

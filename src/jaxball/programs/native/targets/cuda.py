@@ -10,15 +10,13 @@ import sys
 from collections.abc import Iterator
 from typing import Any
 
+from ..limits import LONGEST_LOG, THREADS_OF_EACH
+
 _NAME = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
 
 # Numbers of CUDA's interface (cuda.h).
 _PTX, _MULTIPROCESSORS, _MAJOR, _MINOR = 1, 16, 75, 76
 _LOG, _BYTES_OF_LOG = 5, 6  # of errors, as options of the compiler
-_LONGEST_LOG = 8_192
-
-# Threads of a multiprocessor whose programs take as many registers as they may have.
-THREADS_OF_EACH = 256
 
 
 class CudaError(RuntimeError):
@@ -69,9 +67,9 @@ class Driver:
 
         **Raises:** :class:`CudaError` with what the compiler says.
         """
-        log, state, code, size = ctypes.create_string_buffer(_LONGEST_LOG), *(ctypes.c_void_p() for _ in range(3))
+        log, state, code, size = ctypes.create_string_buffer(LONGEST_LOG), *(ctypes.c_void_p() for _ in range(3))
         options = (ctypes.c_int * 2)(_LOG, _BYTES_OF_LOG)
-        values = (ctypes.c_void_p * 2)(ctypes.addressof(log), _LONGEST_LOG)
+        values = (ctypes.c_void_p * 2)(ctypes.addressof(log), LONGEST_LOG)
         source = ptx.encode() + b"\0"
         with self._context():
             self._call("cuLinkCreate_v2", 2, options, values, ctypes.byref(state))

@@ -11,12 +11,10 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+from ..limits import LONG_PROGRAM, MOST_QUICKLY
+
 # LLVM's context, in which modules are parsed, is shared by the process.
 _lock = threading.Lock()
-
-# Characters of a program of which quick code needs half a megabyte of stack, twice what optimised code does.
-MOST_QUICKLY = 8_000_000
-LONG_PROGRAM = 2_000_000  # characters of a program above which LLVM's scheduler considers fewer instructions at a time
 
 # What PTX is written for; drivers of CUDA 12 and newer compile it for every GPU from this one on.
 OLDEST_GPU, VERSION_OF_PTX = "sm_70", "+ptx70"

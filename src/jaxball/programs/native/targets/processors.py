@@ -2,6 +2,8 @@
 
 from typing import NamedTuple
 
+from ..limits import MOST_ON_STACK, MOST_ON_STACK_OF_GPU
+
 
 class Target(NamedTuple):
     """A kind of processor, by what programs use there.
@@ -20,9 +22,11 @@ class Target(NamedTuple):
     most_on_stack: int
 
 
-HOST = Target(has_library=True, has_routines=True, has_vectors=True, has_signals=True, most_on_stack=4096)
-# One of a GPU's. Its stack is reserved for all threads that a GPU could run, eight times as many as do run.
-THREAD = Target(has_library=False, has_routines=False, has_vectors=False, has_signals=False, most_on_stack=256)
+HOST = Target(has_library=True, has_routines=True, has_vectors=True, has_signals=True, most_on_stack=MOST_ON_STACK)
+# One of a GPU's.
+THREAD = Target(
+    has_library=False, has_routines=False, has_vectors=False, has_signals=False, most_on_stack=MOST_ON_STACK_OF_GPU
+)
 
 
 def host_for(rows: bool) -> Target:

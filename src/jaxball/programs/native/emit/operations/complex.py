@@ -4,7 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...ir.elements import LANES, Element, Pair, UnsupportedError, in_lanes, part_of, write_element
+from ...ir.elements import Element, Pair, UnsupportedError, in_lanes, part_of
+from ...limits import LANES
 from ..builder import Builder
 from ..values import lane_of
 from . import complex_functions, real
@@ -35,7 +36,7 @@ def library(name: str) -> Callable[..., Pair]:
         kinds = ", ".join(["double"] * len(parts))
         head = f"declare {{ double, double }} @{name}({kinds}) nounwind willreturn memory(none)"
         b.module.declared.setdefault(f"@{name}", head)
-        given = ", ".join(f"double {write_element(number)}" for number in parts)
+        given = ", ".join(f"double {b.operand(DOUBLE, number)}" for number in parts)
         result = b.pure(f"call {{ double, double }} @{name}({given})")
         numbers = (b.pure(f"extractvalue {{ double, double }} {result}, {k}") for k in (0, 1))
         return Pair(*(real.convert(b, DOUBLE, part, number) for number in numbers))

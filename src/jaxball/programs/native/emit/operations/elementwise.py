@@ -9,7 +9,7 @@ from ...ir.program import Operation
 from ..lowering import Function
 from ..rules import rule, short
 from ..values import Array, Formula, Memory, Registers, is_small, registers, size_of
-from ..vectors import in_columns, is_of_vectors, side_by_side
+from ..vectors import in_columns, is_of_vectors, row_by_row, side_by_side
 from . import complex, real
 
 
@@ -26,6 +26,7 @@ def map_elements(
             elements = storage.to_registers(array).flat()
             flat.append(elements if array.shape == shape else elements * size_of(shape))
         return Registers(dtype, as_array([compute(*elements) for elements in zip(*flat, strict=True)], shape, dtype))
+    # Nothing is computed yet: the loop that reads the result computes each element, and no array is written between.
     arrays = [storage.anywhere(array) for array in of]
 
     def at(index: Sequence[Element]) -> Element:
@@ -38,12 +39,12 @@ def _in_vectors(
     function: Function, shape: tuple[int, ...], dtype: np.dtype, compute: Callable[..., Element], of: Sequence[Array]
 ) -> Array:
     """The same in vectors along the first axis, where that takes less time."""
-    dtypes, found = [array.dtype for array in of], []
-    for columns in in_columns(shape, [function.storage.to_registers(array).flat() for array in of]):
-        vectors = side_by_side(function.builder, dtypes, [dtype], columns, lambda *xs: (compute(*xs),))
-        found.append([compute(*row) for row in zip(*columns, strict=True)] if vectors is None else vectors[0])
-    elements = found[0] if len(found) == 1 else [number for lane in zip(*found, strict=True) for number in lane]
-    return Registers(dtype, as_array(elements, shape, dtype))
+    dtypes = [array.dtype for array in of]
+    rows = [
+        side_by_side(function.builder, dtypes, [dtype], columns, lambda *xs: (compute(*xs),))[0]
+        for columns in in_columns(shape, [function.storage.to_registers(array).flat() for array in of])
+    ]
+    return Registers(dtype, as_array(row_by_row(rows), shape, dtype))
 
 
 def as_array(elements: Sequence[Element], shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
@@ -60,6 +61,7 @@ def scalar(operation: Operation) -> Callable[..., Element]:
     """
     name, dtype, to = short(operation.name), operation.operands[0].dtype, operation.results[0].dtype
     if name == "convert":
+        # Either type may be complex: to a real one, only the real part is converted.
         conversion = complex.convert if "c" in (dtype.kind, to.kind) else real.convert
         return lambda builder, x: conversion(builder, dtype, to, x)
     if name == "bitcast_convert":

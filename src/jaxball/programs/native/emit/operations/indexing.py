@@ -30,6 +30,7 @@ def dynamic_slice(function: Function, operation: Operation, operands: list[Array
     result, builder = operation.results[0], function.builder
     starts = _starts(function, operation, numbers, result.shape)
     if isinstance(array, Registers) and array.has(starts):
+        # An unknown start along an axis of length one can only be 0.
         first = [0 if isinstance(start, str) else start for start in starts]
         cut = tuple(slice(i, i + length) for i, length in zip(first, result.shape, strict=True))
         return Registers(array.dtype, array.elements[cut])
@@ -52,7 +53,7 @@ def dynamic_update_slice(function: Function, operation: Operation, operands: lis
         cut = tuple(slice(i, i + length) for i, length in zip(starts, update.shape, strict=True))  # type: ignore[misc]
         elements[cut] = storage.to_registers(update).objects()
         return Registers(array.dtype, elements)
-    update = storage.settle(update)  # it may follow from what is overwritten
+    update = storage.evaluate(update)  # it may follow from what is overwritten
     target = function.overwritable(operation, 0, array, update.varying or in_lanes(*starts))
     if isinstance(update, Registers):
         for index in np.ndindex(*update.shape):
@@ -75,10 +76,10 @@ def gather(function: Function, operation: Operation, operands: list[Array]) -> A
     batch = [k for k in range(len(result.shape)) if k not in offset]
     own = [k for k in range(len(array.shape)) if k not in (*n.collapsed_slice_dims, *n.operand_batching_dims)]
     known = isinstance(numbers, Registers) and numbers.known and is_small(result.shape)
-    numbers = storage.settle(numbers)
+    numbers = storage.evaluate(numbers)
     # An index that is not known reads from memory, and then so do all. What only moves numbers that are there is not
     # copied for it: of a long table, such as a log, a step reads a few rows.
-    array = array if isinstance(array, Formula) and array.cheap else storage.settle(array)
+    array = array if isinstance(array, Formula) and array.cheap else storage.evaluate(array)
     array = array if known else storage.anywhere(array)
     if not is_small(result.shape):
         numbers = storage.anywhere(numbers)
@@ -114,9 +115,9 @@ def scatter(function: Function, operation: Operation, operands: list[Array]) -> 
     storage, builder = function.storage, function.builder
     if not size_of(updates[0].shape):
         return arrays
-    places = _Places(function, operation, storage.settle(numbers), updates[0].shape)
+    places = _Places(function, operation, storage.evaluate(numbers), updates[0].shape)
     combine = function.combination(operation.regions[0])
-    updates = [storage.settle(update) for update in updates]
+    updates = [storage.evaluate(update) for update in updates]
     if places.known and all(isinstance(array, Registers) for array in (*arrays, *updates)):
         return _scatter_registers(function, places, combine, arrays, updates)
     varying = any(array.varying for array in (places.numbers, *arrays, *updates))
@@ -128,6 +129,7 @@ def scatter(function: Function, operation: Operation, operands: list[Array]) -> 
         for target, element in zip(targets, new, strict=True):
             storage.put(target, place, element)
 
+    # Numbers in registers cannot be found by the index of a loop, so each update has its instructions.
     if all(isinstance(array, Registers) for array in (*updates, places.numbers)) and is_small(updates[0].shape):
         for window in filter(None, places.slices()):
             with builder.where(places.of(window[0])[0]):
@@ -184,6 +186,7 @@ class _Places:
             place[dimension] = b.plus(start[dimension], index[k])
         inside: Element = np.bool_(True)
         for i, length, size in zip(start, self.shape, lengths, strict=True):
+            # A slice that is longer than the array lies within it nowhere.
             if length >= size:
                 inside = b.binary("and", BOOL, inside, b.within(i, 0, length - size + 1))
             else:

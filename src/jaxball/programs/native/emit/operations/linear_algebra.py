@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ...ir.elements import Element, Index, Name, Pair, UnsupportedError, llvm_type, part_of
+from ...ir.elements import Element, Index, Name, Pair, UnsupportedError, part_of
 from ...ir.program import Operation
+from ...limits import COLUMNS_OF_BLOCK
 from ...targets import machine
 from ..builder import INDEX
 from ..instructions import BOOL
@@ -20,7 +21,6 @@ from ..values import Array, Memory
 
 INTEGER = np.dtype(np.int32)
 _LETTERS = {"s": np.dtype("f4"), "d": np.dtype("f8"), "c": np.dtype("c8"), "z": np.dtype("c16")}
-_BLOCK = 32  # columns that a routine handles together, if it has the memory
 
 
 class _Routine:
@@ -87,17 +87,17 @@ def _cholesky(r: _Routine, operands: list[Memory]) -> list[Memory]:
 def _qr(r: _Routine, operands: list[Memory]) -> list[Memory]:
     (a,) = operands
     n, m = a.shape
-    scales, work, info = r.memory(r.dtype, min(m, n)), r.memory(r.dtype, _BLOCK * n), r.memory(INTEGER, 1)
-    r.call("geqrf", m, n, a, m, scales, work, _BLOCK * n, info)
+    scales, work, info = r.memory(r.dtype, min(m, n)), r.memory(r.dtype, COLUMNS_OF_BLOCK * n), r.memory(INTEGER, 1)
+    r.call("geqrf", m, n, a, m, scales, work, COLUMNS_OF_BLOCK * n, info)
     return [a, scales]
 
 
 def _q(r: _Routine, operands: list[Memory]) -> list[Memory]:
     a, scales = operands
     n, m = a.shape
-    work, info = r.memory(r.dtype, _BLOCK * n), r.memory(INTEGER, 1)
+    work, info = r.memory(r.dtype, COLUMNS_OF_BLOCK * n), r.memory(INTEGER, 1)
     name = "ungqr" if r.dtype.kind == "c" else "orgqr"
-    r.call(name, m, n, scales.shape[0], a, m, scales, work, _BLOCK * n, info)
+    r.call(name, m, n, scales.shape[0], a, m, scales, work, COLUMNS_OF_BLOCK * n, info)
     return [a]
 
 
@@ -143,7 +143,7 @@ def _eigenvalues(r: _Routine, operands: list[Memory]) -> list[Memory]:
             back = b.as_index(b.select(INDEX, second, np.int64(1), np.int64(0)), INDEX)
             k = b.clamp(b.plus(j, b.times(back, -1)), n - 1)
             real, other = (source.element(b, (b.clamp(b.plus(k, d), n - 1), i)) for d in (0, 1))
-            imaginary = b.select(r.dtype, second, b.pure(f"fneg {llvm_type(r.dtype)} {other}"), other)
+            imaginary = b.select(r.dtype, second, b.negative(r.dtype, other), other)
             imaginary = b.select(r.dtype, b.compare("oeq", r.dtype, turned, zero), zero, imaginary)
             storage.put(target, (j, i), Pair(real, imaginary))
     return [*values, *pairs, info]
@@ -170,7 +170,7 @@ def _singular_values(r: _Routine, operands: list[Memory]) -> list[Memory]:
     u, v = (tuple(result.shape[-2:]) for result in r.operation.results[2:4])
     values, info = r.memory(part_of(r.dtype), less), r.memory(INTEGER, 1)
     left, right = r.memory(r.dtype, *u), r.memory(r.dtype, *v)
-    count = 4 * less * less + 7 * less + _BLOCK * more
+    count = 4 * less * less + 7 * less + COLUMNS_OF_BLOCK * more
     work: list[Any] = [r.memory(r.dtype, count), count]
     if r.dtype.kind == "c":
         work.append(r.memory(part_of(r.dtype), less * (5 * less + 5 + 2 * more + 2 * less + 1)))
@@ -216,7 +216,8 @@ def solve(function: Function, operation: Operation, operands: list[Array], lette
     """A routine of LAPACK's or BLAS's, of each matrix."""
     storage, compute = function.storage, _ROUTINES[name]
     routine = _Routine(function, operation, letter)
-    arrays = [storage.anywhere(storage.settle(array)) for array in operands]
+    # LAPACK overwrites its matrices, and has them column by column: each is copied, its indices exchanged.
+    arrays = [storage.anywhere(storage.evaluate(array)) for array in operands]
     targets = [storage.allocate(result.shape, result.dtype) for result in operation.results]
     batch = arrays[0].shape[: -1 if name == "gtsv" else -2]
     with storage.every_index(batch) as place:

@@ -7,28 +7,27 @@ import numpy as np
 
 from ...ir.elements import Element, Index, is_known
 from ...ir.program import Operation
+from ...limits import MOST_PRODUCTS, MOST_TERMS, PARTIAL_SUMS
 from ..lowering import Function
 from ..rules import rule
 from ..values import Array, Formula, Registers, is_small, size_of
-from ..vectors import is_of_vectors, side_by_side
+from ..vectors import is_of_vectors, row_by_row, side_by_side
 from . import complex, real
 from .elementwise import as_array
-
-PARTIAL_SUMS = 4
-MOST_PRODUCTS = 512  # of one operation that are written out; more are loops
 
 
 @rule("stablehlo.dot_general")
 def dot_general(function: Function, operation: Operation, operands: list[Array]) -> Array:
     """Sums of products over the dimensions contracted; those of the batch come first, then each operand's others."""
     storage, (result,) = function.storage, operation.results
-    products = _Products(function, operation, [storage.settle(array) for array in operands])
+    products = _Products(function, operation, [storage.evaluate(array) for array in operands])
     shape, count = result.shape, size_of(products.lengths)
     if is_small(shape) and size_of(shape) * count <= MOST_PRODUCTS:
         in_registers = all(isinstance(array, Registers) for array in products.operands)
         if in_registers and count and products.batch and function.uses_vectors and is_of_vectors(shape):
             return products.in_vectors(shape)
-        if count <= 16 or in_registers:
+        # Factors in registers have no index that a loop could count.
+        if count <= MOST_TERMS or in_registers:
             at = products.write_sum
         else:
             products.operands, at = [storage.anywhere(array) for array in products.operands], products.in_loop
@@ -59,14 +58,12 @@ class _Products:
 
     def in_vectors(self, shape: tuple[int, ...]) -> Array:
         """All sums, in vectors along the first dimension."""
-        found = []
+        sums = []
         for place in np.ndindex(*shape[1:]):
             rows = [self._factors_at((lane, *place)) for lane in range(shape[0])]
             columns, dtypes = list(zip(*rows, strict=True)), [self.dtype] * len(rows[0])
-            vectors = side_by_side(self._builder, dtypes, [self.dtype], columns, lambda *row: [self._sum(row)])
-            found.append([self._sum(row) for row in rows] if vectors is None else vectors[0])
-        elements = [number for lane in zip(*found, strict=True) for number in lane]
-        return Registers(self.dtype, as_array(elements, shape, self.dtype))
+            sums += side_by_side(self._builder, dtypes, [self.dtype], columns, lambda *row: [self._sum(row)])
+        return Registers(self.dtype, as_array(row_by_row(sums), shape, self.dtype))
 
     def write_sum(self, index: Sequence[Index]) -> Element:
         """The sum at an index of the result."""
@@ -97,6 +94,7 @@ class _Products:
                 places[side][pair[side]] = i
         rest = iter(index[len(self.batch) :])
         for side in (0, 1):
+            # Behind the batch, the result has the free dimensions of the first operand, then those of the second.
             for k in self._free[side]:
                 places[side][k] = next(rest)
         return [self._convert(array, place) for array, place in zip(self.operands, places, strict=True)]

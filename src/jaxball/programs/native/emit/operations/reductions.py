@@ -1,18 +1,19 @@
 """Reductions over dimensions and over windows."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ...ir.elements import Element, Index, in_lanes
 from ...ir.program import Operation
+from ...limits import MOST_LOOPS, MOST_TERMS
 from ..builder import BOOL, INDEX
 from ..lowering import Function
 from ..rules import rule
 from ..storage import join_parts, parts
 from ..values import Array, Formula, Memory, Registers, is_small, size_of
-from ..vectors import is_of_vectors, side_by_side
+from ..vectors import is_of_vectors, row_by_row, side_by_side
 from .elementwise import as_array
 
 
@@ -28,7 +29,7 @@ def reduce(function: Function, operation: Operation, operands: list[Array]) -> l
     small = is_small(shape) and is_small(operation.results[0].shape)
     written_out = small and all(isinstance(array, Registers) for array in arrays)
     if not written_out:
-        arrays = [storage.anywhere(storage.settle(array) if count > 1 else array) for array in arrays]
+        arrays = [storage.anywhere(storage.evaluate(array) if count > 1 else array) for array in arrays]
     first = [storage.to_registers(array).element(builder, ()) for array in operands[count:]]
     combine = function.combination(operation.regions[0])
     varying = in_lanes(*first) or any(array.varying for array in arrays)
@@ -45,7 +46,7 @@ def reduce(function: Function, operation: Operation, operands: list[Array]) -> l
                 place[k] = i
             return combine(*numbers, *(array.element(builder, place) for array in arrays))
 
-        most = size_of(lengths) if written_out else 16
+        most = size_of(lengths) if written_out else MOST_TERMS
         return storage.accumulate(lengths, list(zip(dtypes, first, strict=True)), step, most, varying)
 
     if written_out and kept[:1] == [0] and function.uses_vectors and is_of_vectors(shape):
@@ -62,29 +63,22 @@ def _in_vectors(
     combine: Any,
 ) -> list[Array]:
     """The same where the first axis stays and is as long as vectors are."""
-    results, count = operation.results, len(first)
+    results = operation.results
     dtypes = [result.dtype for result in results]
     shape = results[0].shape
     table = [np.moveaxis(array.objects(), reduced, range(-len(reduced), 0)) for array in arrays]
-    elements = [np.empty(shape, object) for _ in results]
+    found: list[list[list[Element]]] = [[] for _ in results]
     for place in np.ndindex(*shape[1:]):
         numbers = [[number] * shape[0] for number in first]
         for within in np.ndindex(*table[0].shape[len(shape) :]):
             columns = [*numbers, *(t[(slice(None), *place, *within)].tolist() for t in table)]
-            new = side_by_side(function.builder, dtypes * 2, dtypes, columns, combine)
-            numbers = _in_turn(combine, columns) if new is None else new
-        for k in range(count):
-            for lane in range(shape[0]):
-                elements[k][(lane, *place)] = numbers[k][lane]
+            numbers = side_by_side(function.builder, dtypes * 2, dtypes, columns, combine)
+        for columns, column in zip(found, numbers, strict=True):
+            columns.append(column)
     return [
-        Registers(dtype, as_array(list(array.reshape(-1)), shape, dtype))
-        for dtype, array in zip(dtypes, elements, strict=True)
+        Registers(dtype, as_array(row_by_row(columns), shape, dtype))
+        for dtype, columns in zip(dtypes, found, strict=True)
     ]
-
-
-def _in_turn(combine: Callable[..., Sequence[Element]], columns: Sequence[Sequence[Element]]) -> list[list[Element]]:
-    """What is combined of the numbers of each lane, one lane after another."""
-    return list(map(list, zip(*(combine(*row) for row in zip(*columns, strict=True)), strict=True)))
 
 
 def several(function: Function, operation: Operation, at: Any, of: Sequence[Array], varying: bool) -> list[Array]:
@@ -92,7 +86,8 @@ def several(function: Function, operation: Operation, at: Any, of: Sequence[Arra
     storage, results = function.storage, operation.results
     shape, dtypes = results[0].shape, [result.dtype for result in results]
     loops = any(not isinstance(array, Registers) for array in of)
-    if is_small(shape) and (not loops or size_of(shape) <= 4):
+    # What is summed in memory takes a loop for each element of the result: a few are in registers.
+    if is_small(shape) and (not loops or size_of(shape) <= MOST_LOOPS):
         rows = [at(index) for index in np.ndindex(*shape)]
         columns = list(zip(*rows, strict=True)) or [()] * len(results)
         return [Registers(dtype, as_array(column, shape, dtype)) for dtype, column in zip(dtypes, columns, strict=True)]
@@ -100,6 +95,7 @@ def several(function: Function, operation: Operation, at: Any, of: Sequence[Arra
         formula = Formula(shape, dtypes[0], lambda index: at(index)[0], of, varying=varying)
         if not is_small(shape):
             return [formula]
+        # One loop over all elements, and then few loads.
         return [storage.to_registers(storage.to_memory(formula))]
     targets = [storage.allocate(shape, dtype, varying) for dtype in dtypes]
     with storage.every_index(shape) as index:
@@ -113,7 +109,7 @@ def reduce_window(function: Function, operation: Operation, operands: list[Array
     """The elements within each window combined by the region."""
     storage, builder = function.storage, function.builder
     count = len(operands) // 2
-    arrays = [storage.settle(array) for array in operands[:count]]
+    arrays = [storage.evaluate(array) for array in operands[:count]]
     first = [storage.to_registers(array).element(builder, ()) for array in operands[count:]]
     combine = function.combination(operation.regions[0])
     varying = in_lanes(*first) or any(array.varying for array in arrays)
@@ -142,13 +138,14 @@ def select_and_scatter(function: Function, operation: Operation, operands: list[
     second, by the second region, to begin with the third.
     """
     storage, builder = function.storage, function.builder
-    array, source = (storage.anywhere(storage.settle(operand)) for operand in operands[:2])
+    array, source = (storage.anywhere(storage.evaluate(operand)) for operand in operands[:2])
     first = storage.to_registers(operands[2]).element(builder, ())
     selects, combine = (function.combination(region) for region in operation.regions)
     window, dtype = _Window(operation, array.shape), array.dtype
     target = storage.allocate(array.shape, dtype)
     with storage.every_index(target.shape) as index:
         storage.put(target, index, first)
+    # Its comparison does not count: the first element that lies within the array is taken, whatever it is.
     zero = join_parts([dtype], [part.type(0) for part, _ in parts([dtype], [first])])[0]
     with storage.every_index(source.shape) as index:
 
@@ -157,6 +154,7 @@ def select_and_scatter(function: Function, operation: Operation, operands: list[
             number, found, *chosen = best
             other = array.element(builder, place)
             kept = builder.binary("and", BOOL, found, selects(number, other)[0])
+            # Padding is never chosen, whatever would be compared with it.
             kept = builder.binary("or", BOOL, kept, builder.binary("xor", BOOL, inside, np.bool_(True)))
             pairs = zip(parts([dtype], [number]), parts([dtype], [other]), strict=True)
             new = join_parts([dtype], [builder.select(part, kept, x, y) for (part, x), (_, y) in pairs])

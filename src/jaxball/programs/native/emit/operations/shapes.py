@@ -24,8 +24,9 @@ def rearrange(
     result = operation.results[0]
     if isinstance(array, Registers) and (array.known or is_small(result.shape)):
         return Registers(array.dtype, of_registers(array.elements))
+    # Few elements are read one by one, and a formula that computes would compute each again.
     if is_small(result.shape) and isinstance(array, Formula) and (is_small(array.shape) or not array.cheap):
-        array = function.storage.settle(array)
+        array = function.storage.evaluate(array)
         return rearrange(function, operation, array, of_registers, source)
     array = function.storage.anywhere(array)
     return Formula(
@@ -102,6 +103,7 @@ def reshape(function: Function, operation: Operation, operands: list[Array]) -> 
     if isinstance(array, Formula) and array.cheap and len(array.shape) == 1 and not is_small(shape):
         return rearrange(function, operation, array, lambda elements: elements.reshape(shape), by_position)
     if not isinstance(array, Registers) and not is_small(shape):
+        # Elements lie row by row whatever the shape, so this is the same memory.
         return function.storage.view_of(function.storage.to_memory(array), shape)
     return rearrange(function, operation, array, lambda elements: elements.reshape(shape), by_position)
 

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from ...ir.elements import LANES, Element, Index
+from ...ir.elements import Element, Index
 from ...ir.program import Operation
+from ...limits import LANES
 from ..builder import BOOL, INDEX
 from ..lowering import Function
 from ..rules import rule
@@ -16,7 +17,7 @@ def sort(function: Function, operation: Operation, operands: list[Array]) -> lis
     """Arrays brought along one dimension into the order in which the region says what comes before what."""
     storage, dimension = function.storage, operation.attribute("dimension")
     shape = operands[0].shape
-    sources = [storage.anywhere(storage.settle(array)) for array in operands]
+    sources = [storage.anywhere(storage.evaluate(array)) for array in operands]
     varying = any(array.varying for array in sources)
     targets = [storage.allocate(shape, array.dtype, varying) for array in operands]
     length = shape[dimension]
@@ -49,7 +50,7 @@ def _sort(function: Function, operation: Operation, length: int, rows: list[Memo
     with b.loop(0, (length - 1).bit_length()) as turn:
         part = b.pure(f"shl i64 1, {turn.index}")
         twice = b.plus(part, part)
-        parts = b.pure(f"sdiv i64 {b.plus(twice, length - 1)}, {twice}")
+        parts = b.pure(f"sdiv i64 {b.operand(INDEX, b.plus(twice, length - 1))}, {twice}")
         with b.loop(0, parts) as pair:
             start = b.times(pair.index, twice)
             middle, end = least(b.plus(start, part), length), least(b.plus(start, twice), length)
@@ -60,12 +61,14 @@ def _sort(function: Function, operation: Operation, length: int, rows: list[Memo
                 first, second = ([row.element(b, (least(k, length - 1),)) for row in rows] for k in (i, j))
                 later = comes_before(*(element for two in zip(second, first, strict=True) for element in two))[0]
                 has_first, has_second = b.compare("slt", INDEX, i, middle), b.compare("slt", INDEX, j, end)
+                # Of equal elements the first comes first, so that the sort is stable, as JAX asks for.
                 takes_second = b.binary("and", BOOL, later, has_second)
                 takes_second = b.binary("or", BOOL, takes_second, b.binary("xor", BOOL, has_first, np.bool_(True)))
                 for row, x, y in zip(spare, second, first, strict=True):
                     storage.put(row, (one.index,), _choose(function, row.dtype, takes_second, x, y))
                 step = b.convert("zext", BOOL, INDEX, takes_second)
                 one.following = [b.plus(i, b.apply("sub", INDEX, 1, step)), b.plus(j, step)]
+        # Copied back in each round, so that the loop over rounds has the same two memories in each.
         for row, other in zip(rows, spare, strict=True):
             b.copy(row.buffer.name, other.buffer.name, length * row.dtype.itemsize * (LANES if row.varying else 1))
 

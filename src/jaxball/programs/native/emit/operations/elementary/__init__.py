@@ -14,14 +14,10 @@ FDLIBM (Sun Microsystems, 1993) for the coefficients of sin, cos, log, atan and 
 
 import functools
 
-import numpy as np
-
-from ....ir.elements import Element, Lanes, Name
+from ....ir.elements import Element, Name, vector_type, width_of
 from ...builder import Builder
 from . import errors, exponentials, hyperbolic, remainders, roots, trigonometric
-from .writer import Function, Writer
-
-DOUBLE = np.dtype(float)
+from .writer import DOUBLE, Function, Writer
 
 # With how many arguments.
 FUNCTIONS: dict[str, tuple[Function, int]] = {
@@ -53,7 +49,7 @@ FUNCTIONS: dict[str, tuple[Function, int]] = {
 
 def name_of(name: str, lanes: int = 1) -> str:
     """The name of a function in LLVM's IR."""
-    return f"@elementary.{name}.{Writer(lanes).suffix}"
+    return f"@elementary.{name}.f64" if lanes == 1 else f"@elementary.{name}.v{lanes}f64"
 
 
 def definition(name: str, lanes: int = 1) -> str:
@@ -70,28 +66,29 @@ def declarations(name: str, lanes: int = 1) -> dict[str, str]:
 def _write_function(name: str, lanes: int) -> tuple[str, dict[str, str]]:
     compute, count = FUNCTIONS[name]
     w = Writer(lanes)
-    kind = w.type("double")
-    given = [f"%x{k}" for k in range(count)]
+    given = [w.argument(f"%x{k}") for k in range(count)]
+    kind = vector_type(DOUBLE, width_of(*given))
     results = compute(w, given)
     returned = kind if len(results) == 1 else f"{{ {', '.join([kind] * len(results))} }}"
     result = results[0]
     if len(results) > 1:
         result = "undef"
         for k, number in enumerate(results):
-            result = w.do(f"insertvalue {returned} {result}, {kind} {number}, {k}")
-    head = f"define internal {returned} {name_of(name, lanes)}({', '.join(f'{kind} {x}' for x in given)})"
-    lines = [f"{head} nounwind memory(none) {{", "entry:", *w.lines, f"ret {returned} {result}", "}"]
-    return "\n".join(lines), w.declared
+            result = w.effect(f"insertvalue {returned} {result}, {kind} {w.operand(DOUBLE, number)}, {k}")
+    w.write(f"ret {returned} {w.operand(DOUBLE, result)}")
+    head = f"internal {returned} {name_of(name, lanes)}({', '.join(f'{kind} {x}' for x in given)})"
+    return w.function(f"{head} nounwind memory(none)"), w.module.declared
 
 
 def write_call(b: Builder, name: str, *operands: Element, part: int | None = None) -> Name:
     """A call, for vectors where an operand is one, written once for equal operands; ``part`` of several results."""
-    width = max((x.width for x in operands if isinstance(x, Lanes)), default=0)
+    width = width_of(*operands)
     lanes = width or 1
+    # Written once in a process, and part of each module that calls it.
     for symbol, line in declarations(name, lanes).items():
         b.module.declared.setdefault(symbol, line)
     b.module.declared.setdefault(name_of(name, lanes), definition(name, lanes))
-    kind = Writer(lanes).type("double")
+    kind = vector_type(DOUBLE, width)
     returned = kind if part is None else f"{{ {kind}, {kind} }}"
     given = ", ".join(f"{kind} {b.operand(DOUBLE, x, width)}" for x in operands)
     result = b.pure(f"call {returned} {name_of(name, lanes)}({given})", width)

@@ -5,7 +5,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from .writer import SHIFT, Writer, between, scale
+from ...instructions import BOOL
+from .writer import DOUBLE, LONG, SHIFT, Writer, between, scale
 
 _LN2 = (float.fromhex("0x1.62e42fee00000p-1"), float.fromhex("0x1.a39ef35793c76p-33"))
 _LN2_NEAREST = (float.fromhex("0x1.62e42fefa39efp-1"), float.fromhex("0x1.abc9e3b39803fp-56"))
@@ -59,8 +60,8 @@ def expm1(w: Writer, operands: list[str]) -> list[str]:
     n, r, rest = _exponent(w, between(w, x, -60.0, 709.9))
     tail = w.fma(w.mul(r, r), w.polynomial(r, _EXP), w.fma(rest, r, rest))
     # 2ⁿ may be beyond the largest number though the result is not.
-    large = w.do(f"icmp sgt {w.type('i64')} {n}, {w.text(1000, 'i64')}")
-    n = w.integer("sub", n, w.do(f"zext {w.type('i1')} {large} to {w.type('i64')}"))
+    large = w.integer("icmp sgt", n, 1000)
+    n = w.integer("sub", n, w.cast("zext", BOOL, LONG, large))
     scale = w.power_of_two(n)
     total, error = w.sum(w.sub(scale, w.select(large, 0.5, 1.0)), w.mul(scale, r))
     result = w.mul(w.add(total, w.fma(scale, tail, error)), w.select(large, 2.0, 1.0))
@@ -73,7 +74,7 @@ def mantissa(w: Writer, x: str) -> tuple[str, str]:
     small = w.compare("olt", x, 2.0**-1022)
     bits = w.bits(w.select(small, w.mul(x, 2.0**54), x))
     above = w.integer("sub", bits, int(np.float64(math.sqrt(0.5)).view(np.int64)))
-    n = w.do(f"sitofp {w.type('i64')} {w.integer('ashr', above, 52)} to {w.type('double')}")
+    n = w.cast("sitofp", LONG, DOUBLE, w.integer("ashr", above, 52))
     m = w.number(w.integer("sub", bits, w.integer("and", above, -(1 << 52))))
     return w.sub(n, w.select(small, 54.0, 0.0)), m
 

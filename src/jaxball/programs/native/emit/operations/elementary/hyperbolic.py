@@ -3,7 +3,7 @@
 import math
 
 from .exponentials import expm1, exponential_in_parts, log1p_of_pair
-from .writer import Writer, between, scale
+from .writer import LONG, Writer, between, scale
 
 _SINH = tuple(1 / math.factorial(k) for k in range(3, 21, 2))  # (sinh x − x)/x³ as powers of x², |x| ≤ 1, to 2⁻⁵⁷
 _AS_ITSELF = 2.0**-28  # below it, asinh and atanh are the argument to 2⁻⁵⁷ of it
@@ -13,7 +13,7 @@ def _half_sum(w: Writer, size: str, sign: float) -> str:
     """Computes (eˣ ± e⁻ˣ)/2 of x ≥ 0, without cancellation for x ≥ 1 or a sum."""
     n, high, low = exponential_in_parts(w, between(w, size, 0.0, 800.0))
     # The second term in units of 2ⁿ; where it is too small to be one, it is too small to matter.
-    fewer = w.select(w.compare("ogt", size, 300.0), -1000, w.integer("mul", n, -2), "i64")
+    fewer = w.select(w.compare("ogt", size, 300.0), -1000, w.integer("mul", n, -2), LONG)
     second, rest = w.quotient(w.power_of_two(fewer), None, high, low)
     total, error = w.sum(high, w.mul(second, sign))
     return scale(w, w.add(total, w.add(error, w.fma(rest, sign, low))), w.integer("sub", n, 1))

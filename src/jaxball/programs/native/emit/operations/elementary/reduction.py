@@ -8,7 +8,8 @@ bits of 2/π that matter (M. H. Payne and R. N. Hanek, Radian reduction for trig
 import itertools
 import math
 
-from .writer import Writer
+from ....ir.elements import llvm_type, vector_type
+from .writer import DOUBLE, LONG, Writer
 
 _LARGEST_ANGLE = 2.0**30  # of which the subtraction is right
 
@@ -26,6 +27,7 @@ BITS = (
     "56033046fc7b6bab"
 )
 _TABLE, _HUGE, _REDUCED = "@elementary.bits", "@elementary.reduced", "{ i64, double, double }"
+_KINDS = LONG, DOUBLE, DOUBLE
 
 
 def reduce_angle(w: Writer, x: str) -> tuple[str, str, str]:
@@ -38,33 +40,35 @@ def reduce_angle(w: Writer, x: str) -> tuple[str, str, str]:
     r, rest = w.sum(near, w.fma(minus, HALF_PI[2], w.add(error, second_rest)))
     large = w.compare("ogt", w.call("fabs", x), _LARGEST_ANGLE)
     before = w.label
-    w.branch(w.any(large), "huge", "reduce_angle")
+    w.branch(w.any_lane(large), "huge", "reduce_angle")
     w.begin("huge")
     numbers = _huge(w, w.select(large, x, _LARGEST_ANGLE))
-    kinds = ("i64", "double", "double")
     small = (quadrant, r, rest)
-    rows = zip(numbers, small, kinds, strict=True)
-    numbers = [number if w.lanes == 1 else w.select(large, number, other, kind) for number, other, kind in rows]
+    if w.lanes > 1:  # some of which may have small angles
+        rows = zip(numbers, small, _KINDS, strict=True)
+        numbers = [w.select(large, number, other, kind) for number, other, kind in rows]
+    w.jump("reduce_angle")
     w.begin("reduce_angle")
-    rows = zip(kinds, small, numbers, strict=True)
-    quadrant, r, rest = (w.phi(kind, (one, before), (other, "huge")) for kind, one, other in rows)
+    rows = zip(_KINDS, small, numbers, strict=True)
+    quadrant, r, rest = (w.phi(kind, [(number, before), (other, "huge")]) for kind, number, other in rows)
     return quadrant, r, rest
 
 
 def _huge(w: Writer, x: str) -> list[str]:
     """Calls the function for single numbers, of each lane."""
-    w.declared |= {_TABLE: _table(), _HUGE: _definition(), **_of_single_numbers().declared}
-    kinds = ("i64", "double", "double")
+    w.module.declared |= {_TABLE: _table(), _HUGE: _definition(), **_of_single_numbers().module.declared}
+    do = w.effect
     if w.lanes == 1:
-        result = w.do(f"call {_REDUCED} {_HUGE}(double {x})")
-        return [w.do(f"extractvalue {_REDUCED} {result}, {k}") for k in range(3)]
+        result = do(f"call {_REDUCED} {_HUGE}(double {x})")
+        return [do(f"extractvalue {_REDUCED} {result}, {k}") for k in range(3)]
     vectors = ["undef"] * 3
     for lane in range(w.lanes):
-        number = w.do(f"extractelement {w.type('double')} {x}, i32 {lane}")
-        result = w.do(f"call {_REDUCED} {_HUGE}(double {number})")
-        for k, kind in enumerate(kinds):
-            part = w.do(f"extractvalue {_REDUCED} {result}, {k}")
-            vectors[k] = w.do(f"insertelement {w.type(kind)} {vectors[k]}, {kind} {part}, i32 {lane}")
+        number = do(f"extractelement {vector_type(DOUBLE, w.lanes)} {x}, i32 {lane}")
+        result = do(f"call {_REDUCED} {_HUGE}(double {number})")
+        for k, kind in enumerate(_KINDS):
+            part = f"{llvm_type(kind)} {do(f'extractvalue {_REDUCED} {result}, {k}')}"
+            vector = f"{vector_type(kind, w.lanes)} {vectors[k]}"
+            vectors[k] = do(f"insertelement {vector}, {part}, i32 {lane}", w.lanes)
     return vectors
 
 
@@ -77,14 +81,13 @@ def _table() -> str:
 
 def _definition() -> str:
     """Writes the function for single numbers."""
-    lines = _of_single_numbers().lines
-    head = f"define internal {_REDUCED} {_HUGE}(double %x) nounwind memory(none) {{"
-    return "\n".join([head, "entry:", *lines, "}"])
+    return _of_single_numbers().function(f"internal {_REDUCED} {_HUGE}(double %x) nounwind memory(none)")
 
 
 def _of_single_numbers() -> Writer:
     """Writes the steps: of x = M 2ᵉ, 192 bits of 2/π from that on of which M makes no multiple of 4, times M."""
     w, x = Writer(1), "%x"
+    do = w.effect
     bits = w.bits(w.call("fabs", x))
     exponent = w.integer("lshr", bits, 52)
     significand = w.integer("or", w.integer("and", bits, (1 << 52) - 1), 1 << 52)
@@ -93,24 +96,24 @@ def _of_single_numbers() -> Writer:
     word, shift = w.integer("lshr", first, 6), w.integer("and", first, 63)
     words = []
     for k in range(4):
-        place = w.do(f"getelementptr i64, ptr {_TABLE}, i64 {w.integer('add', word, k)}")
-        words.append(w.do(f"load i64, ptr {place}, align 8"))
-    w.declared["@llvm.fshl.i64"] = "declare i64 @llvm.fshl.i64(i64, i64, i64)"
+        place = do(f"getelementptr i64, ptr {_TABLE}, i64 {w.integer('add', word, k)}")
+        words.append(do(f"load i64, ptr {place}, align 8"))
+    w.module.declared["@llvm.fshl.i64"] = "declare i64 @llvm.fshl.i64(i64, i64, i64)"
     window = [
-        w.do(f"call i64 @llvm.fshl.i64(i64 {high}, i64 {low}, i64 {shift})") for high, low in itertools.pairwise(words)
+        do(f"call i64 @llvm.fshl.i64(i64 {high}, i64 {low}, i64 {shift})") for high, low in itertools.pairwise(words)
     ]
-    wide = [w.do(f"zext i64 {number} to i128") for number in (*window, significand)]
-    lowest = w.do(f"lshr i128 {w.do(f'mul i128 {wide[2]}, {wide[3]}')}, 64")
-    middle = w.do(f"add i128 {w.do(f'mul i128 {wide[1]}, {wide[3]}')}, {lowest}")
-    highest = w.do(f"shl i128 {w.do(f'mul i128 {wide[0]}, {wide[3]}')}, 64")
-    product = w.do(f"add i128 {highest}, {middle}")  # two bits of the whole number, and 126 of the fraction
-    fraction = w.do(f"shl i128 {product}, 2")  # below 0 if more than a half: then it is what the next one is too much
-    whole = w.do(f"trunc i128 {w.do(f'lshr i128 {product}, 125')} to i64")  # twice, with the first bit of the fraction
+    wide = [do(f"zext i64 {number} to i128") for number in (*window, significand)]
+    lowest = do(f"lshr i128 {do(f'mul i128 {wide[2]}, {wide[3]}')}, 64")
+    middle = do(f"add i128 {do(f'mul i128 {wide[1]}, {wide[3]}')}, {lowest}")
+    highest = do(f"shl i128 {do(f'mul i128 {wide[0]}, {wide[3]}')}, 64")
+    product = do(f"add i128 {highest}, {middle}")  # two bits of the whole number, and 126 of the fraction
+    fraction = do(f"shl i128 {product}, 2")  # below 0 if more than a half: then it is what the next one is too much
+    whole = do(f"trunc i128 {do(f'lshr i128 {product}, 125')} to i64")  # twice, with the first bit of the fraction
     quadrant = w.integer("lshr", w.integer("add", whole, 1), 1)
-    highest = w.do(f"trunc i128 {w.do(f'ashr i128 {fraction}, 85')} to i64")
-    middle = w.integer("and", w.do(f"trunc i128 {w.do(f'lshr i128 {fraction}, 42')} to i64"), (1 << 43) - 1)
-    lowest = w.integer("and", w.do(f"trunc i128 {fraction} to i64"), (1 << 42) - 1)
-    parts = (w.do(f"sitofp i64 {number} to double") for number in (highest, middle, lowest))
+    highest = do(f"trunc i128 {do(f'ashr i128 {fraction}, 85')} to i64")
+    middle = w.integer("and", do(f"trunc i128 {do(f'lshr i128 {fraction}, 42')} to i64"), (1 << 43) - 1)
+    lowest = w.integer("and", do(f"trunc i128 {fraction} to i64"), (1 << 42) - 1)
+    parts = (do(f"sitofp i64 {number} to double") for number in (highest, middle, lowest))
     high, low, lower = (w.mul(part, 2.0**power) for part, power in zip(parts, (-43, -86, -128), strict=True))
     high, low = w.sum(high, low)  # exact
     low = w.add(low, lower)
@@ -119,8 +122,8 @@ def _of_single_numbers() -> Writer:
     r = w.add(r, w.sub(x, x))  # no number where x is infinite
     negative = w.is_negative(x)
     r, rest = (w.select(negative, w.neg(number), number) for number in (r, rest))
-    quadrant = w.select(negative, w.integer("sub", 0, quadrant), quadrant, "i64")
-    result = w.do(f"insertvalue {_REDUCED} undef, i64 {quadrant}, 0")
-    result = w.do(f"insertvalue {_REDUCED} {result}, double {r}, 1")
-    w.lines.append(f"ret {_REDUCED} {w.do(f'insertvalue {_REDUCED} {result}, double {rest}, 2')}")
+    quadrant = w.select(negative, w.integer("sub", 0, quadrant), quadrant, LONG)
+    result = do(f"insertvalue {_REDUCED} undef, i64 {quadrant}, 0")
+    result = do(f"insertvalue {_REDUCED} {result}, double {r}, 1")
+    w.write(f"ret {_REDUCED} {do(f'insertvalue {_REDUCED} {result}, double {rest}, 2')}")
     return w

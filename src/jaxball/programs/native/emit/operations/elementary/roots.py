@@ -3,7 +3,7 @@
 import math
 
 from .exponentials import log_beside_ends, log_of_sum, mantissa
-from .writer import Writer
+from .writer import DOUBLE, LONG, Writer
 
 # ∛m, √½ ≤ m ≤ √2, to 1.4e-5 of itself: the polynomial that is equal to it at Chebyshev's points.
 _CBRT = (0.45368850939425087, 0.8967392149835332, -0.5237666939884396, 0.20934605121199612, -0.036000192083417926)
@@ -25,9 +25,9 @@ def cbrt(w: Writer, operands: list[str]) -> list[str]:
     cube, cube_rest = w.product(square, y)
     error = w.add(w.sub(cube, f), w.fma(square_rest, y, cube_rest))
     y = w.sub(y, w.div(error, w.mul(square, 3.0)))
-    exponent = w.do(f"fptosi {w.type('double')} {third} to {w.type('i64')}")
+    exponent = w.cast("fptosi", DOUBLE, LONG, third)
     ordinary = w.both(w.compare("ogt", size, 0.0), w.compare("olt", size, math.inf))
-    scale = w.power_of_two(w.select(ordinary, exponent, 0, "i64"))
+    scale = w.power_of_two(w.select(ordinary, exponent, 0, LONG))
     return [w.select(ordinary, w.call("copysign", w.mul(y, scale), x), x)]
 
 

@@ -2,6 +2,7 @@
 
 import math
 
+from ...instructions import BOOL
 from .reduction import HALF_PI, reduce_angle
 from .writer import Writer
 
@@ -108,10 +109,11 @@ def _angle(w: Writer, y: str, x: str | float, y_rest: str | float = 0.0, x_rest:
     rest = w.mul(w.div(rest, below), w.sub(1.0, z))
     tail = w.fma(w.mul(q, z), w.polynomial(z, _ATAN), rest)
     backwards = w.is_negative(x)
+    # The multiple of π/4 that was taken off, by selects: lanes may need different ones.
     quarter = w.select(turned, 1.0, 0.0)
     quarter = w.select(steep, w.sub(2.0, quarter), quarter)
     quarter = w.select(backwards, w.sub(4.0, quarter), quarter)
-    falls = w.do(f"xor {w.type('i1')} {steep}, {backwards}")
+    falls = w.apply("xor", BOOL, steep, backwards)
     q, tail = (w.select(falls, w.neg(number), number) for number in (q, tail))
     base, base_rest = w.product(quarter, HALF_PI[0] / 2)
     base_rest = w.fma(quarter, HALF_PI[1] / 2, base_rest)
@@ -129,7 +131,7 @@ def atan2(w: Writer, operands: list[str]) -> list[str]:
 
 def atan(w: Writer, operands: list[str]) -> list[str]:
     """Computes the angle of the point (1, x)."""
-    return [_angle(w, operands[0], 1.0)]
+    return [_angle(w, operands[0], w.everywhere(1.0))]
 
 
 def _leg(w: Writer, x: str) -> tuple[str, str]:
