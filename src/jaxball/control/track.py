@@ -203,4 +203,4 @@ def linearise_flow(sampled: SampledSystem, nominal: NominalMotion) -> Linear:
     """Linearises the flow of each sample along a motion."""
     before = jax.tree.map(lambda leaf: leaf[:-1], nominal.states)
     after = jax.tree.map(lambda leaf: leaf[1:], nominal.states)
-    return jax.lax.map(lambda at: sampled.linearise(*at), (nominal.times[:-1], before, nominal.u, after))
+    return jax.lax.map(lambda at: sampled.linearise_deviation(*at), (nominal.times[:-1], before, nominal.u, after))
