@@ -190,8 +190,8 @@ class LinearLaw(AbstractLaw):
     A factor that is not given is 0. For a mass in a tube or a slider, θ, θ̇ and θ̈ have length instead of rad.
 
     **Raises:** ``ValueError`` when a factor does not have a row for each driven coordinate, and, where it is evaluated,
-    a column for each number of the state that it multiplies; ``TypeError`` for ``z`` and ``omega`` where the state has no
-    position and no orientation.
+    a column for each number of the state that it multiplies; ``TypeError`` for ``z`` and ``omega`` where the state has
+    no position and no orientation.
 
     **Example:**
 
@@ -228,8 +228,8 @@ class LinearLaw(AbstractLaw):
         if len(set(counts.values())) != 1:
             has = ", ".join(f"{count} in `{name}`" for name, count in counts.items()) or "none in any of them"
             raise ValueError(
-                "Arguments `theta`, `thetadot`, `Omega`, `Gamma`, `z`, `omega` and `signals`, as far as they are given, "
-                f"must have one row or entry for each driven coordinate, but there are {has}."
+                "Arguments `theta`, `thetadot`, `Omega`, `Gamma`, `z`, `omega` and `signals`, as far as given, must have "
+                f"one row or entry for each driven coordinate, but there are {has}."
             )
 
     def _factors(self) -> dict[str, Array]:
