@@ -40,9 +40,9 @@ class Linear(NamedTuple):
 class SampledSystem(Printed):
     """A body whose inputs are set at each sample and held until the next one: a zero-order hold.
 
-    Its inputs are efforts of joints, which add to passive forces there, and accelerations θ̈ of masses on rails and of
-    :class:`~jaxball.Accelerated` joints. What moved these, a schedule, a law or a :class:`~jaxball.Motor`, is gone, and
-    θ and θ̇ of each belong to the state.
+    Its inputs are efforts of joints, which add to passive forces there, and accelerations θ̈ of masses on rails, of
+    :class:`~jaxball.Accelerated` joints, and of angles of a :class:`~jaxball.TiltingPlane`. What moved these, a
+    schedule, a law or a :class:`~jaxball.Motor`, is gone, and θ and θ̇ of each belong to the state.
 
     - ``system``: the body, with every input 0.
     - ``places``: where the inputs act.

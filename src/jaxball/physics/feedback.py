@@ -228,8 +228,8 @@ class LinearLaw(AbstractLaw):
         if len(set(counts.values())) != 1:
             has = ", ".join(f"{count} in `{name}`" for name, count in counts.items()) or "none in any of them"
             raise ValueError(
-                "Arguments `theta`, `thetadot`, `Omega`, `Gamma`, `z`, `omega` and `signals`, as far as given, must have "
-                f"one row or entry for each driven coordinate, but there are {has}."
+                "Arguments `theta`, `thetadot`, `Omega`, `Gamma`, `z`, `omega` and `signals`, as far as they are "
+                f"given, must have one row or entry for each driven coordinate, but there are {has}."
             )
 
     def _factors(self) -> dict[str, Array]:
