@@ -85,7 +85,7 @@ def test_of_a_uniform_ball_no_attitude_counts(state, inertia):
     sampled = SampledSystem.of(jaxball.Ball(mass=1.0, inertia=inertia, ground=PLATE), 0.1)
     turn = RANDOM.normal(size=3)
     turned = state.retract(jnp.zeros(10).at[:3].set(turn))
-    turned = turned.with_Omega(jnp.asarray(Rotation.from_rotvec(turn).inv().apply(np.asarray(state.Omega))))
+    turned = turned.with_Omega(jnp.asarray(Rotation.from_rotvec(turn).inv().apply(np.array(state.Omega))))
     xi = jnp.asarray(0.5 * RANDOM.normal(size=10))
     if inertia[2] != inertia[0]:
         np.testing.assert_array_equal(sampled.deviation(state, turned), state.difference(turned))
