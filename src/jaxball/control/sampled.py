@@ -225,7 +225,7 @@ def uncontrollable(linear: Linear, names: Sequence[str]) -> tuple[str, ...]:
     A, B = np.asarray(linear.A), np.asarray(linear.B)
     kept = np.flatnonzero(np.any(A != 0, axis=(0, 2)))
     rows = null_space(reachability_factor(A[:, kept[:, None], kept], B[:, kept]))
-    return in_words(rows, [names[k] for k in kept])
+    return in_words(rows, [names[int(k)] for k in kept])
 
 
 def reachability_factor(

@@ -21,9 +21,9 @@ from ..physics.surfaces import (
 )
 from .errors import describe, key_error
 from .mechanisms import MOTIONS, JointInState, read_motion, write_motion
-from .motions import SCHEDULE
+from .motions import SCHEDULE, SCHEDULES
 from .own import FUNCTION, Open, names_own, read_own, trying
-from .table import Key, Keys, Module, join, read_family, read_list, read_one_of
+from .table import Key, Keys, Module, join, keys_of, read_family, read_list, read_one_of
 from .values import (
     ANGLE,
     FULL_TURN,
@@ -101,7 +101,7 @@ class ReadPlate(NamedTuple):
 
 
 def _read_plate(accelerated: tuple[str, ...] = (), **values: Any) -> ReadPlate:
-    drives = {name: Accelerated() for name in accelerated}
+    drives: dict[str, Any] = {name: Accelerated() for name in accelerated}
     return ReadPlate(TiltingPlane(**values | drives), tuple(values.get(name) for name in accelerated))
 
 
@@ -110,7 +110,7 @@ def _write_angle(angle: AbstractSchedule | Accelerated, path: str) -> dict[str, 
     return None if isinstance(angle, Accelerated) else SCHEDULE.kind.write(angle, path)
 
 
-_ANGLE = Key(Nested(SCHEDULE.kind.read, _write_angle, SCHEDULE.kind.words, SCHEDULE.kind.tables), None)
+_ANGLE = Key(Nested(SCHEDULE.kind.read, _write_angle, SCHEDULE.kind.words, keys_of(SCHEDULES)), None)
 
 
 def write_targets(targets: Mapping[str, AbstractSchedule | None]) -> dict[str, Any]:
