@@ -220,7 +220,7 @@ def space_omega(state: PlacedState) -> Float[Array, "3"]:
 def uncontrollable(linear: Linear, names: Sequence[str]) -> tuple[str, ...]:
     """The combinations of deviations at the end of a linear flow that no input changes, by name.
 
-    Those that are 0 in every flow, as of the attitude of a uniform ball, are left out.
+    Those that are 0 in every flow, such as the attitude of a uniform ball, are left out.
     """
     A, B = np.asarray(linear.A), np.asarray(linear.B)
     kept = np.flatnonzero(np.any(A != 0, axis=(0, 2)))
