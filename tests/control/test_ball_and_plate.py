@@ -1,10 +1,10 @@
-"""A ball on a plate whose angles feedback drives: schedules, linearised equations, regulators."""
+"""A ball on a plate whose angles feedback drives: schedules, linearised equations, regulators, basins, gradients."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.linalg import expm
+from scipy.linalg import expm, solve_discrete_are
 
 from jaxball import (
     Accelerated,
@@ -24,7 +24,7 @@ from jaxball import (
     simulate,
     vector_field,
 )
-from jaxball.control import closed_loop, tvlqr
+from jaxball.control import Push, basin, closed_loop, mpc, tvlqr
 from jaxball.plot.floor import place
 from jaxball.plot.record import record
 
@@ -122,25 +122,144 @@ def from_beside(track):
     return np.linalg.norm(np.asarray(held.states.z) - np.asarray(state.z), axis=1), held
 
 
-@pytest.mark.thorough
-def test_regulator_holds_a_ball_in_the_middle():
+H, Q, R = 0.05, {"z": 10.0, "theta": 1.0}, 0.05
+
+
+@pytest.fixture(scope="module")
+def middle():
+    """The regulator that holds a ball in the middle of a plate that is level, for 8 units of time."""
     plate = TiltingPlane(about_e1=ConstantRate(0.0), about_e2=ConstantRate(0.0))
-    run = simulate(Ball(**SOLID, ground=plate), [0.0, 6.0])
-    track = tvlqr(run, Q={"z": 10.0, "theta": 1.0}, R=1e-3, sample=0.05)
-    assert track.sampled.inputs == ("ground.about_e1", "ground.about_e2")
-    left, held = from_beside(track)
+    return tvlqr(simulate(Ball(**SOLID, ground=plate), [0.0, 8.0]), Q=Q, R=R, sample=H)
+
+
+def linear_flow():
+    """A and B of (x, ẋ, α, α̇) over a sample, with α̈ held: ẍ = (5/7) g α − r α̈."""
+    rates = np.zeros((5, 5))
+    rates[[0, 1, 1, 2, 3], [1, 2, 4, 3, 4]] = 1.0, 5 / 7 * G, -r, 1.0, 1.0
+    flow = expm(rates * H)
+    return flow[:4, :4], flow[:4, 4]
+
+
+def linear_gains():
+    """Those of the regulator of the same weights for good, by the algebraic Riccati equation."""
+    A, B = linear_flow()
+    P = solve_discrete_are(A, B[:, None], H * np.diag([Q["z"], 0.0, Q["theta"], 0.0]), np.array([[H * R]]))
+    return B @ P @ A / (H * R + B @ P @ B)
+
+
+@pytest.mark.thorough
+def test_regulator_holds_a_ball_in_the_middle(middle):
+    assert middle.sampled.inputs == ("ground.about_e1", "ground.about_e2")
+    assert middle.uncontrollable == ("Omega[2]",)
+    left, held = from_beside(middle)
     assert left[0] > 1e-3
-    assert np.max(left[-20:]) < 1e-7
+    assert np.max(left[-20:]) < 2e-4 * left[0]  # the slowest pole is −1.33, and exp(−1.33 · 7) is 1e-4
     np.testing.assert_allclose(held.run.observables.normal_force, G, rtol=1e-3)
 
 
 @pytest.mark.thorough
-def test_regulator_holds_a_ball_on_a_circle():
-    """Along a circle that prescribed angles make, the regulator brings a ball nearer that starts beside it.
+def test_gains_in_the_middle_are_those_of_linear_theory(middle):
+    """With ẋ = r (ω₂ − θ̇₂) and ẏ = −r (ω₁ − θ̇₁), twice the regulator of ẍ = (5/7) g α − r α̈."""
+    of_x, of_v, of_angle, of_rate = linear_gains()
+    expected = np.zeros((2, 12))
+    for row, (axis, sign) in enumerate(((1, -1.0), (0, 1.0))):
+        expected[row, 6 + axis], expected[row, 3 + row] = sign * of_x, r * of_v
+        expected[row, 8 + row], expected[row, 10 + row] = of_angle, of_rate - r * of_v
+    np.testing.assert_allclose(middle.gains[0], expected, atol=1e-8 * of_angle)
+    A, B = linear_flow()
+    poles = np.linalg.eigvals(np.asarray(middle.linear.A[0] - middle.linear.B[0] @ middle.gains[0]))
+    theory = np.repeat(np.linalg.eigvals(A - np.outer(B, linear_gains())), 2)
+    # The others are the attitude, which does not count, and the spin, which nothing changes.
+    poles, theory = (np.sort_complex(np.round(x, 6)) for x in (poles, [*theory, 0.0, 0.0, 0.0, 1.0]))
+    np.testing.assert_allclose(poles, theory, atol=2e-6)
+
+
+def plane_loop(x, limit, samples):
+    """(x, ẋ, α, α̇) at each sample under the gains of linear theory, and N and |f| / N over each, from rows ``x``.
+
+    In the axes of the plate, which turns about e2, the centre is at (x, r), and its acceleration is
+    (ẍ + r α̈ − x α̇², −2 ẋ α̇ − r α̇² − x α̈). With ω = ẋ/r + α̇ and (2/5) r ω̇ = −f, Newton's law along the plate is
+    (7/5) (ẍ + r α̈) = g sin α + x α̇². Runge and Kutta's steps are a fifth of a sample.
+    """
+
+    def rates(x, u):
+        place, speed, angle, rate = x.T
+        pull = (G * np.sin(angle) + place * rate**2) / 1.4
+        return np.stack([speed, pull - r * u, rate, u], axis=1), pull
+
+    states, forces, step = [x], [], H / 5
+    for _ in range(samples):
+        u = np.clip(-(x @ linear_gains()), -limit, limit)
+        place, speed, angle, rate = x.T
+        N = G * np.cos(angle) - 2 * speed * rate - r * rate**2 - place * u
+        forces.append((N, np.abs(0.4 * rates(x, u)[1]) / N))
+        for _ in range(5):
+            k1 = rates(x, u)[0]
+            k2 = rates(x + 0.5 * step * k1, u)[0]
+            k3 = rates(x + 0.5 * step * k2, u)[0]
+            x = x + step / 6 * (k1 + 2 * k2 + 2 * k3 + rates(x + step * k3, u)[0])
+        states.append(x)
+    return np.array(states), *np.array(forces).transpose(1, 0, 2)
+
+
+@pytest.mark.thorough
+def test_a_ball_that_starts_elsewhere_has_other_body_axes(middle):
+    """From 6 r away it turns by 6 rad on its way to the middle, and Ω with it."""
+    states, N, _ = plane_loop(np.array([[0.3, 0.0, 0.0, 0.0]]), np.inf, 160)
+    held = closed_loop(middle, {"z[0]": 0.3})
+    np.testing.assert_allclose(held.states.z[:, 0], states[:, 0, 0], atol=1e-5)
+    np.testing.assert_allclose(held.states.theta[:, 1], states[:, 0, 2], atol=1e-5)
+    np.testing.assert_allclose(held.run.observables.normal_force[:-1], N[:, 0], rtol=1e-4)
+    np.testing.assert_allclose(held.states.z[-1], 0.0, atol=1e-4)
+
+
+@pytest.mark.thorough
+def test_basin_is_that_of_newtons_law_in_the_plane(middle):
+    """Starts that return with limited α̈, and how they end, by other equations; and by single runs."""
+    limit, within, mu = 3.0, 0.02, 0.5
+    places, speeds = np.linspace(-0.6, 0.6, 5), np.linspace(-1.0, 1.0, 5)
+    starts = {"z[0]": places, "Omega[1]": speeds / r}
+    returned = basin(middle, starts, Q={"z": 1.0}, within=within, limits=limit, friction=mu)
+    x = np.zeros((25, 4))
+    x[:, 0], x[:, 1] = np.repeat(places, 5), np.tile(speeds, 5)
+    with np.errstate(all="ignore"):  # of those that run away
+        states, N, ratio = plane_loop(x, limit, middle.nominal.samples)
+        remaining, least, most = np.abs(states[-1, :, 0]) / np.sqrt(2), np.min(N, axis=0), np.max(ratio, axis=0)
+        np.testing.assert_array_equal(returned.returned, (remaining < within) & (least > 0) & (most <= mu))
+    assert 0.2 < returned.share < 0.9
+    back = returned.returned
+    np.testing.assert_allclose(returned.remaining[back], remaining[back], atol=1e-4)
+    np.testing.assert_allclose(returned.ends.least_normal_force[back], least[back], rtol=1e-3)
+    np.testing.assert_allclose(returned.ends.friction_needed[back], most[back], rtol=1e-3)
+    for start in (np.flatnonzero(back)[0], np.flatnonzero(~back)[0]):
+        held = closed_loop(middle, returned.starts[start], limits=limit)
+        assert (np.linalg.norm(np.asarray(held.states.z[-1])) / np.sqrt(2) < within) == back[start]
+
+
+@pytest.mark.thorough
+def test_gradient_of_a_tracking_loss_by_gains():
+    """∂/∂k of the sum of x² at samples, against that of the exponential of the linearised equations."""
+    times, small = np.linspace(0.0, 2.0, 21), 1e-4
+
+    def loss(gains):
+        ball = Ball(**SOLID, ground=PLATE, law=FunctionLaw(pushed, gains))
+        start = BallState(z=(small, 0.0), theta=[0.0, 0.0], thetadot=[0.0, 0.0])
+        return jnp.sum((simulate(ball, times, start).state.z[:, 0] / small) ** 2)
+
+    def by_theory(gains):
+        return sum((expm(companion(gains) * t) @ [1.0, 0.0, 0.0, 0.0])[0] ** 2 for t in times)
+
+    step = 1e-3
+    differences = [(by_theory(GAINS + step * e) - by_theory(GAINS - step * e)) / (2 * step) for e in np.eye(4)]
+    np.testing.assert_allclose(jax.grad(loss)(jnp.asarray(GAINS)), differences, rtol=1e-5)
+
+
+@pytest.fixture(scope="module")
+def circle():
+    """The regulator along a circle that prescribed angles make.
 
     With α₂ = −a cos wt and α₁ = a sin wt, ẍ = (5/7) g α₂ − r α̈₂ and ÿ = −(5/7) g α₁ + r α̈₁ are solved by x = b cos wt,
-    y = b sin wt, with b w² = a ((5/7) g + r w²), for small a. What is left is forced by a deviation of the spin, which
-    the regulator finds to be uncontrollable.
+    y = b sin wt, with b w² = a ((5/7) g + r w²), for small a.
     """
     w, a = 2.0, 0.01
     b = a * (5 / 7 * G + r * w**2) / w**2
@@ -153,10 +272,29 @@ def test_regulator_holds_a_ball_on_a_circle():
     spin = (a * w - w * b / r, 0.0, 0.0)  # ẏ = −r (ω₁ − θ̇₁) = b w, with θ̇₁ = a w
     run = simulate(Ball(**SOLID, ground=plate), np.linspace(0.0, 6.0, 121), BallState(z=(b, 0.0), Omega=spin))
     np.testing.assert_allclose(np.hypot(*run.state.z.T), b, rtol=0.02)
-    track = tvlqr(run, Q={"z": 10.0, "theta": 1.0}, R=1e-3, sample=0.05)
-    assert track.uncontrollable
-    left, _ = from_beside(track)
-    assert np.max(left[-60:]) < 0.22 * left[0]
+    return tvlqr(run, Q=Q, R=1e-3, sample=0.05)
+
+
+@pytest.mark.thorough
+def test_regulator_holds_a_ball_on_a_circle(circle):
+    """A ball that starts beside the circle comes to it, and not only nearer."""
+    left, _ = from_beside(circle)
+    assert np.max(left[-60:]) < 1e-3 * left[0]
+
+
+@pytest.mark.thorough
+def test_predictive_control_holds_a_ball_on_a_circle(circle):
+    """Within limits that the regulator exceeds, from beside the circle and after a push."""
+    limits = 0.15
+    start, push = {"z[0]": 5e-3}, Push((0.0, 0.05, 0.0), start=3.0, duration=0.2)
+    assert np.max(np.abs(closed_loop(circle, start).u)) > 1.5 * limits
+    held = closed_loop(mpc(circle, 20, limits=limits), start, limits=limits, push=push)
+    left = np.linalg.norm(np.asarray(held.states.z - circle.nominal.states.z), axis=1)
+    assert np.max(np.abs(held.u)) < limits * (1 + 1e-6)
+    assert np.max(left[50:60]) < 0.01 * left[0]
+    assert np.max(left[60:]) > 0.1 * left[0]
+    assert np.max(left[60:]) < 0.05 * 0.2  # what the push alone would move it by in 1 unit of time, of mass 1
+    assert np.max(left[-10:]) < 0.01 * left[0]
 
 
 @pytest.mark.thorough

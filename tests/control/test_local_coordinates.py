@@ -8,6 +8,7 @@ from hypothesis import given, strategies as st
 from scipy.spatial.transform import Rotation
 
 import jaxball
+from jaxball.control.sampled import SampledSystem
 from jaxball.numerics import versor
 from tests.support.precision import scaled
 
@@ -69,3 +70,29 @@ def test_directions_are_named_in_their_order():
 def test_a_unit_vector_without_an_attitude_is_refused():
     with pytest.raises(TypeError, match="must have an attitude where local coordinates around it are"):
         _ = jaxball.ReducedState().directions
+
+
+PLATE = jaxball.TiltingPlane(jaxball.ConstantRate(0.0))
+
+
+@pytest.mark.parametrize("state", [state for state in states() if not isinstance(state, jaxball.DiskState)], ids=type)
+@pytest.mark.parametrize("inertia", [(0.4, 0.4, 0.4), (0.4, 0.4, 0.5)])
+def test_of_a_uniform_ball_no_attitude_counts(state, inertia):
+    """The deviation of one that has only been turned, with its axes, is 0; of other balls it is the local coordinates.
+
+    That of Ω is the difference of ω, and a state that is displaced has the deviation by which it is.
+    """
+    sampled = SampledSystem.of(jaxball.Ball(mass=1.0, inertia=inertia, ground=PLATE), 0.1)
+    turn = RANDOM.normal(size=3)
+    turned = state.retract(jnp.zeros(10).at[:3].set(turn))
+    turned = turned.with_Omega(jnp.asarray(Rotation.from_rotvec(turn).inv().apply(np.array(state.Omega))))
+    xi = jnp.asarray(0.5 * RANDOM.normal(size=10))
+    if inertia[2] != inertia[0]:
+        np.testing.assert_array_equal(sampled.deviation(state, turned), state.difference(turned))
+        np.testing.assert_array_equal(sampled.displace(state, xi).Omega, state.retract(xi).Omega)
+        return
+    np.testing.assert_allclose(sampled.deviation(state, turned), 0.0, atol=10 * ROUNDING)
+    other = sampled.displace(turned, xi)
+    omega = [np.asarray(one.Lambda) @ np.asarray(one.Omega) for one in (state, other)]
+    np.testing.assert_allclose(omega[1] - omega[0], xi[3:6], rtol=0, atol=10 * ROUNDING)
+    np.testing.assert_allclose(sampled.deviation(state, other), xi.at[:3].set(0.0), rtol=0, atol=10 * ROUNDING)

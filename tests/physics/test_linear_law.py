@@ -65,6 +65,16 @@ def test_a_disk_has_one_number_for_its_place():
     assert float(law(jnp.array(0.0), DiskState(phidot=-0.5, z=0.25))[0]) == 2.0 * 0.5 + 3.0 * 0.25
 
 
+def test_omega_is_in_space_axes():
+    """ω = ΛΩ: of a ball that is turned by a right angle about e3, Ω along E1 is ω along e2."""
+    turned = BallState(q=(np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)), Omega=(0.3, 0.0, 0.2))
+    law = LinearLaw(omega=[[1.0, 2.0, 4.0]])
+    np.testing.assert_allclose(law(jnp.array(0.0), turned), [2 * 0.3 + 4 * 0.2], rtol=1e-12)
+    np.testing.assert_allclose(law(jnp.array(0.0), DiskState(phi=0.4, phidot=-0.5)), [2 * 0.5], rtol=1e-12)
+    with pytest.raises(TypeError, match="Argument `omega` of the law must be None for a ReducedState"):
+        law(jnp.array(0.0), turned.reduced())
+
+
 def test_states_without_versors():
     at = {"Omega": (0.1, 0.2, 0.3), "theta": (0.1, 0.2), "thetadot": (0.3, 0.4)}
     expected = LAW(jnp.array(0.4), BallState(**at, z=(1.0, 2.0)))

@@ -39,6 +39,7 @@ NAMES = (
     "yoke-robot",
 )
 ON_SURFACES = (
+    "ball-and-plate",
     "ball-in-a-bowl",
     "ball-off-a-sphere",
     "golfers-dilemma",

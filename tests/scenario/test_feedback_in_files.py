@@ -10,7 +10,7 @@ import pytest
 import jaxball
 from jaxball.control import Push, closed_loop, mpc, tvlqr
 from jaxball.estimation import OutputFeedback
-from jaxball.scenario import ScenarioError, read_document, read_scenario, write_scenario
+from jaxball.scenario import ScenarioError, builtin_text, read_document, read_scenario, write_scenario
 from jaxball.scenario.closed_loop import model_of
 from jaxball.sensors import Gyroscope, Position, SensorErrors
 from jaxball.verify import verify
@@ -190,3 +190,22 @@ def test_what_cannot_be_done_with_feedback_gets_a_sentence(scenario):
         scenario.simulate(solver="tsit5")
     with pytest.raises(ScenarioError, match=r"must have a table \[feedback\], but it has none"):
         model_of(scenario).closed_loop()
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("kind", ['"tvlqr"', '"mpc"\nhorizon = 10'])
+def test_feedback_in_place_of_a_law_that_tilts_a_plate(kind, tmp_path):
+    """The ball comes to where the law has it, within limits, and the saved run has the angles and the inputs."""
+    text = builtin_text("ball-and-plate").replace("end = 6.0\nstep = 0.05", "end = 4.0\nstep = 0.1")
+    text += f"[feedback]\nkind = {kind}\nQ = {{ z = 10.0, theta = 1.0 }}\nR = 0.01\nlimits = 0.8\n"
+    scenario = read_scenario(text + 'start = { "z[0]" = 0.05 }\n')
+    assert write_scenario(read_scenario(write_scenario(scenario))) == write_scenario(scenario)
+    run = scenario.simulate(throw=True)
+    left = np.linalg.norm(np.asarray(run.state.z - run.history.nominal.z), axis=1)
+    np.testing.assert_allclose(left[0], 0.05)
+    assert np.max(left[-5:]) < 0.01 * left[0]
+    np.testing.assert_allclose(np.nanmax(np.abs(run.history.u)), 0.8)
+    again = jaxball.load_run(run.save(tmp_path / "run.nc"))
+    np.testing.assert_array_equal(again.state.theta, run.state.theta)
+    np.testing.assert_array_equal(again.history.u, run.history.u)
+    assert again.history.inputs == ("ground.about_e1", "ground.about_e2")

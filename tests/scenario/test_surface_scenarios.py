@@ -85,6 +85,19 @@ def test_a_ball_goes_round_on_a_tilting_plate():
 
 
 @pytest.mark.thorough
+def test_a_plate_brings_a_ball_to_its_middle():
+    """α = −(8/c) x t² (1 − 2t/3) exp(−2t) in first order of it; what is left out is relatively of the order of α²."""
+    trajectory, times, seen = run("ball-and-plate")
+    c = 5 * G / 7
+    shape = -8 / c * times**2 * (1 - 2 * times / 3) * np.exp(-2 * times)
+    expected = np.stack([0.1 * shape, 0.15 * shape], axis=1)  # of y = −0.1, about the other axis the other way
+    tilt = np.max(np.abs(expected))
+    np.testing.assert_allclose(trajectory.state.theta, expected, atol=10 * tilt**2 * tilt)
+    np.testing.assert_allclose(trajectory.state.z[-1], 0.0, atol=1e-3)
+    np.testing.assert_allclose(seen.normal_force[-1], 0.5 * G, rtol=1e-4)
+
+
+@pytest.mark.thorough
 def test_a_ball_on_a_washboard_is_pressed_into_its_troughs():
     """Its energy, and N where the waves are level, from the curvature of the curve on which its centre is."""
     trajectory, _, seen = run("washboard")

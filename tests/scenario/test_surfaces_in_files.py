@@ -1,13 +1,32 @@
 """Surfaces in scenario files: read, written and read again, and refused by the names of keys."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from jaxtyping import Array, Float
 
-from jaxball import AbstractSurface, Ball, BallState, Disk, HeightField, MovingFrame, Scenario, write_scenario
+from jaxball import (
+    AbstractSurface,
+    Accelerated,
+    Ball,
+    BallState,
+    ConstantRate,
+    Disk,
+    HeightField,
+    LinearLaw,
+    MovingFrame,
+    Scenario,
+    Servo,
+    Sinusoids,
+    TiltingPlane,
+    load_run,
+    write_scenario,
+)
 from jaxball.scenario import ScenarioError, read_scenario
 from tests.support.surface_files import ON_SURFACE, ON_SURFACES
+
+from .test_round_trip import same_objects
 
 
 def valley(t, x, y, depth):
@@ -20,10 +39,72 @@ def test_round_trip(name):
     scenario = read_scenario(ON_SURFACES[name])
     text = write_scenario(scenario)
     assert write_scenario(read_scenario(text)) == text
-    place = scenario.system.ground.placed
-    again = read_scenario(text).system.ground.placed
-    at = jnp.array(0.3), jnp.array(0.2), jnp.array(0.1)
-    assert jnp.array_equal(place(*at), again(*at))
+    assert same_objects(scenario, read_scenario(text))
+
+
+TILTED = (Sinusoids(0.0, amplitude=[0.1], frequency=[2.0]), ConstantRate(0.1))
+GAINS = {"theta": -24.0 * np.eye(2), "thetadot": -8.0 * np.eye(2)}
+LAWS = {
+    "on a plate that a law tilts": LinearLaw(**GAINS, z=[[0, 2.0], [-2.0, 0]], omega=-0.5 * np.eye(2, 3)),
+    "on a plate that follows": Servo(TILTED, [20.0, 10.0], [6.0, 3.0]),
+}
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_law_that_tilts_a_plate(name):
+    """Its angles are in the state, where their schedules are at the start, or 0."""
+    scenario = read_scenario(ON_SURFACES[name])
+    assert eqx.tree_equal(scenario.system.ground, TiltingPlane(Accelerated(), Accelerated()))
+    assert eqx.tree_equal(scenario.system.law, LAWS[name])
+    follows = isinstance(scenario.system.law, Servo)
+    np.testing.assert_array_equal(scenario.state.theta, [0.0, 0.1] if follows else [0.0, 0.0])
+    np.testing.assert_array_equal(scenario.state.thetadot, [0.2, 0.0] if follows else [0.0, 0.0])
+
+
+def test_a_plate_of_which_a_law_tilts_one_angle():
+    text = ON_SURFACES["on a plate that follows"].replace('"about_e1", ', "")
+    scenario = read_scenario(text.replace("[20.0, 10.0]", "[20.0]").replace("[6.0, 3.0]", "[6.0]"))
+    assert scenario.system.coordinates == ("ground.about_e2",)
+    assert eqx.tree_equal(scenario.system.ground.about_e1, TILTED[0])
+    assert same_objects(scenario, read_scenario(write_scenario(scenario)))
+
+
+@pytest.mark.thorough
+def test_a_run_keeps_the_angles_of_a_plate(tmp_path):
+    run = read_scenario(ON_SURFACES["on a plate that a law tilts"]).simulate()
+    again = load_run(run.save(tmp_path / "run.nc"))
+    assert again.system.coordinates == ("ground.about_e1", "ground.about_e2")
+    np.testing.assert_array_equal(again.state.theta, run.state.theta)
+    assert np.max(np.abs(again.state.theta)) > 1e-2
+    np.testing.assert_allclose(again.observables.contact_force, run.observables.contact_force, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('["about_e1", "about_e2"]', '["about_e2", "about_e1"]', "`ground.accelerated` must be a list of"),
+        ('["about_e1", "about_e2"]', "true", "`ground.accelerated` must be a list of"),
+        (
+            'form = "servo"\nstiffness = [20.0, 10.0]\ndamping = [6.0, 3.0]',
+            'form = "prescribed"',
+            "because a law accelerates ground.about_e1 and ground.about_e2",
+        ),
+        ('about_e2 = { kind = "constant-rate", theta = 0.1 }', "", "Key `ground.about_e2` must be a table where"),
+        ("[6.0, 3.0]", "[6.0]", "one for each of ground.about_e1 and ground.about_e2"),
+        (
+            '"servo"\nstiffness = [20.0, 10.0]\ndamping = [6.0, 3.0]',
+            '"linear"\nz = [[1.0, 0.0], [0.0, 1.0]]',
+            "Key `ground.about_e1` must be left out",
+        ),
+        ("initial = {", "initial = { theta = [0.1],", "2 numbers, those of ground.about_e1 and ground.about_e2"),
+    ],
+)
+def test_wrong_plates(old, new, sentence):
+    text = ON_SURFACES["on a plate that follows"]
+    assert old in text
+    with pytest.raises(ScenarioError) as refused:
+        read_scenario(text.replace(old, new))
+    assert sentence in str(refused.value)
 
 
 def test_function_in_a_file():

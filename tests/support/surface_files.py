@@ -31,6 +31,31 @@ schedule = { kind = "constant-rate", theta = 0.0, rate = 0.1 }
 _SHAKEN = """
 free = { constant = [0.0, 0.0, 0.0], amplitude = [[0.2, 0.0, 0.0]], frequency = [1.0], phase = [0.2] }
 """
+_DRIVEN = (
+    ON_SURFACE.replace("[ground]", "")
+    + """
+[ground]
+kind = "tilting-plane"
+accelerated = ["about_e1", "about_e2"]
+"""
+)
+_BALANCED = """
+[actuation]
+form = "linear"
+z = [[0.0, 2.0], [-2.0, 0.0]]
+omega = [[-0.5, 0.0, 0.0], [0.0, -0.5, 0.0]]
+theta = [[-24.0, 0.0], [0.0, -24.0]]
+thetadot = [[-8.0, 0.0], [0.0, -8.0]]
+"""
+_FOLLOWED = """
+about_e1 = { kind = "sinusoids", theta = 0.0, amplitude = [0.1], frequency = [2.0] }
+about_e2 = { kind = "constant-rate", theta = 0.1 }
+
+[actuation]
+form = "servo"
+stiffness = [20.0, 10.0]
+damping = [6.0, 3.0]
+"""
 ON_SURFACES = {
     "in a bowl": ON_SURFACE + 'kind = "bowl"\nradius = 1.0\n' + _TURNS + "[ground.motion.displacement]" + _ALONG,
     "on a sphere": ON_SURFACE + 'kind = "sphere"\nradius = 1.0\n' + "[ground.motion.displacement]" + _SHAKEN,
@@ -42,4 +67,6 @@ ON_SURFACES = {
     + 'kind = "washboard"\namplitude = 0.1\nwavelength = 4.0\nphase = 0.1\nheading = 0.2\n',
     "on a tilting plane": ON_SURFACE + _TILT + "[ground.displacement]" + _ALONG,
     "on a shaken plane": ON_SURFACE + _TILT + "[ground.displacement]" + _SHAKEN,
+    "on a plate that a law tilts": _DRIVEN + _BALANCED,
+    "on a plate that follows": _DRIVEN + _FOLLOWED,
 }

@@ -168,7 +168,7 @@ def _starts(
 
 @programs.filter_jit
 def _outcome(feedback: AbstractFeedback, plant: SampledSystem, samples: int, delay: int, xi: Array) -> Outcome:
-    start = feedback.nominal.state(0).retract(xi)
+    start = feedback.sampled.displace(feedback.nominal.state(0), xi)
     times, states, u, _, deviations, _ = run_loop(feedback, plant, start, samples, delay)
 
     def contact_force(t: Array, state: Any, u: Array) -> tuple[Array, Array]:

@@ -203,8 +203,8 @@ class AbstractFeedback(Printed):
         return None
 
     def deviation(self, k: Int[Array, ""], state: PlacedState) -> Float[Array, " n"]:
-        """ξ: the local coordinates of ``state`` around that of the motion at sample ``k``."""
-        return self.nominal.state(k).difference(state)
+        """ξ: the deviation of ``state`` from that of the motion at sample ``k``, of :class:`SampledSystem`."""
+        return self.sampled.deviation(self.nominal.state(k), state)
 
 
 class Feedforward(AbstractFeedback):

@@ -245,7 +245,7 @@ def start_of(feedback: AbstractFeedback, start: PlacedState | Mapping[str, Numbe
             f"Argument `start` must be a state, or {len(names)} local coordinates, {', '.join(names)}, but its shape "
             f"is {xi.shape}."
         )
-    return first.retract(xi)
+    return feedback.sampled.displace(first, xi)
 
 
 def limits_of(sampled: SampledSystem, given: Numbers | Mapping[str, Numbers]) -> Float[Array, " m"]:

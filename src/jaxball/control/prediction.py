@@ -223,7 +223,7 @@ def _limits(track: Track, most: Array, mu: Array | None, limited: tuple[int, ...
 
     def one(t: Array, state: PlacedState, u: Array) -> tuple[Array, Array]:
         def quantities_with_limits(v: Array) -> Array:
-            placed = state.retract(v[:n])
+            placed = sampled.displace(state, v[:n])
             placed = placed.in_space() if isinstance(placed, RotationState) else placed
             held = u + v[n:]
             R = movement(sampled.hold(held).prepare(), t, placed).R / weight

@@ -1,19 +1,21 @@
 """A robot with sampled inputs: the exact flow over one sample, its derivatives, and what no input changes."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, default_dtype, numbers
-from ..physics.body import System
-from ..physics.state import PlacedState
+from ..physics.body import Ball, System
+from ..physics.forces.force import HarmonicForce, Push, Wrenches
+from ..physics.forces.resistance import Resistance
+from ..physics.state import DiskState, PlacedState
 from ..simulation import DEFAULT_TOLERANCE
 from ..simulation.simulate import simulate
 from .inputs import Place, hold_inputs, limits_of, places_of, with_inputs
@@ -38,9 +40,9 @@ class Linear(NamedTuple):
 class SampledSystem(Printed):
     """A body whose inputs are set at each sample and held until the next one: a zero-order hold.
 
-    Its inputs are efforts of joints, which add to passive forces there, and accelerations θ̈ of masses on rails and of
-    :class:`~jaxball.Accelerated` joints. What moved these, a schedule, a law or a :class:`~jaxball.Motor`, is gone, and
-    θ and θ̇ of each belong to the state.
+    Its inputs are efforts of joints, which add to passive forces there, and accelerations θ̈ of masses on rails, of
+    :class:`~jaxball.Accelerated` joints, and of angles of a :class:`~jaxball.TiltingPlane`. What moved these, a
+    schedule, a law or a :class:`~jaxball.Motor`, is gone, and θ and θ̇ of each belong to the state.
 
     - ``system``: the body, with every input 0.
     - ``places``: where the inputs act.
@@ -147,15 +149,62 @@ class SampledSystem(Printed):
         )
         return jax.tree.map(lambda leaf: leaf[-1], run.state), run.status
 
+    def deviation(self, state: PlacedState, other: PlacedState) -> Float[Array, " n"]:
+        """ξ of ``other`` around ``state``, as feedback counts it: the local coordinates.
+
+        Of a uniform ball, whose attitude tells nothing, that of the attitude is 0, and that of Ω is the difference of
+        ω = ΛΩ, in space axes: where the ball has rolled to another place, Ω is in other body axes.
+        """
+        xi = state.difference(other)
+        if not self._may_be_uniform(state):
+            return xi
+        omega = space_omega(other) - space_omega(state)
+        return jnp.where(self._is_uniform(), jnp.concatenate([jnp.zeros_like(xi[:3]), omega, xi[6:]]), xi)
+
+    def displace(self, state: PlacedState, xi: Float[Array, " n"]) -> PlacedState:
+        """The state with the :meth:`deviation` ``xi`` from ``state``; of a uniform ball, its attitude is turned too."""
+        moved = state.retract(xi)
+        if not self._may_be_uniform(state):
+            return moved
+        omega = space_omega(state) + xi[3:6]
+        Omega = jnp.sum(moved.Lambda * omega[:, None], axis=0)
+        return moved.with_Omega(jnp.where(self._is_uniform(), Omega, moved.Omega))
+
+    def _may_be_uniform(self, state: PlacedState) -> bool:
+        """Whether nothing but its inertia and offset can tell one attitude of the body from another."""
+        system = self.system
+        terms = system.force.terms if isinstance(system.force, Wrenches) else (system.force,)
+        return (
+            isinstance(system, Ball)
+            and not isinstance(state, DiskState)
+            and not system.point_masses
+            and not system.mechanisms
+            and all(isinstance(term, HarmonicForce | Push | None) for term in terms)
+            and isinstance(system.resistance, Resistance | None)
+        )
+
+    def _is_uniform(self) -> Bool[Array, ""]:
+        inertia, offset = self.system.inertia, self.system.offset
+        return jnp.all(inertia == inertia[0]) & jnp.all(offset == 0)
+
     def linearise(
         self, t: Float[Array, ""], state: PlacedState, u: Float[Array, " m"], following: PlacedState
     ) -> Linear:
         """Linearises the flow from ``state`` with inputs ``u``, in local coordinates there and around ``following``."""
+        return self._linearise(t, state, u, following, type(state).retract, type(state).difference)
+
+    def linearise_deviation(
+        self, t: Float[Array, ""], state: PlacedState, u: Float[Array, " m"], following: PlacedState
+    ) -> Linear:
+        """Linearises the same flow in the coordinates of :meth:`deviation`."""
+        return self._linearise(t, state, u, following, self.displace, self.deviation)
+
+    def _linearise(self, t: Any, state: Any, u: Array, following: Any, displace: Any, deviation: Any) -> Linear:
         n = len(state.directions)
 
         def flow_from(v: Float[Array, " n_plus_m"]) -> Float[Array, " n"]:
-            after = self.flow(t, state.retract(v[:n]), u + v[n:], diffrax.ForwardMode())
-            return following.difference(after)
+            after = self.flow(t, displace(state, v[:n]), u + v[n:], diffrax.ForwardMode())
+            return deviation(following, after)
 
         zero = jnp.zeros(n + u.size, u.dtype)
         # One direction after the other: side by side, the program would take several times as long to compile.
@@ -163,9 +212,20 @@ class SampledSystem(Printed):
         return Linear(columns[:n].T, columns[n:].T, c[0])
 
 
+def space_omega(state: PlacedState) -> Float[Array, "3"]:
+    """ω = ΛΩ of a state."""
+    return jnp.sum(state.Lambda * state.Omega[None], axis=1)
+
+
 def uncontrollable(linear: Linear, names: Sequence[str]) -> tuple[str, ...]:
-    """The combinations of deviations at the end of a linear flow that no input changes, by name."""
-    return in_words(null_space(reachability_factor(np.asarray(linear.A), np.asarray(linear.B))), names)
+    """The combinations of deviations at the end of a linear flow that no input changes, by name.
+
+    Those that are 0 in every flow, such as the attitude of a uniform ball, are left out.
+    """
+    A, B = np.asarray(linear.A), np.asarray(linear.B)
+    kept = np.flatnonzero(np.any(A != 0, axis=(0, 2)))
+    rows = null_space(reachability_factor(A[:, kept[:, None], kept], B[:, kept]))
+    return in_words(rows, [names[int(k)] for k in kept])
 
 
 def reachability_factor(

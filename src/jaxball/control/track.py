@@ -99,7 +99,8 @@ def tvlqr(
     It minimises Σ h (ξ·Q ξ + 2 ξ·cross δu + δu·R δu) + ξ·Qf ξ over the samples and at the end, where h is the time
     between samples, so that weights keep their meaning at other rates. ξ are the deviations in the local coordinates of
     the state: three of the attitude, a rotation vector in body axes, then Ω, the position, θ and θ̇, in the order of
-    ``track.directions``. The flow of each sample is linearised exactly, by differentiating its solve.
+    ``track.directions``; of a uniform ball those of the attitude are 0 and those of Ω are in space axes, see
+    :meth:`SampledSystem.deviation`. The flow of each sample is linearised exactly, by differentiating its solve.
 
     What is to move the robot is an effort or an acceleration: see :class:`SampledSystem`. A joint with a schedule in
     ``run`` becomes one with a motor, which in the motion has the effort of the run. After the end, the last state,
@@ -203,4 +204,4 @@ def linearise_flow(sampled: SampledSystem, nominal: NominalMotion) -> Linear:
     """Linearises the flow of each sample along a motion."""
     before = jax.tree.map(lambda leaf: leaf[:-1], nominal.states)
     after = jax.tree.map(lambda leaf: leaf[1:], nominal.states)
-    return jax.lax.map(lambda at: sampled.linearise(*at), (nominal.times[:-1], before, nominal.u, after))
+    return jax.lax.map(lambda at: sampled.linearise_deviation(*at), (nominal.times[:-1], before, nominal.u, after))

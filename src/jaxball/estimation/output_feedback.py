@@ -161,7 +161,7 @@ class OutputFeedback(AbstractFeedback):
         y = jnp.concatenate([memory.y, now[None]])
         (belief, oldest), seen = self._follow(k, memory, y)
         added, inner = self.feedback(k, belief.state, memory.inner)
-        found = self.deviation(k, belief.state), belief.bias, belief.P, *seen
+        found = self.nominal.state(k).difference(belief.state), belief.bias, belief.P, *seen
         before = memory.xi, memory.bias, memory.P, memory.nis, memory.read
         late = max(self.late)
         places = k, k, k, k - late, k - late

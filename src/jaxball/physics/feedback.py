@@ -15,7 +15,7 @@ from ..numerics.functions import OfKinkedFunctionOfState
 from ..numerics.kinks import kinks_of_function, kinks_seen
 from .prescribed.schedules import AbstractSchedule
 from .prescribed.signals import AbstractSignal, as_signal
-from .state import State
+from .state import ReducedState, State
 
 
 class AbstractLaw(Printed):
@@ -170,10 +170,11 @@ class Servo(AbstractLaw):
 
 
 class LinearLaw(AbstractLaw):
-    """u = theta θ + thetadot θ̇ + Omega Ω + Gamma Γ + z (z) + signals(t): linear in the state, each factor a matrix.
+    """u = theta θ + thetadot θ̇ + Omega Ω + Gamma Γ + z (z) + omega ω + signals(t): linear, each factor a matrix.
 
     It has a row for each driven coordinate: the :class:`~jaxball.Driven` masses and :class:`~jaxball.Accelerated`
-    joints, in the order of ``coordinates`` of the body. Ω and Γ are in body axes, the position z in space axes.
+    joints and angles of a plate, in the order of ``coordinates`` of the body. Ω and Γ are in body axes, the position z
+    and ω = ΛΩ in space axes: of a ball that rolls on a plate at rest, ω₂ and −ω₁ are its velocity over its radius.
 
     **Arguments:**
 
@@ -184,11 +185,13 @@ class LinearLaw(AbstractLaw):
     - ``z``: those of the position, rad/time² per length, shape (driven, 2), and (driven, 1) for a disk.
     - ``signals``: the terms added: for each driven coordinate a number, a :class:`~jaxball.PiecewiseSignal` or a
       schedule, rad/time².
+    - ``omega``: the factors of ω, rad/time² per rad/time, shape (driven, 3).
 
     A factor that is not given is 0. For a mass in a tube or a slider, θ, θ̇ and θ̈ have length instead of rad.
 
     **Raises:** ``ValueError`` when a factor does not have a row for each driven coordinate, and, where it is evaluated,
-    a column for each number of the state that it multiplies; ``TypeError`` for ``z`` where the state has no position.
+    a column for each number of the state that it multiplies; ``TypeError`` for ``z`` and ``omega`` where the state has
+    no position and no orientation.
 
     **Example:**
 
@@ -205,6 +208,7 @@ class LinearLaw(AbstractLaw):
     Gamma: Float[Array, "*group driven 3"] | None
     z: Float[Array, "*group driven place"] | None
     signals: tuple[AbstractSignal | AbstractSchedule, ...]
+    omega: Float[Array, "*group driven 3"] | None
 
     def __init__(
         self,
@@ -214,20 +218,22 @@ class LinearLaw(AbstractLaw):
         Gamma: Numbers | None = None,
         z: Numbers | None = None,
         signals: "Sequence[AbstractSignal | AbstractSchedule | Numbers]" = (),
+        omega: Numbers | None = None,
     ):
         self.theta, self.thetadot = _factor("theta", theta, "coordinates"), _factor("thetadot", thetadot, "coordinates")
         self.Omega, self.Gamma, self.z = _factor("Omega", Omega, 3), _factor("Gamma", Gamma, 3), _factor("z", z, "n")
+        self.omega = _factor("omega", omega, 3)
         self.signals = tuple(as_signal(f"signals[{index}]", signal) for index, signal in enumerate(signals))
         counts = self._counts()
         if len(set(counts.values())) != 1:
             has = ", ".join(f"{count} in `{name}`" for name, count in counts.items()) or "none in any of them"
             raise ValueError(
-                "Arguments `theta`, `thetadot`, `Omega`, `Gamma`, `z` and `signals`, as far as they are given, must "
-                f"have one row or entry for each driven coordinate, but there are {has}."
+                "Arguments `theta`, `thetadot`, `Omega`, `Gamma`, `z`, `omega` and `signals`, as far as they are "
+                f"given, must have one row or entry for each driven coordinate, but there are {has}."
             )
 
     def _factors(self) -> dict[str, Array]:
-        names = ("theta", "thetadot", "Omega", "Gamma", "z")
+        names = ("theta", "thetadot", "Omega", "Gamma", "z", "omega")
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
     def _counts(self) -> dict[str, int]:
@@ -256,7 +262,7 @@ class LinearLaw(AbstractLaw):
 
     def prepare(self) -> "LinearLaw":
         signals = tuple(signal.prepare() for signal in self.signals)
-        return LinearLaw(self.theta, self.thetadot, self.Omega, self.Gamma, self.z, signals)
+        return LinearLaw(self.theta, self.thetadot, self.Omega, self.Gamma, self.z, signals, self.omega)
 
 
 def _factor(name: str, given: Numbers | None, columns: int | str) -> Float[Array, "driven columns"] | None:
@@ -264,7 +270,9 @@ def _factor(name: str, given: Numbers | None, columns: int | str) -> Float[Array
 
 
 def _numbers_of(state: State, name: str, factor: Float[Array, "driven columns"]) -> Float[Array, " columns"]:
-    """What a factor of a linear law multiplies: the entry ``name`` of the state."""
+    """What a factor of a linear law multiplies: the entry ``name`` of the state, or ω."""
+    if name == "omega" and not isinstance(state, ReducedState):
+        return jnp.sum(state.Lambda * state.Omega[None], axis=1)
     value = getattr(state, name, None)
     if value is None:
         raise TypeError(

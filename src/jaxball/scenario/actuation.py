@@ -1,4 +1,4 @@
-"""What moves the masses on rails and the joints, in a scenario file: their schedules, or a law."""
+"""What moves masses on rails, joints and the angles of a plate, in a scenario file: their schedules, or a law."""
 
 import functools
 from collections.abc import Callable, Sequence
@@ -51,6 +51,7 @@ FACTORS = {
     "Omega": _factor(RATE),
     "Gamma": _factor(ACCELERATION),
     "z": _factor(Dimension(-1, -2)),
+    "omega": _factor(RATE),
 }
 LINEAR = {**FACTORS, "signals": Key(Nested(_read_signals, _write_signals, _SIGNALS_WORDS, keys_of(SIGNALS)), None)}
 
@@ -60,7 +61,7 @@ def check_factors(values: Any, path: str, names: Sequence[str], joints: Sequence
     for joint in joints:
         if joint.accelerated and joint.target is not None:
             raise ScenarioError(
-                f'Key `{joint.path}.schedule` must be left out where `{path}.form` is "linear", which follows no '
+                f'Key `{joint.schedule}` must be left out where `{path}.form` is "linear", which follows no '
                 "schedule; give `initial.theta`, and the motion as `signals`."
             )
     present = [name for name in LINEAR if name in values]
@@ -68,15 +69,15 @@ def check_factors(values: Any, path: str, names: Sequence[str], joints: Sequence
         raise ScenarioError(f"Key `{path}` must have one or more of the keys {', '.join(LINEAR)}, but it has none.")
     free = [joint for joint in joints if not joint.accelerated]
     coordinates = len(names) + len(free)
-    columns = {"theta": coordinates, "thetadot": coordinates, "Omega": 3, "Gamma": 3, "z": 1 if kind == "disk" else 2}
+    columns = {"theta": coordinates, "thetadot": coordinates, "z": 1 if kind == "disk" else 2}
     each = f"each of {all_of(names)}"
     for name in present:
         rows = values[name]
         if name == "signals":
             if len(rows) != len(names):
                 raise key_error(join(path, name), f"a list of {len(names)}, one for {each}", f"one of {len(rows)}")
-        elif (len(rows), len(rows[0])) != (len(names), columns[name]):
-            must = f"{len(names)} by {columns[name]} numbers, a row for {each}"
+        elif (len(rows), len(rows[0])) != (len(names), columns.get(name, 3)):
+            must = f"{len(names)} by {columns.get(name, 3)} numbers, a row for {each}"
             raise key_error(join(path, name), must, f"{len(rows)} by {len(rows[0])}")
 
 
@@ -123,11 +124,16 @@ def is_linear(values: Any) -> bool:
 
 
 def apply_actuation(
-    values: Any, path: str, masses: Sequence[PointMass], mechanisms: Sequence[ReadMechanism], kind: str
+    values: Any,
+    path: str,
+    masses: Sequence[PointMass],
+    mechanisms: Sequence[ReadMechanism],
+    angles: Sequence[JointInState],
+    kind: str,
 ) -> Actuated:
-    """The masses, those that a law drives made driven, the law, and what they follow."""
+    """The masses, those that a law drives made driven, the law, and what they follow; ``angles`` are of the ground."""
     chosen, make_law = read_family(values, path, FORMS, key="form")
-    joints = joints_in_state(mechanisms)
+    joints = [*joints_in_state(mechanisms), *angles]
     accelerated = [joint for joint in joints if joint.accelerated]
     if make_law is None:
         if accelerated:
@@ -175,7 +181,7 @@ def _check_targets(values: Any, path: str, names: Sequence[str], joints: Sequenc
     for joint in joints:
         if joint.accelerated and joint.target is None:
             must = f'a table where `{path}.form` is "{values["form"]}", which follows it'
-            raise ScenarioError(f"Key `{joint.path}.schedule` must be {must}, but it is missing.")
+            raise ScenarioError(f"Key `{joint.schedule}` must be {must}, but it is missing.")
     if values["form"] != "servo":
         return
     for name in ("stiffness", "damping"):

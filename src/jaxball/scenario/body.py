@@ -254,7 +254,7 @@ def read_force(values: Any, path: str, kind: str) -> AbstractWrench:
 
 
 def read_surroundings(document: dict[str, Any], kind: str) -> dict[str, Any]:
-    """The arguments of a body for external loads, as far as the document has them."""
+    """The arguments of a body for external loads, as far as the document has them; a plate as a ``ReadPlate``."""
     tables = {
         "force": lambda values, path: read_force(values, path, kind),
         "ground": lambda values, path: read_ground(values, path, kind),

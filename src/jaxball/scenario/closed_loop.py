@@ -224,7 +224,7 @@ class LoopNumbers(eqx.Module):
 
     def around(self, feedback: AbstractFeedback) -> tuple[AbstractFeedback, SampledSystem, PlacedState]:
         """The feedback from sensors, if there is an estimator, the robot and its start; traceable."""
-        first = feedback.nominal.state(0).retract(self.start)
+        first = feedback.sampled.displace(feedback.nominal.state(0), self.start)
         plant = plant_of(feedback, self.robot, self.limits, None)
         if self.estimator is None:
             return feedback, plant, first

@@ -51,6 +51,7 @@ from .feedback import (
     read_feedback,
     write_settings,
 )
+from .grounds import ReadPlate, write_targets
 from .imports import is_python_name
 from .initial import INITIAL, balance_schedules, initial_state, read_initial, release, write_initial
 from .logs import with_logs
@@ -248,13 +249,17 @@ def _contents(
 ) -> Contents:
     """The contents of a file whose parts fit together; None stands for a part that cannot be read or is missing."""
     check_units_of_logs(document, table["units"])
-    start, surroundings = times.start, surroundings or {}
-    shell_and_ground = {**shell, "ground": surroundings.get("ground")}
+    start, surroundings, angles = times.start, dict(surroundings or {}), []
+    ground = surroundings.get("ground")
+    if isinstance(ground, ReadPlate):
+        surroundings["ground"], angles = ground.ground, ground.angles
+        ground = ground.without_law()
+    shell_and_ground = {**shell, "ground": ground}
     masses = balance_schedules(masses, mechanisms, shell_and_ground, initial, "initial", kind, start)
     actuation = {"form": "prescribed"} if table["actuation"] is None else table["actuation"]
-    actuated = apply_actuation(actuation, "actuation", masses, mechanisms, kind)
+    actuated = apply_actuation(actuation, "actuation", masses, mechanisms, angles, kind)
     driven = sum(isinstance(item.motion, Driven) for item in actuated.masses)
-    check_force(surroundings.get("force"), "force", driven + len(joints_in_state(mechanisms)))
+    check_force(surroundings.get("force"), "force", driven + len(joints_in_state(mechanisms)) + len(angles))
     system = (Disk if kind == "disk" else Ball)(
         **shell,
         **surroundings,
@@ -364,9 +369,12 @@ def _tables(system: AbstractSystem, state: Any) -> dict[str, Any]:
     if not isinstance(system, Ball | Disk):
         return write_classical(system, state)
     targets = targets_of(system)
+    body = write_body(system)
+    if any(path.startswith("ground.") for path in targets):
+        body["ground"] |= write_targets(targets)
     return {
         "kind": kind_of(system),
-        **write_body(system),
+        **body,
         "masses": write_masses(system, targets, "masses"),
         "mechanisms": write_mechanisms(system, targets, "mechanisms"),
         "actuation": write_actuation(system),

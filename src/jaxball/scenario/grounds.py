@@ -1,6 +1,8 @@
 """The ground of a scenario file: a plane, a surface of one of jaxball's kinds, or one of a user's class."""
 
-from typing import Any
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 from ..physics.grounds import (
     Bowl,
@@ -15,10 +17,13 @@ from ..physics.grounds import (
     Washboard,
 )
 from ..physics.grounds.ground import AbstractGround, Ground, Turntable
-from .mechanisms import MOTIONS, read_motion, write_motion
-from .motions import SCHEDULE
+from ..physics.mechanisms import Accelerated
+from ..physics.prescribed.schedules import AbstractSchedule
+from .errors import describe, key_error
+from .mechanisms import MOTIONS, JointInState, read_motion, write_motion
+from .motions import SCHEDULE, SCHEDULES
 from .own import FUNCTION, Open, names_own, read_own, trying
-from .table import Key, Keys, Module, join, read_family, read_list, read_one_of
+from .table import Key, Keys, Module, join, keys_of, read_family, read_list, read_one_of
 from .values import (
     ANGLE,
     FULL_TURN,
@@ -60,6 +65,61 @@ _RADIUS = Key(Numbers(rule=POSITIVE, dimension=LENGTH))
 _OF_FUNCTION = {**FUNCTION, "kink_times": Key(Numbers((None,), dimension=TIME), ())}
 
 
+_ANGLES = ("about_e1", "about_e2")  # of a plate
+
+
+@dataclasses.dataclass(frozen=True)
+class _AnglesOfPlate:
+    """Names of angles of a plate, in their order."""
+
+    words: str = 'a list of "about_e1", "about_e2" or both, in this order'
+
+    def read(self, value: Any, path: str) -> tuple[str, ...]:
+        if not isinstance(value, list) or not value or value != [name for name in _ANGLES if name in value]:
+            raise key_error(path, self.words, describe(value))
+        return tuple(value)
+
+    def write(self, value: Any, path: str) -> list[str] | None:
+        return list(value) or None
+
+
+class ReadPlate(NamedTuple):
+    """A plate, and for each of its angles that a law accelerates the schedule that it follows, if there is one."""
+
+    ground: TiltingPlane
+    targets: tuple[AbstractSchedule | None, ...]
+
+    @property
+    def angles(self) -> list[JointInState]:
+        """The angles whose values and rates belong to the state, in its order."""
+        names = self.ground.driven
+        return [JointInState(f"ground.{name}", True, target) for name, target in zip(names, self.targets, strict=True)]
+
+    def without_law(self) -> TiltingPlane:
+        """The plate with the angles that a law accelerates level, which needs no law."""
+        return dataclasses.replace(self.ground, **dict.fromkeys(self.ground.driven))
+
+
+def _read_plate(accelerated: tuple[str, ...] = (), **values: Any) -> ReadPlate:
+    drives: dict[str, Any] = {name: Accelerated() for name in accelerated}
+    return ReadPlate(TiltingPlane(**values | drives), tuple(values.get(name) for name in accelerated))
+
+
+def _write_angle(angle: AbstractSchedule | Accelerated, path: str) -> dict[str, Any] | None:
+    """The schedule of an angle; that of one which a law accelerates is the law's, see :func:`write_targets`."""
+    return None if isinstance(angle, Accelerated) else SCHEDULE.kind.write(angle, path)
+
+
+_ANGLE = Key(Nested(SCHEDULE.kind.read, _write_angle, SCHEDULE.kind.words, keys_of(SCHEDULES)), None)
+
+
+def write_targets(targets: Mapping[str, AbstractSchedule | None]) -> dict[str, Any]:
+    """The schedules that a law follows with the angles of a plate, as further keys of the table [ground]."""
+    paths = {name: f"ground.{name}" for name in _ANGLES}
+    followed = {name: (path, targets.get(path)) for name, path in paths.items()}
+    return {name: SCHEDULE.kind.write(target, path) for name, (path, target) in followed.items() if target is not None}
+
+
 def _surface(kind: type, keys: Keys) -> Module:
     """A surface that may move as a whole."""
     return Module(kind, {**keys, **_MOVED})
@@ -96,18 +156,21 @@ GROUNDS = Open(
         "tilting-plane": Module(
             TiltingPlane,
             {
-                "about_e1": Key(SCHEDULE.kind, None),
-                "about_e2": Key(SCHEDULE.kind, None),
+                "about_e1": _ANGLE,
+                "about_e2": _ANGLE,
+                "accelerated": Key(_AnglesOfPlate(), None),
                 "pivot": _ORIGIN,
                 "displacement": Key(_MOTION, None),
             },
+            build=_read_plate,
+            attributes={"accelerated": "driven"},
         ),
     },
 )
 
 
-def read_ground(values: Any, path: str, kind: str) -> AbstractGround:
-    """The ground; under a disk it has no turntable."""
+def read_ground(values: Any, path: str, kind: str) -> AbstractGround | ReadPlate:
+    """The ground, a plate with the schedules that a law follows; under a disk it has no turntable."""
     if names_own(values):
         ground = read_own(values, path, GROUNDS)
     elif isinstance(values, dict) and "kind" in values:
@@ -117,5 +180,5 @@ def read_ground(values: Any, path: str, kind: str) -> AbstractGround:
         ground = GROUND.read(values, path)
     if kind == "disk" and isinstance(ground, Ground) and ground.turntable is not None:
         raise ScenarioError(f"Key `{path}.turntable` must be left out for a disk, which rolls on a line; use a ball.")
-    require_conditions(ground)
+    require_conditions(ground.ground if isinstance(ground, ReadPlate) else ground)
     return ground

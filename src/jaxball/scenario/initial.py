@@ -133,7 +133,7 @@ def initial_state(
         if values is None:
             fields[name] = _starting(name, targets, start)
         elif len(values) != len(coordinates):
-            joints = any(path.startswith("mechanisms") for path in coordinates)
+            joints = any(not path.startswith("masses") for path in coordinates)
             each = f"those of {all_of(coordinates)}" if joints else "one for each mass that a law drives"
             must = f"a list of {number_of(len(coordinates), 'number')}, {each}"
             raise key_error(join(path, name), must, f"one of {len(values)}")

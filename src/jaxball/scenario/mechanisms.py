@@ -299,11 +299,19 @@ class ReadMechanism(NamedTuple):
 
 
 class JointInState(NamedTuple):
-    """A joint whose θ and θ̇ belong to the state: its path, whether a law accelerates it, and what it is to follow."""
+    """A joint whose θ and θ̇ belong to the state: its path, whether a law accelerates it, and what it is to follow.
+
+    So do angles of a plate, each of which is a key that has its schedule.
+    """
 
     path: str
     accelerated: bool
     target: AbstractSchedule | None
+
+    @property
+    def schedule(self) -> str:
+        """The path of its schedule."""
+        return self.path if self.path.startswith("ground.") else f"{self.path}.schedule"
 
 
 def joints_in_state(mechanisms: Sequence[ReadMechanism]) -> list[JointInState]:
