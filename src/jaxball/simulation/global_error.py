@@ -119,7 +119,7 @@ def _carried_errors(run: Trajectory[Any, Any]) -> Any:
     if run.contact is not None:
         law, modes = run.contact.law, np.asarray(run.contact.mode)
     _, unravel = ravel_state(_row(states, 0))
-    saved = np.stack([np.asarray(ravel_state(_row(states, k))[0]) for k in range(times.size)])
+    saved = np.concatenate([leaf.reshape(times.size, -1) for leaf in jax.tree.leaves(states)], axis=1)
     errors = np.full_like(saved, np.nan)
     errors[0] = 0.0
     for k in range(int(np.isfinite(saved).all(axis=1).sum()) - 1):
