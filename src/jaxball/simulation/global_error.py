@@ -123,7 +123,7 @@ def _carried_errors(run: Trajectory[Any, Any]) -> Any:
     errors = np.full_like(saved, np.nan)
     errors[0] = 0.0
     for k in range(int(np.isfinite(saved).all(axis=1).sum()) - 1):
-        start = _row(states, k), None if modes is None else modes[k]
+        start = _row(states, k), None if modes is None else np.asarray(modes[k])  # a scalar would be static
         (end, carried), status = _solved_between(run.system, law, times[k : k + 2], *start, errors[k])
         if int(status) not in SUCCESSES:
             raise SolveError(
