@@ -26,7 +26,7 @@ from .trajectory import Trajectory
 
 Part = TypeVar("Part")
 
-TOLERANCE_BETWEEN_TIMES = 1e-13  # of the solves from one saved time to the next
+TOLERANCE_BETWEEN_TIMES = 1e-14  # of the solves from one saved time to the next
 STEPS_BETWEEN_TIMES = 2**18
 
 
