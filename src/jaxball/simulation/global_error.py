@@ -15,9 +15,10 @@ from .. import programs
 from ..interface.arguments import describe, require, require_callable
 from ..interface.status import SUCCESSES, SolveError, Status
 from ..numerics.arrays import is_traced
+from ..physics.body import AbstractBody
 from ..physics.contact.law import Contact
 from ..physics.contact.modes import Mode
-from ..physics.contact.released import ReleasedState, rolling_contact
+from ..physics.contact.released import ReleasedState, rolling_contact, with_rise
 from ..physics.packing import ravel_state
 from ..physics.system import AbstractSystem
 from .arguments import PrecisionError
@@ -168,13 +169,18 @@ def _solved_between(
 def _on_constraints(
     system: AbstractSystem, t: Float[Array, ""], state: Any, mode: Int[Array, ""] | None
 ) -> Any:
-    """The nearest state that a solve can start from; of a body that rolls, without the slip that this makes."""
+    """The nearest state that a solve can start from, in the mode that the run was in."""
     prepared = system.prepare()
     if mode is None:
         return prepared.projected(t, state)
-    body = state.body.projected()
-    rolling, _ = rolling_contact(prepared, t, body)
-    return ReleasedState(body, jnp.where(mode == int(Mode.ROLLING), rolling, state.V), state.height)
+    assert isinstance(prepared, AbstractBody)
+    height = jnp.where(state.height < 0, 0.0, state.height)  # by rounding
+    touching = ReleasedState(state.body.projected(), state.V, height)
+    rolling, _ = rolling_contact(prepared, t, touching.body)
+    sliding = with_rise(prepared, t, touching, jnp.zeros_like(height))
+    rolls = (mode == int(Mode.ROLLING)) | (mode == int(Mode.REST))
+    V = jnp.where(rolls, rolling, jnp.where(mode == int(Mode.SLIDING), sliding, state.V))
+    return ReleasedState(touching.body, V.at[1].set(0.0) if prepared.planar else V, height)
 
 
 def _given(run: Trajectory[Any, Any]) -> Any:
