@@ -232,7 +232,7 @@ def test_what_is_refused():
     with pytest.raises(ValueError, match="outside jit, vmap and grad"):
         jax.jit(lambda rate: simulate(run.system, times, DiskState(phidot=rate)).error_estimate().z)(-0.5)
     impossible = simulate(Disk(mass=-1.0, inertia=0.5), times)
-    with pytest.raises(ValueError, match="came to its second saved time, at least, but this one did not: The solve did"):
+    with pytest.raises(ValueError, match="at least, but this one did not: The solve did not start"):
         impossible.error_estimate()
     single = jax.tree.map(lambda leaf: np.asarray(leaf, np.float32) if leaf.dtype == np.float64 else leaf, run)
     with pytest.raises(jaxball.PrecisionError, match="but this run is in float32; enable float64"):
@@ -241,5 +241,5 @@ def test_what_is_refused():
 
 def test_a_solve_that_fails(monkeypatch):
     monkeypatch.setattr(global_error, "_solved_between", lambda *arguments: ((arguments[-1], arguments[-1]), 1))
-    with pytest.raises(SolveError, match="from its saved time 0 to 1 at a tolerance of 1e-14 ended with .* MAX_STEPS"):
+    with pytest.raises(SolveError, match=r"from its saved time 0 to 1 at a tolerance of 1e-14 ended with .* MAX_STEPS"):
         rocking([0.0, 1.0]).error_estimate()

@@ -166,9 +166,7 @@ def _solved_between(
     return (end, carried), status
 
 
-def _on_constraints(
-    system: AbstractSystem, t: Float[Array, ""], state: Any, mode: Int[Array, ""] | None
-) -> Any:
+def _on_constraints(system: AbstractSystem, t: Float[Array, ""], state: Any, mode: Int[Array, ""] | None) -> Any:
     """The nearest state that a solve can start from, in the mode that the run was in."""
     prepared = system.prepare()
     if mode is None:
