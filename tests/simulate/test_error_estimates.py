@@ -117,6 +117,7 @@ def test_flight_and_impacts():
     hop = jaxball.load_scenario("hopping-hoop")
     case = Case(hop.system, hop.state, hop.times, hop.contact)
     exact = solve(case, diffrax.Dopri8(), 1e-14)
+    assert exact.contact is not None
     assert {int(mode) for mode in exact.contact.mode} == {0, 1, 2}
     for tolerance in TOLERANCES:
         run = solve(case, diffrax.Dopri8(), tolerance)

@@ -116,7 +116,8 @@ def _check(run: Any) -> None:
 
 def _carried_errors(run: Trajectory[Any, Any]) -> Any:
     """The errors of the states at the saved times, as states from which a solve can start."""
-    times, states, law, modes = np.asarray(run.times), jax.tree.map(np.asarray, _given(run)), None, None
+    times: Any = np.asarray(run.times)
+    states, law, modes = jax.tree.map(np.asarray, _given(run)), None, None
     if run.contact is not None:
         law, modes = run.contact.law, np.asarray(run.contact.mode)
     _, unravel = ravel_state(_row(states, 0))
@@ -124,8 +125,9 @@ def _carried_errors(run: Trajectory[Any, Any]) -> Any:
     errors = np.full_like(saved, np.nan)
     errors[0] = 0.0
     for k in range(int(np.isfinite(saved).all(axis=1).sum()) - 1):
-        start = _row(states, k), None if modes is None else np.asarray(modes[k])  # a scalar would be static
-        (end, carried), status = _solved_between(run.system, law, times[k : k + 2], *start, errors[k])
+        span, start = times[k : k + 2], _row(states, k)
+        mode: Any = None if modes is None else np.asarray(modes[k])  # a scalar would be static
+        (end, carried), status = _solved_between(run.system, law, span, start, mode, errors[k])
         if int(status) not in SUCCESSES:
             raise SolveError(
                 f"The error of this run cannot be estimated, because the solve from its saved time "
