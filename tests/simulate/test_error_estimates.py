@@ -180,14 +180,14 @@ def test_an_error_of_any_origin():
 def test_errors_must_be_carried_on(monkeypatch):
     """Without the growth of the errors until the end, this test of a factor of 3 fails."""
     run, exact = solve(Case(paper_ball(), BallState(), np.arange(21.0)), SOLVERS["Dopri5"], 1e-6), reference.ball()
-    true, solved = np.asarray(run.state.z) - exact.columns("z"), global_error._solved_between
+    true, solved = np.asarray(run.state.z) - exact.columns("z"), global_error._solve_between
     assert share_unexplained(np.asarray(run.error_estimate().z), true) < 1e-2
 
     def without_growth(*arguments):
         (end, _), status = solved(*arguments)
         return (end, arguments[-1]), status
 
-    monkeypatch.setattr(global_error, "_solved_between", without_growth)
+    monkeypatch.setattr(global_error, "_solve_between", without_growth)
     assert share_unexplained(np.asarray(run.error_estimate().z), true) > LARGEST_SHARE
 
 
@@ -241,6 +241,6 @@ def test_what_is_refused():
 
 
 def test_a_solve_that_fails(monkeypatch):
-    monkeypatch.setattr(global_error, "_solved_between", lambda *arguments: ((arguments[-1], arguments[-1]), 1))
+    monkeypatch.setattr(global_error, "_solve_between", lambda *arguments: ((arguments[-1], arguments[-1]), 1))
     with pytest.raises(SolveError, match=r"from its saved time 0 to 1 at a tolerance of 1e-14 ended with .* MAX_STEPS"):
         rocking([0.0, 1.0]).error_estimate()

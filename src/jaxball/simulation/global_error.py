@@ -32,7 +32,7 @@ STEPS_BETWEEN_TIMES = 2**18
 
 
 def estimate_error(run: Trajectory[Any, Any], of: Callable[[Trajectory[Any, Any]], Any] | None = None) -> Any:
-    """Estimates the global error of a run, or of what is computed from it: the computed value less the true one.
+    """Estimates the global error of a run, or of a result computed from it: the computed value less the true one.
 
     From each saved state the motion is solved to the next saved time at a tolerance of 1e-13. The saved state there
     differs by a local error eₖ, and the tangent Jₖ of that solve carries the errors of all earlier intervals on,
@@ -75,10 +75,10 @@ def estimate_error(run: Trajectory[Any, Any], of: Callable[[Trajectory[Any, Any]
     _check(run)
     if of is not None:
         require_callable("of", of, "run")
-    errors = _carried_errors(run)
+    errors = _carry_errors(run)
     if of is None:
         return errors.body if isinstance(errors, ReleasedState) else errors
-    computed, corrected = jax.tree.flatten(of(run)), jax.tree.leaves(of(_without(run, errors)))
+    computed, corrected = jax.tree.flatten(of(run)), jax.tree.leaves(of(_subtract_errors(run, errors)))
     leaves = [_difference(*pair) for pair in zip(computed[0], corrected, strict=True)]
     return jax.tree.unflatten(computed[1], leaves)
 
@@ -114,10 +114,10 @@ def _check(run: Any) -> None:
         )
 
 
-def _carried_errors(run: Trajectory[Any, Any]) -> Any:
+def _carry_errors(run: Trajectory[Any, Any]) -> Any:
     """The errors of the states at the saved times, as states from which a solve can start."""
     times: Any = np.asarray(run.times)
-    states, law, modes = jax.tree.map(np.asarray, _given(run)), None, None
+    states, law, modes = jax.tree.map(np.asarray, _take_given(run)), None, None
     if run.contact is not None:
         law, modes = run.contact.law, np.asarray(run.contact.mode)
     _, unravel = ravel_state(_row(states, 0))
@@ -127,7 +127,7 @@ def _carried_errors(run: Trajectory[Any, Any]) -> Any:
     for k in range(int(np.isfinite(saved).all(axis=1).sum()) - 1):
         span, start = times[k : k + 2], _row(states, k)
         mode: Any = None if modes is None else np.asarray(modes[k])  # a scalar would be static
-        (end, carried), status = _solved_between(run.system, law, span, start, mode, errors[k])
+        (end, carried), status = _solve_between(run.system, law, span, start, mode, errors[k])
         if int(status) not in SUCCESSES:
             raise SolveError(
                 f"The error of this run cannot be estimated, because the solve from its saved time "
@@ -139,7 +139,7 @@ def _carried_errors(run: Trajectory[Any, Any]) -> Any:
 
 
 @programs.filter_jit
-def _solved_between(
+def _solve_between(
     system: AbstractSystem,
     law: Contact | None,
     times: Float[Array, "2"],
@@ -162,7 +162,7 @@ def _solved_between(
             max_steps=STEPS_BETWEEN_TIMES,
             inside=False,
         )
-        return ravel_state(_row(_given(run), -1))[0], run.status
+        return ravel_state(_row(_take_given(run), -1))[0], run.status
 
     end, carried, status = jax.jvp(end_of, (vector,), (deviation,), has_aux=True)
     return (end, carried), status
@@ -183,15 +183,15 @@ def _on_constraints(system: AbstractSystem, t: Float[Array, ""], state: Any, mod
     return ReleasedState(touching.body, V.at[1].set(0.0) if prepared.planar else V, height)
 
 
-def _given(run: Trajectory[Any, Any]) -> Any:
+def _take_given(run: Trajectory[Any, Any]) -> Any:
     """The saved states with all that a solve needs to start from one of them."""
     contact = run.contact
     return run.state if contact is None else ReleasedState(run.state, contact.V, contact.height)
 
 
-def _without(run: Trajectory[Any, Any], errors: Any) -> Trajectory[Any, Any]:
+def _subtract_errors(run: Trajectory[Any, Any], errors: Any) -> Trajectory[Any, Any]:
     """The run without the ``errors`` of its states; numbers that do not follow from these are NaN."""
-    corrected = jax.tree.map(lambda saved, error: saved - error, _given(run), errors)
+    corrected = jax.tree.map(lambda saved, error: saved - error, _take_given(run), errors)
     interpolant, events, history = jax.tree.map(_as_unknown, (run.interpolant, run.events, run.history))
     if not isinstance(corrected, ReleasedState):
         return dataclasses.replace(run, state=corrected, interpolant=interpolant, events=events, history=history)
@@ -205,7 +205,7 @@ def _as_unknown(leaf: Any) -> Any:
 
 
 def _difference(computed: Any, corrected: Any) -> Array:
-    """The error of what ``of`` returns, from its values for the run and for the run without its errors."""
+    """The error of a number that ``of`` returns, from its values for the run and for that without errors."""
     first, second = np.asarray(computed), np.asarray(corrected)
     if not np.issubdtype(first.dtype, np.number):
         raise TypeError(f"Argument `of` must be a function to numbers, but it returns {describe(computed)}.")
