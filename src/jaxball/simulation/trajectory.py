@@ -332,7 +332,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     # modules that are built upon this one; the contracts in pyproject.toml name them as exceptions.
 
     def error_estimate(self, of: Callable[["Trajectory[Any, Any]"], Any] | None = None) -> Any:
-        """The error of the states, or of a result that ``of`` computes from the run; see :func:`jaxball.estimate_error`."""
+        """The error of the states, or of a result ``of(run)``; see :func:`jaxball.estimate_error`."""
         from .global_error import estimate_error
 
         return estimate_error(self, of)
