@@ -29,6 +29,7 @@ CHAPTERS = {
             "simulation.simulate",
             "simulation.arguments",
             "simulation.trajectory",
+            "simulation.global_error",
             "interface.status",
             "interface.warning",
             "programs.users_functions",

@@ -210,6 +210,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         Slip as Slip,
     )
     from .simulation.extremes import ContactExtremes as ContactExtremes, contact_extremes as contact_extremes
+    from .simulation.global_error import estimate_error as estimate_error
     from .simulation.simulate import simulate as simulate
     from .simulation.trajectory import Trajectory as Trajectory
 else:

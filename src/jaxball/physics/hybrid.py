@@ -174,10 +174,12 @@ class AbstractHistory(Printed):
 
     An implementer supplies ``switches``, with at least ``count``, ``times``, ``before``, ``after`` and ``grazing``. All
     else has a default, that of a system without quantities of its own. Files, figures, views and studies ask for these
-    and do not depend on the kind of a history. ``described`` says what the modes are, after "with".
+    and do not depend on the kind of a history. ``described`` says what the modes are, after "with", and ``restarts``
+    whether the motion after any saved time follows from the state there.
     """
 
     described: ClassVar[str] = "modes"
+    restarts: ClassVar[bool] = True
 
     switches: eqx.AbstractVar[Any]
 

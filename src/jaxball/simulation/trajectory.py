@@ -45,8 +45,7 @@ if TYPE_CHECKING:
     from ..scenario import Scenario
     from ..sensors import AbstractSensor
 
-
-if TYPE_CHECKING:  # a trajectory is of a ball or a disk unless it is said to be of something else
+    # A trajectory is of a ball or a disk unless it is said to be of something else.
     AnySystem = TypeVar("AnySystem", bound=AbstractSystem, default=System)
     AnyState = TypeVar("AnyState", bound=AbstractState, default=State)
 else:  # from Python 3.13 on, beartype takes a default for all that a value may be
@@ -262,7 +261,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
                 "The reaction of the plane is that of a system that always rolls on it, but this trajectory is of a "
                 f"{type(self.system).__name__}, which {which}."
             )
-        return self._evaluate(_react_all, self.system, self.state)
+        return self._evaluate(functools.partial(_call_at_all, "plane_reaction"), self.system, self.state)
 
     @property
     def laws(self) -> Any:
@@ -278,7 +277,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
                 f"Only other systems have `laws`, but this trajectory is of a {type(self.system).__name__}; "
                 "the modules `integrals` and `momentum` of jaxball.physics.dynamics have its integrals."
             )
-        return self._evaluate(_laws_of_all, self.system, self.state)
+        return self._evaluate(functools.partial(_call_at_all, "laws"), self.system, self.state)
 
     @property
     def multipliers(self) -> Float[Array, "*batch T m"]:
@@ -291,7 +290,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
                 "The multipliers are those of a LagrangianSystem of jaxball.classical, but this trajectory is of a "
                 f"{type(self.system).__name__}."
             )
-        return self._evaluate(_multiply_all, self.system, self.state)
+        return self._evaluate(functools.partial(_call_at_all, "multipliers"), self.system, self.state)
 
     def _require_one(self, what: str, remedy: str = "the array `status` says how each run ended") -> None:
         """**Raises:** ``ValueError`` for a batch of trajectories."""
@@ -329,8 +328,14 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         ratio = self.plane_reaction.ratio if by_contract else self.observables.friction_ratio
         return jnp.max(ratio, axis=-1)
 
-    # A user who has a trajectory looks there for what can be done with it. These four import, when called,
+    # A user who has a trajectory looks there for what can be done with it. These five import, when called,
     # modules that are built upon this one; the contracts in pyproject.toml name them as exceptions.
+
+    def error_estimate(self, of: Callable[["Trajectory[Any, Any]"], Any] | None = None) -> Any:
+        """The error of the states, or of a result ``of(run)``; see :func:`jaxball.estimate_error`."""
+        from .global_error import estimate_error
+
+        return estimate_error(self, of)
 
     def to_dataset(self) -> "xarray.Dataset":
         """The trajectory and all its observables, or laws; see :func:`jaxball.to_dataset`."""
@@ -453,18 +458,8 @@ def _measure_all(sensors, system, times, states, reached) -> dict[str, Array]:
 
 
 @programs.filter_jit
-def _react_all(system, times, state, reached) -> Reaction:
-    return _at_each(lambda system, t, x: system.plane_reaction(t, x), system, times, state, reached)
-
-
-@programs.filter_jit
-def _laws_of_all(system, times, state, reached) -> Any:
-    return _at_each(lambda system, t, x: system.laws(t, x), system, times, state, reached)
-
-
-@programs.filter_jit
-def _multiply_all(system, times, state, reached) -> Array:
-    return _at_each(lambda system, t, x: system.multipliers(t, x), system, times, state, reached)
+def _call_at_all(method: str, system, times, state, reached) -> Any:
+    return _at_each(lambda system, t, x: getattr(system, method)(t, x), system, times, state, reached)
 
 
 def _at_each(function: Callable[..., Any], system: Any, times: Array, state: Any, reached: Array) -> Any:

@@ -10,11 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..classical import NonholonomicParticle
+from ..interface.status import SolveError
 from ..physics.body import Disk
 from ..physics.dae import WITH_UNIT
 from ..physics.dynamics.footing import in_space
 from ..physics.state import DiskState
 from ..scenario.solvers import SOLVERS
+from ..simulation.global_error import estimate_error
 from ..simulation.trajectory import Trajectory
 from ..solvers import Gauss, RadauIIA
 from .case import Case, flat
@@ -27,7 +29,9 @@ SATURATED = 1e-1
 INTERPOLATION_FACTOR = 100  # the reference's interpolation error over its tolerance
 LOOSEST = 1e-2
 
-SLOW_COMPARISONS = ("solvers", "dae", "embedding")  # each compiles a program of its own
+SHARE_UNEXPLAINED = 0.5  # of the error, by which an estimate of it may be off
+
+SLOW_COMPARISONS = ("estimate", "solvers", "dae", "embedding")  # each compiles a program of its own
 
 
 def compare_saved(case: Case) -> Row:
@@ -72,6 +76,26 @@ def convergence(case: Case) -> Row:
         why = f"no error is between {SATURATED:g}, where it is as large as the motion, and {floor:.0e}, which the "
         return Row("convergence", note=f"not resolved: {why}reference resolves; {note}")
     return Row("convergence", float(np.max([0.0, *ratios])), LARGEST_RATIO, note=note)
+
+
+def estimate(case: Case) -> Row:
+    """The error as it is estimated from saved time to saved time, less the error against the reference.
+
+    Half of the error is allowed, as the estimate is to first order, and what the reference does not resolve.
+    """
+    if not case.reference.ok:
+        return Row("estimate", note=f"the run at a tolerance of 1e-13 failed: {case.reference.message}")
+    largest = float(np.max(case.errors))
+    if largest >= SATURATED:
+        return Row("estimate", reason=f"the error, {largest:.0e}, is as large as the motion")
+    try:
+        estimated = flat(estimate_error(case.run)) / case.weights[None]
+    except SolveError as failure:
+        return Row("estimate", note=str(failure))
+    measured = (flat(case.run.state) - flat(case.reference.state)) / case.weights[None]
+    expected = SHARE_UNEXPLAINED * largest + INTERPOLATION_FACTOR * case.finest * float(np.max(case.growth))
+    note = f"the estimated error is {np.max(np.abs(estimated)):.1e}, against the reference it is {largest:.1e}"
+    return Row("estimate", float(np.max(np.abs(estimated - measured))), expected, note=note)
 
 
 def solvers(case: Case) -> Row:
@@ -119,6 +143,7 @@ CHECKS: dict[str, Callable[[Case], Row]] = {
     "saved": compare_saved,
     "error": error,
     "convergence": convergence,
+    "estimate": estimate,
     "solvers": solvers,
     "dae": dae,
     "embedding": embedding,
