@@ -27,6 +27,21 @@ def surface_under(system: BodyParameters, t: Float[Array, ""], state: Any) -> Ab
     return surface.following(t, *(values[-count:] for values in (state.theta, state.thetadot, accelerations)))
 
 
+def placed_surface(system: BodyParameters, t: Float[Array, ""], state: Any) -> AbstractSurface | None:
+    """The surface under a body with the place and the velocity that a state gives it; None on a plane.
+
+    Unlike :func:`surface_under` it asks no law for accelerations, so that it needs no place of the body.
+    """
+    surface = system.ground
+    if not isinstance(surface, AbstractSurface):
+        return None
+    if not surface.driven:
+        return surface
+    count = len(surface.driven)
+    theta, thetadot = state.theta[-count:], state.thetadot[-count:]
+    return surface.following(t, theta, thetadot, jnp.zeros_like(theta))
+
+
 def footing(system: BodyParameters, t: Float[Array, ""], state: Any) -> Footing | None:
     """How the surface under a body holds it; None on a plane."""
     surface = surface_under(system, t, state)
@@ -124,8 +139,8 @@ class ContactAxes(NamedTuple):
     @classmethod
     def of(cls, system: BodyParameters, t: Float[Array, ""], state: Any) -> "ContactAxes":
         """Those at a state."""
-        surface = system.ground
-        if not isinstance(surface, AbstractSurface):
+        surface = placed_surface(system, t, state)
+        if surface is None:
             return cls(state.Lambda, None)
         axes, spin = _axes_and_spin(surface, t, system.radius, state.z)
         rows = jnp.sum(axes[:, :, None] * state.Lambda[None], axis=1)
@@ -141,16 +156,19 @@ class ContactAxes(NamedTuple):
         return apply(self.rows.T, omega if self.spin is None else omega + self.spin)
 
 
-def carried_rate(system: BodyParameters, t: Float[Array, ""], state: Any) -> Float[Array, "3"] | None:
+def carried_rate(
+    system: BodyParameters, t: Float[Array, ""], state: Any, under: Footing | None = None
+) -> Float[Array, "3"] | None:
     """The rate of the components of ω relative to the ground while ω is constant, in body axes; None on a plane.
 
     These components change as the axes of the contact turn along the path of the contact point and with the ground.
+    ``under`` is the footing of a body that touches its ground, that of rolling if not given.
     """
-    surface = system.ground
-    if not isinstance(surface, AbstractSurface):
+    surface = surface_under(system, t, state)
+    if surface is None:
         return None
     omega, u = apply(state.Lambda, state.Omega), state.z
-    under = surface.footing(t, system.radius, u, omega)
+    under = surface.footing(t, system.radius, u, omega) if under is None else under
 
     def components(t: Float[Array, ""], u: Float[Array, "2"]) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
         axes, spin = _axes_and_spin(surface, t, system.radius, u)

@@ -82,9 +82,9 @@ def draw_trail(
 
 
 def _trail_on(ax: Axes, ground: Mesh | Curve, trajectory: Trajectory, **look: Any) -> Callable[[int], None]:
-    """Draws the trail over a surface: on the pieces that the ball has touched, and above it where the ball flew."""
+    """Draws the trail over a surface: on the pieces that the body has touched, and above it where that flew."""
     modes, rows = modes_of(trajectory), finite_rows(trajectory)
-    if not modes.spells or isinstance(ground, Curve):
+    if not modes.spells:
         trail = line(ax, color=TRAIL, **look)
         return lambda k: move(trail, ground.trail(k))
     times, height = np.asarray(trajectory.times)[rows], np.asarray(trajectory.history.over_time["height"])[rows]
@@ -203,7 +203,7 @@ def _disk_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
         show_ground = draw_ground(ax, path, r, setting)
         show_trail = draw_trail(ax, trajectory, placed, **look)
     else:
-        show_ground, show_trail = draw_curve(ax, curve), _trail_on(ax, curve, **look)
+        show_ground, show_trail = draw_curve(ax, curve), _trail_on(ax, curve, trajectory, **look)
     shell = Ring((0.0, 0.0), r, facecolor="0.985", edgecolor=SHELL, linewidth=1.4, zorder=3, animated=True)
     ax.add_patch(shell)
     spokes = line(ax, color="0.75", linewidth=0.8, zorder=3)

@@ -20,7 +20,6 @@ from ..physics.dae import WITH_UNIT
 from ..physics.dry_rolling import DryRolling
 from ..physics.dry_stick_slip import DryStickSlip
 from ..physics.stick_slip import StickSlip
-from ..physics.surfaces import AbstractSurface
 from ..physics.system import AbstractState, AbstractSystem, require_one, require_state, shapes_of_state
 from ..programs.derivatives.differentiation import is_differentiated_forward
 from ..solvers import NDF, TRBDF2, RadauIIA, Trapezoidal
@@ -250,21 +249,6 @@ def system_to_solve(system: AbstractSystem, contact: Contact | None) -> Abstract
         raise TypeError(
             f"Argument `contact` must be None for a {type(system).__name__}, which is neither a Ball nor a Disk, but "
             f"it is {describe(contact)}."
-        )
-    if system.planar and isinstance(system.ground, AbstractSurface):
-        raise TypeError(
-            "Argument `contact` must be None for a disk on a surface, which is known to roll only; use a Ball, or a "
-            "Ground."
-        )
-    if system.is_held and isinstance(system.ground, AbstractSurface):
-        raise TypeError(
-            "Argument `contact` must be None for a body with exact dry resistance on a surface, because rest beside "
-            "slip and flight is known on planes only; give its Resistance `exact=False`, or the body a Ground."
-        )
-    if isinstance(system.ground, AbstractSurface) and system.ground.driven:
-        raise TypeError(
-            "Argument `contact` must be None on a surface whose angles a law drives, where a body is known to "
-            "roll only; give its angles schedules."
         )
     if system.sticking:
         have = "has" if len(system.sticking) == 1 else "have"

@@ -58,7 +58,7 @@ NOTHING = 1e-9  # a normal force below this part of its size in a step counts as
 
 
 class BodyOnPlane(AbstractSystem[ContactState]):
-    """A ball or a disk with a law of contact, on a plane, or a ball on a surface."""
+    """A ball or a disk with a law of contact, on a plane or a surface."""
 
     body: AbstractBody
     contact: Contact
