@@ -62,7 +62,8 @@ def released_footing(
     """How the surface under a body holds it while that slips or flies with the velocity ``V``; None on a plane.
 
     In flight no ground acts, and the motion is described as on a level plane at rest, for any height: the normal is e3,
-    and the contact axes are those of space. ``coordinate_rates`` are always those of the piece that is nearest.
+    and the contact axes are those of space. ``coordinate_rates`` are always those of the piece that is nearest; NaN,
+    which ends a solve with a status, where a body that touches the ground is beyond its edge.
     """
     surface = surface_under(system, t, state)
     if surface is None:
@@ -70,6 +71,9 @@ def released_footing(
     assert isinstance(state, PlacedState)
     r, omega = system.radius, apply(state.Lambda, state.Omega)
     held = surface.footing(t, r, state.z, omega, V, height)
+    if surface.has_edge:
+        over = jnp.asarray(touching) & ~(surface.beyond_edge(t, state.z) < 0)
+        held = held._replace(coordinate_rates=jnp.where(over, jnp.nan, held.coordinate_rates))
     axes, none = jnp.eye(3, dtype=r.dtype), jnp.zeros_like(V)
     free = held._replace(
         normal=axes[2],

@@ -46,13 +46,13 @@ def verify(
 
     If the solve fails, the report's ``failure`` says why.
 
-    **Raises:** ``ValueError`` for an unknown law and for a scenario with a law of contact, ``TypeError`` for states
-    without a position, and as :func:`jaxball.simulate`.
+    **Raises:** ``ValueError`` for an unknown law, and for a scenario with feedback or with an event that ends its run;
+    ``TypeError`` for states without a position, and as :func:`jaxball.simulate`.
     """
     require_flags(quick=quick)
     given = system if isinstance(system, Trajectory) else None
     case = Case(_scenario(system, times, state, settings), given)
-    _ = case.state  # raises for one with a law of contact
+    _ = case.state  # raises for one with feedback, or with an event that ends it
     known = {**laws_along(case.scenario), **CHECKS}
     chosen = (
         [name for name in known if not (quick and name in SLOW_COMPARISONS)]

@@ -248,6 +248,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
             state.height + over.rounding_of_height(self.body, t, state),
             jnp.where(slip[2] > 0, RISEN * slips.unit_of_time(self.body) * slip[2], -jnp.inf),
         )
+        above = over.clearance_for_landing(self.body, t, state, above)
         rolls, slides = state.is_in(Mode.ROLLING), state.is_in(Mode.SLIDING)
         return jnp.stack(
             [

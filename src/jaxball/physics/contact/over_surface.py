@@ -89,6 +89,20 @@ def rounding_of_height(system: AbstractBody, t: Float[Array, ""], state: Contact
     return HEIGHTS * float(jnp.finfo(c.dtype).eps) * (root(dot(c, c)) + r)
 
 
+def clearance_for_landing(
+    system: AbstractBody, t: Float[Array, ""], state: ContactState, above: Float[Array, ""]
+) -> Float[Array, ""]:
+    """A height from which a body lands, ``above``, or what is positive where it cannot: beyond the edge of a surface.
+
+    Nor does a body land that has passed below the ground, whose centre is on the other side.
+    """
+    surface = placed_surface(system, t, state.body)
+    if surface is None or not surface.has_edge:
+        return above
+    r = system.radius
+    return jnp.where(state.height < -r, r, jnp.maximum(above, r * surface.beyond_edge(t, state.body.z)))
+
+
 def longest_flight(system: AbstractBody, t: Float[Array, ""], state: ContactState) -> Float[Array, ""] | Any:
     """How long a step in flight over a surface may be, so that the body cannot come far nearer to any part of it.
 

@@ -174,10 +174,23 @@ class AbstractSurface(AbstractGround):
             aside = self._aside(t, r, state.z)
             yield ExplainedCondition(~(aside > SYMMETRY), lambda: SYMMETRIC)
 
+    @property
+    def has_edge(self) -> bool:
+        """Whether the ground, or its coordinates, may end somewhere."""
+        return type(self).reach is not AbstractSurface.reach
+
     def _way_to_edge(self, t: Time, u: Coordinates) -> Float[Array, ""]:
         """What is left of the ground ahead."""
         both = self.coordinates(u)
         return self.reach(t, both[0], both[1])
+
+    def beyond_edge(self, t: Time, u: Coordinates) -> Float[Array, ""]:
+        """How far the coordinates ``u`` are beyond the edge, as ``reach`` counts; negative where there is ground.
+
+        A body ends there in contact, but not in flight.
+        """
+        way = self._way_to_edge(t, u)
+        return _margin(LEAST_MARGIN, way) - way
 
     def _aside(self, t: Time, r: Float[Array, ""], z: Coordinate) -> Float[Array, ""]:
         """How far the ground is from being symmetric about the plane of e1 and e3, near the ``z`` of a disk.
