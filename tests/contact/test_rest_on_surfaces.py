@@ -39,9 +39,9 @@ ANGLE = 0.1
 OUT_OF_PLANE = np.array([[np.cos(ANGLE), 0.0, np.sin(ANGLE)], [0.0, 1.0, 0.0], [-np.sin(ANGLE), 0.0, np.cos(ANGLE)]])
 
 
-def ball(ground, c=0.2, spinning=0.01):
-    resistance = Resistance(dry=c, dry_spinning=spinning, exact=True)
-    return Ball(mass=M, inertia=(SOLID,) * 3, radius=R, gravity=G, ground=ground, resistance=resistance)
+def ball(ground, c=0.2, law=None):
+    resistance = Resistance(dry=c, dry_spinning=0.01, exact=True)
+    return Ball(mass=M, inertia=(SOLID,) * 3, radius=R, gravity=G, ground=ground, resistance=resistance, law=law)
 
 
 def disk(ground, c=0.2):
@@ -204,8 +204,7 @@ def test_a_plate_that_a_law_drives_is_the_plate_of_the_schedules(exact):
 def test_exact_resistance_on_a_plate_that_a_law_drives():
     """It carries a ball until its weight exceeds resistance: sin a = c (cos a − r ȧ²/g), as with a schedule."""
     rate = 0.5
-    driven = TiltingPlane(about_e2=Accelerated())
-    body = Ball(**{**ball(driven).arguments, "law": FollowSchedules((ConstantRate(0.0, rate),))})
+    body = ball(TiltingPlane(about_e2=Accelerated()), law=FollowSchedules((ConstantRate(0.0, rate),)))
     start = BallState(Omega=(0.0, rate, 0.0), theta=[0.0], thetadot=[rate])
     one = simulate(body, (0.0, 0.1, 0.6), start, throw=True)
     other = simulate(

@@ -12,6 +12,7 @@ from ..numerics.vectors import apply, cross
 from .parameters import BodyParameters
 from .state import BallState, PlacedState, Rates
 from .surfaces import AbstractSurface, Footing
+from .surfaces.contract import Coordinates
 
 
 def surface_under(system: BodyParameters, t: Float[Array, ""], state: Any) -> AbstractSurface | None:
@@ -174,7 +175,7 @@ def carried_rate(
     omega, u = apply(state.Lambda, state.Omega), state.z
     under = surface.footing(t, system.radius, u, omega) if under is None else under
 
-    def components(t: Float[Array, ""], u: Float[Array, "2"]) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
+    def components(t: Float[Array, ""], u: Coordinates) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
         axes, spin = _axes_and_spin(surface, t, system.radius, u)
         return apply(axes, omega - spin), axes
 
@@ -192,7 +193,7 @@ def rate_over_ground(
 
 
 def _axes_and_spin(
-    surface: AbstractSurface, t: Float[Array, ""], r: Float[Array, ""], u: Float[Array, "2"]
+    surface: AbstractSurface, t: Float[Array, ""], r: Float[Array, ""], u: Coordinates
 ) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
     """The axes of the contact as rows, space axes, and the angular velocity of the ground's matter."""
     under = surface.footing(t, r, u, jnp.zeros((3,), r.dtype))
