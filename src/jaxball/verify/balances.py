@@ -138,8 +138,8 @@ def laws_along(scenario: Scenario) -> dict[str, Callable[[Case], Row]]:
         balances = {name: partial(balance, name) for name in names}
         return balances | ({"contact": contact} if isinstance(scenario.system, AbstractRollingSystem) else {})
     if scenario.may_slip:
-        known = {name: partial(balance if name in OF_CONTACT else _of_rolling, name) for name in BALANCES}
-        return {**known, "contact": law_of_contact}
+        laws = {name: partial(balance if name in OF_CONTACT else _of_rolling, name) for name in BALANCES}
+        return {**laws, "contact": law_of_contact}
     return {**{name: partial(balance, name) for name in BALANCES}, "contact": contact}
 
 

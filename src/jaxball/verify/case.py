@@ -45,8 +45,8 @@ class Case:
     given: Trajectory[Any, Any] | None = None
 
     @property
-    def state(self) -> AbstractState:
-        """The initial state; with a law of contact also a ``ReleasedState``."""
+    def state(self) -> Any:
+        """The initial state, an ``AbstractState``; with a law of contact also a ``ReleasedState``."""
         require_whole_run(self.scenario, "the laws of a verification are")
         return self.scenario.state
 
@@ -80,7 +80,7 @@ class Case:
         """The same motion by Dopri8 at a tolerance of 1e-13, or a tenth of the run's if that is tighter."""
         return self.precise(self.state)
 
-    def precise(self, state: AbstractState) -> Trajectory[Any, Any]:
+    def precise(self, state: Any) -> Trajectory[Any, Any]:
         """The motion from an initial state, as precise as possible."""
         return self.other(diffrax.Dopri8(), state=state, tolerance=self.finest)
 
@@ -89,7 +89,7 @@ class Case:
         solver: diffrax.AbstractAdaptiveSolver,
         *,
         system: AbstractSystem | None = None,
-        state: AbstractState | None = None,
+        state: Any = None,
         tolerance: float | None = None,
         dae: bool = False,
     ) -> Trajectory[Any, Any]:
@@ -170,9 +170,7 @@ class Case:
 
 
 @programs.filter_jit
-def _displace(
-    system: AbstractSystem, t: Float[ArrayLike, ""], state: AbstractState, change: Float[Array, " size"]
-) -> AbstractState:
+def _displace(system: AbstractSystem, t: Float[ArrayLike, ""], state: Any, change: Float[Array, " size"]) -> Any:
     body = state.body if isinstance(state, ReleasedState) else state
     vector, unravel = ravel_pytree(body)
     moved = system.prepare().projected(to_array(t), unravel(vector + change))

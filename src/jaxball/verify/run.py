@@ -9,6 +9,7 @@ import numpy as np
 from ..interface.arguments import require_flags
 from ..interface.wording import did_you_mean
 from ..numerics.arrays import Numbers
+from ..physics.contact.released import ReleasedState
 from ..physics.state import ReducedState, RotationState
 from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario
@@ -27,7 +28,7 @@ UNSAID = ("closed-form", "moving-energy", "saved")  # without a closed form, a t
 def verify(
     system: Scenario | Trajectory[Any, Any] | AbstractSystem,
     times: Numbers | None = None,
-    state: AbstractState | None = None,
+    state: AbstractState | ReleasedState | None = None,
     *,
     laws: Sequence[str] | None = None,
     quick: bool = False,

@@ -324,9 +324,9 @@ def _varies(packing: Packing[Any, Any], x: Float[Array, " size"]) -> Float[Array
     state = jax.tree.map(jnp.ones_like, packing.unravel(x))
     if isinstance(state, ContactState):
         of_mode = [name for name in ("mode", "begun", "near", "rolls", "spin", "rolling") if hasattr(state, name)]
-        known = [getattr(state, name) for name in of_mode]
+        labels = [getattr(state, name) for name in of_mode]
         state = eqx.tree_at(
-            lambda x: [getattr(x, name) for name in of_mode], state, jax.tree.map(jnp.zeros_like, known)
+            lambda x: [getattr(x, name) for name in of_mode], state, jax.tree.map(jnp.zeros_like, labels)
         )
     return ravel_state(state)[0]
 

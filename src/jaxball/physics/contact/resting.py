@@ -134,8 +134,9 @@ class RestingOnPlane(BodyOnPlane):
         """That rate while ω is constant, in contact axes; None on a plane. ``under`` is the footing, if it is known."""
         if not over.has_surface(self.body):
             return None
-        touching, given = ~state.is_in(Mode.FLIGHT), state.released
-        under = released_footing(self.body, t, given.body, given.V, given.height, touching) if under is None else under
+        touching = ~state.is_in(Mode.FLIGHT)
+        if under is None:
+            under = released_footing(self.body, t, state.body, state.V, state.height, touching)
         carried = carried_rate(self.body, t, state.body, under)
         assert carried is not None
         return jnp.where(touching, apply(self.contact_axes(t, state).rows, carried), 0.0)
