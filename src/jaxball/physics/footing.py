@@ -28,8 +28,8 @@ def surface_under(system: BodyParameters, t: Float[Array, ""], state: Any) -> Ab
     return surface.following(t, *(values[-count:] for values in (state.theta, state.thetadot, accelerations)))
 
 
-def placed_surface(system: BodyParameters, t: Float[Array, ""], state: Any) -> AbstractSurface | None:
-    """The surface under a body with the place and the velocity that a state gives it; None on a plane.
+def locate_surface(system: BodyParameters, t: Float[Array, ""], state: Any) -> AbstractSurface | None:
+    """Locates the surface under a body, with the place and the velocity that a state gives it; None on a plane.
 
     Unlike :func:`surface_under` it asks no law for accelerations, so that it needs no place of the body.
     """
@@ -144,7 +144,7 @@ class ContactAxes(NamedTuple):
     @classmethod
     def of(cls, system: BodyParameters, t: Float[Array, ""], state: Any) -> "ContactAxes":
         """Those at a state."""
-        surface = placed_surface(system, t, state)
+        surface = locate_surface(system, t, state)
         if surface is None:
             return cls(state.Lambda, None)
         axes, spin = _axes_and_spin(surface, t, system.radius, state.z)

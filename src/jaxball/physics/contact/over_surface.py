@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from ...numerics.vectors import dot, root
 from ...programs.derivatives.differentiation import without_derivatives
 from ..body import AbstractBody
-from ..footing import placed_surface
+from ..footing import locate_surface
 from ..surfaces import AbstractSurface
 from .modes import ContactState, Mode
 from .released import position
@@ -51,7 +51,7 @@ def with_place(system: AbstractBody, t: Float[Array, ""], state: ContactState, p
 
 def with_nearest_piece(system: AbstractBody, t: Float[Array, ""], packed: ContactState) -> ContactState:
     """The inverse of :func:`with_place`: with the nearest piece of a surface, and the height over it."""
-    surface, r = placed_surface(system, t, packed.body), system.radius
+    surface, r = locate_surface(system, t, packed.body), system.radius
     if surface is None:
         return packed
 
@@ -96,7 +96,7 @@ def clearance_for_landing(
 
     Nor does a body land that has passed below the ground, whose centre is on the other side.
     """
-    surface = placed_surface(system, t, state.body)
+    surface = locate_surface(system, t, state.body)
     if surface is None or not surface.has_edge:
         return above
     r = system.radius
@@ -109,7 +109,7 @@ def longest_flight(system: AbstractBody, t: Float[Array, ""], state: ContactStat
     The flight itself is a parabola, which a step of any length has; but one that goes beyond a hill shows nothing of it
     at the few times at which its guards are evaluated. Infinite in other modes, and over a plane.
     """
-    surface = placed_surface(system, t, state.body)
+    surface = locate_surface(system, t, state.body)
     if surface is None:
         return jnp.inf
     touch = surface.touch_at(t, state.body.z)

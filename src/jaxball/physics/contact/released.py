@@ -36,7 +36,7 @@ from ..body import AbstractBody
 from ..coupling import Joints, join_coordinates
 from ..dynamics import equations
 from ..energy import kinetic_energy, potential_energy
-from ..footing import placed_surface, released_footing
+from ..footing import locate_surface, released_footing
 from ..load import Load, in_three, load, place, table_under
 from ..moments import kinematics, point_mass_values, principal_inertia
 from ..motion import Kinematics
@@ -85,7 +85,7 @@ def rolling_contact(
     system: AbstractBody, t: Float[Array, ""], body: PlacedState
 ) -> tuple[Float[Array, "3"], Float[Array, "3 3"] | None]:
     """w + r ω × n, which V is without slip, space axes, and the contact axes as rows; None for those of space."""
-    r, surface = system.radius, placed_surface(system, t, body)
+    r, surface = system.radius, locate_surface(system, t, body)
     if surface is None:
         return in_three(centre_velocity(body.Lambda, body.Omega, r, system.drift(t, body))), None
     touch = surface.touch_at(t, body.z)
@@ -319,7 +319,7 @@ def released_energy(system: AbstractBody, t: Float[Array, ""], state: ReleasedSt
 
 def position(system: AbstractBody, t: Float[Array, ""], state: ReleasedState) -> Float[Array, "3"]:
     """Where the geometric centre is, space axes; a plane is at the height −r."""
-    body, surface = state.body, placed_surface(system, t, state.body)
+    body, surface = state.body, locate_surface(system, t, state.body)
     if surface is None:
         return in_three(place(body)).at[2].set(state.height)
     return surface.place_of_centre(t, system.radius + state.height, body.z)

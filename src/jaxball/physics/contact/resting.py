@@ -127,11 +127,13 @@ class RestingOnPlane(BodyOnPlane):
 
     def rate_over_ground(self, t: Float[Array, ""], state: Any, Omegadot: Float[Array, "3"]) -> Float[Array, "3"]:
         """The rate of ω relative to the ground, in contact axes, from Ω̇."""
-        rate, carried = apply(self.contact_axes(t, state).rows, Omegadot), self.carried_rate(t, state)
+        rate, carried = apply(self.contact_axes(t, state).rows, Omegadot), self.compute_carried_rate(t, state)
         return rate if carried is None else rate + carried
 
-    def carried_rate(self, t: Float[Array, ""], state: Any, under: Footing | None = None) -> Float[Array, "3"] | None:
-        """That rate while ω is constant, in contact axes; None on a plane. ``under`` is the footing, if it is known."""
+    def compute_carried_rate(
+        self, t: Float[Array, ""], state: Any, under: Footing | None = None
+    ) -> Float[Array, "3"] | None:
+        """Computes that rate while ω is constant, contact axes; None on a plane. ``under`` is the footing, if known."""
         if not over.has_surface(self.body):
             return None
         touching = ~state.is_in(Mode.FLIGHT)
@@ -176,7 +178,7 @@ class RestingOnPlane(BodyOnPlane):
     def resisting(self, t: Float[Array, ""], state: RestingState) -> Resisting:
         """The body before its mode of turning is known."""
         found = response(self.body, t, state.released, touching=~state.is_in(Mode.FLIGHT))
-        carried = self.carried_rate(t, state, found.footing)
+        carried = self.compute_carried_rate(t, state, found.footing)
         return Resisting.of(self.body, self.contact_axes(t, state).rows, found, carried)
 
     def response(self, t: Float[Array, ""], state: Any) -> Response:
