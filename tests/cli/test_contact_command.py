@@ -95,7 +95,6 @@ def test_what_cannot_be_asked_for(arguments, sentence, capsys):
 @pytest.mark.parametrize(
     "command",
     [
-        ["verify", "hoop-with-backspin"],
         ["chaos", "bowling-ball"],
         ["chaos", "bowling-ball", "--poincare", "Omega[0]=0"],
         ["stability", "bowling-ball"],

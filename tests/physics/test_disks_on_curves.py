@@ -10,7 +10,6 @@ from jaxball import (
     Bowl,
     CarriedMass,
     ConstantRate,
-    Contact,
     Cylinder,
     Detachment,
     Disk,
@@ -353,8 +352,3 @@ def test_grounds_off_the_plane_of_a_disk(ground, name):
 def test_across_the_plane_a_ground_may_be_curved_as_it_likes():
     """A valley across, more curved than the disk, which touches its bottom alone."""
     assert not problems(Disk(**SOLID, ground=Paraboloid((0.0, 50.0))), DiskState(), t=[0.0, 1.0])
-
-
-def test_slip_is_for_planes():
-    with pytest.raises(TypeError, match="for a disk on a surface"):
-        simulate(Disk(**SOLID, ground=Bowl(1.0)), [0.0, 1.0], contact=Contact(friction=0.3))

@@ -8,14 +8,11 @@ from jaxball import (
     BallState,
     Bowl,
     ConstantRate,
-    Contact,
     Cylinder,
-    Disk,
     HeightField,
     MovingFrame,
     Paraboloid,
     ParametricSurface,
-    Resistance,
     SphereOutside,
     Status,
     Turn,
@@ -65,18 +62,6 @@ def test_ground_that_folds_on_the_way():
 @pytest.mark.parametrize(
     ("make", "error", "says"),
     [
-        (
-            lambda: simulate(Disk(mass=1.0, inertia=0.5, ground=Bowl(3.0)), [0.0, 1.0], contact=Contact(friction=0.3)),
-            TypeError,
-            "for a disk on a surface, which is known to roll only",
-        ),
-        (
-            lambda: simulate(
-                rolling(resistance=Resistance(exact=True, dry=0.1)), [0.0, 1.0], contact=Contact(friction=0.3)
-            ),
-            TypeError,
-            "rest beside slip and flight is known on planes only",
-        ),
         (lambda: balance(rolling(), []), ValueError, "for `balance`"),
         (lambda: HeightField(lambda x, y: x), TypeError, "a function of (t, x, y, parameters)"),
         (lambda: ParametricSurface(lambda t, u1, u2, _: u1), TypeError, "an array of shape (3,)"),

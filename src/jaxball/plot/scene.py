@@ -82,9 +82,9 @@ def draw_trail(
 
 
 def _trail_on(ax: Axes, ground: Mesh | Curve, trajectory: Trajectory, **look: Any) -> Callable[[int], None]:
-    """Draws the trail over a surface: on the pieces that the ball has touched, and above it where the ball flew."""
+    """Draws the trail over a surface: on the pieces that the body has touched, and above it where that flew."""
     modes, rows = modes_of(trajectory), finite_rows(trajectory)
-    if not modes.spells or isinstance(ground, Curve):
+    if not modes.spells:
         trail = line(ax, color=TRAIL, **look)
         return lambda k: move(trail, ground.trail(k))
     times, height = np.asarray(trajectory.times)[rows], np.asarray(trajectory.history.over_time["height"])[rows]

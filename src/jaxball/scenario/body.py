@@ -192,6 +192,13 @@ def rolling_state(scenario: "Scenario", what: str, error: type[ScenarioError] = 
             f"Key `contact` must be left out here, because {what} for bodies that always roll; `jaxball simulate` and "
             "studies accept it."
         )
+    require_whole_run(scenario, what, error)
+    assert not isinstance(scenario.state, ReleasedState)  # which exists only with a law
+    return scenario.state
+
+
+def require_whole_run(scenario: "Scenario", what: str, error: type[ScenarioError] = ScenarioError) -> None:
+    """Refuses feedback, and events that end a run, for ``what`` (with its verb)."""
     if scenario.feedback is not None:
         raise error(
             f"Key `feedback` must be left out here, because {what} for runs without sampled feedback; `jaxball "
@@ -203,8 +210,6 @@ def rolling_state(scenario: "Scenario", what: str, error: type[ScenarioError] = 
                 f"Key `events.{name}.terminal` must be false here, because {what} for runs that no event ends; "
                 "`jaxball simulate` and studies accept it."
             )
-    assert not isinstance(scenario.state, ReleasedState)  # which exists only with a law
-    return scenario.state
 
 
 SHELL = {

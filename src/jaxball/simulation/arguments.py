@@ -17,7 +17,6 @@ from ..physics.contact.law import COEFFICIENTS, Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.contact.resting import RestingOnPlane
 from ..physics.dae import WITH_UNIT
-from ..physics.grounds import AbstractSurface
 from ..physics.modes.dry_rolling import DryRolling
 from ..physics.modes.dry_stick_slip import DryStickSlip
 from ..physics.modes.stick_slip import StickSlip
@@ -250,21 +249,6 @@ def system_to_solve(system: AbstractSystem, contact: Contact | None) -> Abstract
         raise TypeError(
             f"Argument `contact` must be None for a {type(system).__name__}, which is neither a Ball nor a Disk, but "
             f"it is {describe(contact)}."
-        )
-    if system.planar and isinstance(system.ground, AbstractSurface):
-        raise TypeError(
-            "Argument `contact` must be None for a disk on a surface, which is known to roll only; use a Ball, or a "
-            "Ground."
-        )
-    if system.is_held and isinstance(system.ground, AbstractSurface):
-        raise TypeError(
-            "Argument `contact` must be None for a body with exact dry resistance on a surface, because rest beside "
-            "slip and flight is known on planes only; give its Resistance `exact=False`, or the body a Ground."
-        )
-    if isinstance(system.ground, AbstractSurface) and system.ground.driven:
-        raise TypeError(
-            "Argument `contact` must be None on a surface whose angles a law drives, where a body is known to "
-            "roll only; give its angles schedules."
         )
     if system.sticking:
         have = "has" if len(system.sticking) == 1 else "have"

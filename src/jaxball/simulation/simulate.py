@@ -17,6 +17,7 @@ from ..interface.status import Status
 from ..numerics.arrays import Numbers, is_traced
 from ..physics.body import System
 from ..physics.contact.law import Contact
+from ..physics.contact.modes import ContactState, Mode
 from ..physics.contact.released import ReleasedState
 from ..physics.dynamics.footing import end_of_ground, has_end
 from ..physics.hybrid import Accuracy
@@ -430,8 +431,10 @@ def _status(solution: diffrax.Solution, packing: Packing[Any, Any]) -> Array:
 
 def _cause_of_end(packing: Packing[Any, Any], t: Array, x: Array) -> Array:
     """Whether the ground lets a body not go on from a vector: a status, or SUCCESS if it does."""
-    system = packing.system
-    return end_of_ground(system.shown, t, system.shown_state(packing.unpack(t, x)))
+    system, state = packing.system, packing.unpack(t, x)
+    end = end_of_ground(system.shown, t, system.shown_state(state))
+    # In flight it needs no ground.
+    return jnp.where(state.is_in(Mode.FLIGHT), int(Status.SUCCESS), end) if isinstance(state, ContactState) else end
 
 
 def status_of(result: diffrax.RESULTS) -> Array:

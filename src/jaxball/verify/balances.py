@@ -4,15 +4,20 @@ from collections.abc import Callable
 from functools import partial
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from ..classical import HeavyTop
 from ..physics.body import AbstractBody, Disk
+from ..physics.contact.body_on_plane import ContactHistory
+from ..physics.contact.modes import Mode
 from ..physics.dynamics.moments import Moments
 from ..physics.grounds import AbstractSurface
 from ..physics.grounds.ground import Ground
+from ..physics.prescribed.motion import Fixed
+from ..physics.prescribed.schedules import AbstractSchedule
 from ..physics.rolling import AbstractRollingSystem
 from ..physics.state import DiskState
 from ..scenario import Scenario
@@ -27,6 +32,7 @@ MASSES_MOVE = "masses move"
 PLANAR = "a disk rolls in a plane, where it is zero"
 NO_TURNTABLE = "the ground has no turntable"
 NO_VERSOR = "a disk's state has no versor"
+OF_CONTACT = ("energy", "norm")  # balances that are known for a body with a law of contact
 MEANINGLESS = (MASSES_MOVE, PLANAR, NO_VERSOR, NO_TURNTABLE)  # reasons for which there is no quantity that could change
 
 
@@ -131,13 +137,42 @@ def laws_along(scenario: Scenario) -> dict[str, Callable[[Case], Row]]:
         names = eqx.filter_eval_shape(type(scenario.system).laws, scenario.system, *start)._fields
         balances = {name: partial(balance, name) for name in names}
         return balances | ({"contact": contact} if isinstance(scenario.system, AbstractRollingSystem) else {})
+    if scenario.may_slip:
+        laws = {name: partial(balance if name in OF_CONTACT else _of_rolling, name) for name in BALANCES}
+        return {**laws, "contact": law_of_contact}
     return {**{name: partial(balance, name) for name in BALANCES}, "contact": contact}
+
+
+def law_of_contact(case: Case) -> Row:
+    """The row of N ≥ 0 and |f| ≤ μN at the saved times, with the kinetic coefficient of a slip; over the weight."""
+    run, seen, law = case.run, case.run.observables, case.scenario.contact
+    assert law is not None
+    assert isinstance(run.history, ContactHistory)
+    N, f = np.asarray(seen.normal_force), np.linalg.norm(np.asarray(seen.friction), axis=1)
+    mode, slip = np.asarray(run.history.mode), np.linalg.norm(np.asarray(run.history.slip)[:, :2], axis=1)
+    sliding = np.asarray(jax.vmap(law.coefficient)(jnp.asarray(slip)))
+    mu = np.where(mode == Mode.SLIDING, sliding, np.where(mode == Mode.FLIGHT, 0.0, float(law.static_friction)))
+    system = case.scenario.system
+    assert isinstance(system, AbstractBody)
+    unit = float(system.total_mass) * abs(float(system.gravity)) or 1.0
+    above = np.maximum(-N, f - mu * np.maximum(N, 0.0))
+    on_ground = mode != Mode.FLIGHT
+    lowest = f"{float(np.min(N[on_ground])) / unit:.4g} of the weight" if on_ground.any() else "in flight throughout"
+    expected = SAFETY * case.steps * case.tolerance
+    return Row("contact", float(np.max(above)) / unit, expected, note=f"the least N on the ground: {lowest}")
+
+
+def _of_rolling(name: str, case: Case) -> Row:
+    """The row of a law that is known only for bodies that roll."""
+    return Row(name, reason=f"the body has {case.run.history.described}")
 
 
 def _why_not(name: str, case: Case) -> str:
     system, samples = case.scenario.system, case.samples
     if not isinstance(system, AbstractBody):
         return _why_not_classical(name, case)
+    if case.scenario.may_slip:
+        return _why_not_with_contact(name, case)
     assert samples.moments is not None
     assert samples.axis is not None
     if name == "moving-energy":
@@ -150,6 +185,21 @@ def _why_not(name: str, case: Case) -> str:
         return "the ground is no plane"
     if isinstance(case.state, DiskState):
         return {"norm": NO_VERSOR, "jellett-rate": PLANAR}.get(name, "")
+    return ""
+
+
+def _why_not_with_contact(name: str, case: Case) -> str:
+    """Why a balance does not apply to a body with a law of contact."""
+    system, history = case.scenario.system, case.run.history
+    assert isinstance(system, AbstractBody)
+    assert isinstance(history, ContactHistory)
+    if name == "norm":
+        return NO_VERSOR if isinstance(system, Disk) else ""
+    strikes = bool(np.any(np.asarray(history.switches.lost) != 0))
+    moved = any(not isinstance(group.motion, Fixed) for group in system.groups) or bool(system.accelerated)
+    scheduled = any(isinstance(drive, AbstractSchedule) for m in system.mechanisms for drive in m.drives)
+    if strikes and (moved or scheduled or case.samples.ground_moves):
+        return "what is moved by schedules or a law does work in impacts"
     return ""
 
 

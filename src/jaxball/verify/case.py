@@ -6,18 +6,20 @@ from functools import cached_property, partial
 from typing import Any
 
 import diffrax
+import equinox as eqx
 import jax
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .. import programs
 from ..interface.html import repr_html
 from ..interface.status import Status
 from ..numerics.arrays import to_array
+from ..physics.contact.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario
-from ..scenario.body import rolling_state
+from ..scenario.body import require_whole_run
 from ..scenario.solvers import SOLVERS
 from ..simulation.arguments import FINEST
 from ..simulation.deviations import generic_vectors
@@ -33,6 +35,7 @@ SAFETY = 10  # because step-size control keeps an estimate of the error, in the 
 INTERPOLATION = 10  # the interpolation error at the saved times, in steps
 ERROR_ALLOWED = 1e-3
 LEAST_ERROR = 1e-16
+NEXT_TO_IMPACT = 1e-6  # of the length of a run: how well the times of impacts are known
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -43,9 +46,10 @@ class Case:
     given: Trajectory[Any, Any] | None = None
 
     @property
-    def state(self) -> AbstractState:
-        """The initial state."""
-        return rolling_state(self.scenario, "the laws of a verification are")
+    def state(self) -> Any:
+        """The initial state, an ``AbstractState``; with a law of contact also a ``ReleasedState``."""
+        require_whole_run(self.scenario, "the laws of a verification are")
+        return self.scenario.state
 
     @property
     def tolerance(self) -> float:
@@ -77,7 +81,7 @@ class Case:
         """The same motion by Dopri8 at a tolerance of 1e-13, or a tenth of the run's if that is tighter."""
         return self.precise(self.state)
 
-    def precise(self, state: AbstractState) -> Trajectory[Any, Any]:
+    def precise(self, state: Any) -> Trajectory[Any, Any]:
         """The motion from an initial state, as precise as possible."""
         return self.other(diffrax.Dopri8(), state=state, tolerance=self.finest)
 
@@ -86,7 +90,7 @@ class Case:
         solver: diffrax.AbstractAdaptiveSolver,
         *,
         system: AbstractSystem | None = None,
-        state: AbstractState | None = None,
+        state: Any = None,
         tolerance: float | None = None,
         dae: bool = False,
     ) -> Trajectory[Any, Any]:
@@ -101,6 +105,7 @@ class Case:
             rtol=factor * self.scenario.rtol,
             atol=factor * self.scenario.atol,
             dae=dae,
+            contact=self.scenario.contact,
         )
         if system is None and not dae and solver == SOLVERS[self.scenario.solver]():
             # With dense output it is the program of the run itself, which is compiled already.
@@ -116,8 +121,22 @@ class Case:
         return (self.scenario.atol + self.scenario.rtol * largest) / self.tolerance
 
     def distance(self, a: AbstractState, b: AbstractState) -> Float[np.ndarray, " T"]:
-        """The distance of two motions at each saved time: the largest difference of a component over its weight."""
-        return np.max(np.abs(flat(a) - flat(b)) / self.weights[None], axis=1)
+        """The distance of two motions at each saved time: the largest difference of a component over its weight.
+
+        It is 0 at an impact, where the velocities before it may be compared with those after it.
+        """
+        distance = np.max(np.abs(flat(a) - flat(b)) / self.weights[None], axis=1)
+        return np.where(self.jumps, 0.0, distance)
+
+    @cached_property
+    def jumps(self) -> Bool[np.ndarray, " T"]:
+        """Whether velocities jump at a saved time, or next to it, as far as the run knows when."""
+        times = np.asarray(self.scenario.times)
+        if self.scenario.contact is None:
+            return np.zeros(len(times), bool)
+        jumps = np.asarray(self.run.switches.times)
+        jumps = jumps[np.isfinite(jumps) & (jumps > times[0])]
+        return np.any(np.abs(times[:, None] - jumps[None]) <= NEXT_TO_IMPACT * (times[-1] - times[0]), axis=1)
 
     @cached_property
     def errors(self) -> Float[np.ndarray, " T"]:
@@ -152,11 +171,11 @@ class Case:
 
 
 @programs.filter_jit
-def _displace(
-    system: AbstractSystem, t: Float[ArrayLike, ""], state: AbstractState, change: Float[Array, " size"]
-) -> AbstractState:
-    vector, unravel = ravel_pytree(state)
-    return system.prepare().projected(to_array(t), unravel(vector + change))
+def _displace(system: AbstractSystem, t: Float[ArrayLike, ""], state: Any, change: Float[Array, " size"]) -> Any:
+    body = state.body if isinstance(state, ReleasedState) else state
+    vector, unravel = ravel_pytree(body)
+    moved = system.prepare().projected(to_array(t), unravel(vector + change))
+    return eqx.tree_at(lambda x: x.body, state, moved) if isinstance(state, ReleasedState) else moved
 
 
 def flat(state: AbstractState) -> Float[np.ndarray, "T size"]:

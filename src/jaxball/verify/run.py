@@ -9,6 +9,7 @@ import numpy as np
 from ..interface.arguments import require_flags
 from ..interface.wording import did_you_mean
 from ..numerics.arrays import Numbers
+from ..physics.contact.released import ReleasedState
 from ..physics.state import ReducedState, RotationState
 from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario
@@ -27,7 +28,7 @@ UNSAID = ("closed-form", "moving-energy", "saved")  # without a closed form, a t
 def verify(
     system: Scenario | Trajectory[Any, Any] | AbstractSystem,
     times: Numbers | None = None,
-    state: AbstractState | None = None,
+    state: AbstractState | ReleasedState | None = None,
     *,
     laws: Sequence[str] | None = None,
     quick: bool = False,
@@ -46,13 +47,13 @@ def verify(
 
     If the solve fails, the report's ``failure`` says why.
 
-    **Raises:** ``ValueError`` for an unknown law and for a scenario with a law of contact, ``TypeError`` for states
-    without a position, and as :func:`jaxball.simulate`.
+    **Raises:** ``ValueError`` for an unknown law, and for a scenario with feedback or with an event that ends its run;
+    ``TypeError`` for states without a position, and as :func:`jaxball.simulate`.
     """
     require_flags(quick=quick)
     given = system if isinstance(system, Trajectory) else None
     case = Case(_scenario(system, times, state, settings), given)
-    _ = case.state  # raises for one with a law of contact
+    _ = case.state  # raises for one with feedback, or with an event that ends it
     known = {**laws_along(case.scenario), **CHECKS}
     chosen = (
         [name for name in known if not (quick and name in SLOW_COMPARISONS)]

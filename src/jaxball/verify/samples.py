@@ -3,6 +3,7 @@
 import dataclasses
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,16 +12,19 @@ from jaxtyping import Array, Float
 from .. import programs
 from ..numerics.vectors import apply, cross, dot
 from ..physics.body import AbstractBody
+from ..physics.contact.body_on_plane import BodyOnPlane
+from ..physics.contact.modes import ContactState
+from ..physics.contact.released import rolling_contact
 from ..physics.dynamics import integrals
 from ..physics.dynamics.energy import velocities
 from ..physics.dynamics.equations import accelerations
-from ..physics.dynamics.footing import footing
+from ..physics.dynamics.footing import contact_normal, footing
 from ..physics.dynamics.load import in_three, load
 from ..physics.dynamics.moments import Moments, kinematics, point_mass_values, principal_inertia
 from ..physics.grounds import Footing
 from ..physics.grounds.ground import Ground
-from ..physics.observables import Observables, observe
-from ..physics.packing import Packing
+from ..physics.observables import Observables, compute_observables, movement, observe
+from ..physics.packing import Packing, ravel_state
 from ..physics.prescribed.frames import frisvad
 from ..physics.prescribed.motion import Kinematics
 from ..physics.state import BallState, DiskState
@@ -36,6 +40,7 @@ GAUSS = np.polynomial.legendre.leggauss(GAUSS_NODES)
 FRACTIONS = np.concatenate([[0.0], (1 + GAUSS[0]) / 2, [1.0]])
 WEIGHTS = GAUSS[1] / 2
 DISPLACEMENT = 1e-6
+MATTER_AT_REST = 1e-12  # a speed of the ground's matter below which it is rounding
 
 
 class Balance(NamedTuple):
@@ -46,15 +51,21 @@ class Balance(NamedTuple):
 
 
 class Quantities(NamedTuple):
-    """Balances by the name of their law, and the moments of the masses, which determine which laws hold."""
+    """Balances by the name of their law, and the moments of the masses, which determine which laws hold.
+
+    ``matter`` is the velocity of the ground's matter under a body that may slip.
+    """
 
     balances: dict[str, Balance]
     moments: Moments | None
     axis: Float[Array, "3"] | None
+    matter: Float[Array, "3"] | None = None
 
 
 def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
     """The balances of any system in one state; of a body with joints that stick, those of the body."""
+    if isinstance(system, BodyOnPlane):
+        return _of_contact(system, t, state)
     system, state = system.shown, system.shown_state(state)
     if not isinstance(system, AbstractBody):
         laws, rates = system.laws(t, state)._asdict(), system.law_rates(t, state)
@@ -84,6 +95,27 @@ def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
     if isinstance(system.ground, Ground) and system.ground.turntable is not None:
         balances["moving-energy"] = moving_energy_balance(system, t, in_space, observables)
     return Quantities(balances, at, axis)
+
+
+def _of_contact(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) -> Quantities:
+    """The balances of a body that may slip and fly: its energy, with all that friction and impacts have dissipated."""
+    motion = movement(plane, t, state)
+    seen, body = compute_observables(plane.body, t, motion), motion.state
+    lost = state.friction_loss + state.impact_loss
+    assert motion.slip is not None
+    rubbing = -dot(motion.R, motion.slip.velocity)
+    balances = {
+        "energy": Balance(seen.energy + lost, seen.power + rubbing),
+        "norm": _constant(jnp.sqrt(jnp.sum(body.q**2))),
+    }
+    return Quantities(balances, None, None, rolling_contact(plane.body, t, state.body)[0] - _turning(plane, t, state))
+
+
+def _turning(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) -> Float[Array, "3"]:
+    """r ω × n, without the velocity of the ground's matter."""
+    body = state.body
+    normal = apply(body.Lambda, contact_normal(plane.body, t, body))
+    return plane.body.radius * cross(apply(body.Lambda, body.Omega), normal)
 
 
 def rolling_balance(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskState) -> Balance:
@@ -235,13 +267,14 @@ class Drift:
 @dataclasses.dataclass(frozen=True)
 class Samples:
     """The balances along a run: the ends of its steps, the drift by the name of the law, and the moments and axis at
-    the nodes.
+    the nodes. ``ground_moves`` says whether the ground's matter moves under a body that may slip.
     """
 
     times: Float[np.ndarray, " steps"]
     drifts: dict[str, Drift]
     moments: Moments | None
     axis: Float[np.ndarray, "steps nodes 3"] | None
+    ground_moves: bool = False
 
 
 def sample(trajectory: Trajectory[Any, Any], rtol: float, atol: float) -> Samples:
@@ -265,22 +298,37 @@ def sample(trajectory: Trajectory[Any, Any], rtol: float, atol: float) -> Sample
     def along(leaf: Any) -> np.ndarray:
         return np.asarray(leaf)[:number].reshape(*times.shape, -1)[:count]
 
-    drifts = {}
+    drifts, varies = {}, np.asarray(_varies(interpolant.packing, jnp.asarray(x[0])))
     for name, (value, rate) in evaluated.balances.items():
         A, A_displaced = along(value), np.asarray(value)[number:].reshape(len(starts), size, -1)[:count]
-        slope = np.abs(A_displaced - A[:, :1]) / change[:count, :, None]
+        slope = varies[None, :, None] * np.abs(A_displaced - A[:, :1]) / change[:count, :, None]
         allowed = (atol + rtol * np.abs(starts[:count]))[:, :, None]
         rounding = np.finfo(A.dtype).eps * np.max(np.abs(A))
         drifts[name] = Drift(
             residuals=drift(A[:, 0], A[:, -1], along(rate)[:, 1:-1], lengths),
             sensitivity=float(max(np.max(np.sum(slope * allowed, axis=1)), rounding)),
         )
+    if evaluated.matter is not None:
+        speeds = np.linalg.norm(along(evaluated.matter), axis=2)
+        return Samples(times[:count, -1], drifts, None, None, ground_moves=bool(np.max(speeds) > MATTER_AT_REST))
     if evaluated.moments is None:
         return Samples(times[:count, -1], drifts, None, None)
     at_nodes = jax.tree.map(
         lambda leaf: np.asarray(leaf)[:number].reshape(*times.shape, *leaf.shape[1:])[:count], evaluated
     )
     return Samples(times[:count, -1], drifts, at_nodes.moments, at_nodes.axis)
+
+
+def _varies(packing: Packing[Any, Any], x: Float[Array, " size"]) -> Float[Array, " size"]:
+    """1 for each entry of a vector that errors of a solve change, 0 for those that only say which mode it is in."""
+    state = jax.tree.map(jnp.ones_like, packing.unravel(x))
+    if isinstance(state, ContactState):
+        of_mode = [name for name in ("mode", "begun", "near", "rolls", "spin", "rolling") if hasattr(state, name)]
+        labels = [getattr(state, name) for name in of_mode]
+        state = eqx.tree_at(
+            lambda x: [getattr(x, name) for name in of_mode], state, jax.tree.map(jnp.zeros_like, labels)
+        )
+    return ravel_state(state)[0]
 
 
 def drift(

@@ -58,7 +58,7 @@ NOTHING = 1e-9  # a normal force below this part of its size in a step counts as
 
 
 class BodyOnPlane(AbstractSystem[ContactState]):
-    """A ball or a disk with a law of contact, on a plane, or a ball on a surface."""
+    """A ball or a disk with a law of contact, on a plane or a surface."""
 
     body: AbstractBody
     contact: Contact
@@ -248,6 +248,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
             state.height + over.rounding_of_height(self.body, t, state),
             jnp.where(slip[2] > 0, RISEN * slips.unit_of_time(self.body) * slip[2], -jnp.inf),
         )
+        above = over.clearance_for_landing(self.body, t, state, above)
         rolls, slides = state.is_in(Mode.ROLLING), state.is_in(Mode.SLIDING)
         return jnp.stack(
             [

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 from ...numerics.vectors import dot, root
 from ...programs.derivatives.differentiation import without_derivatives
 from ..body import AbstractBody
+from ..dynamics.footing import locate_surface
 from ..grounds import AbstractSurface
 from .modes import ContactState, Mode
 from .released import position
@@ -27,29 +28,38 @@ def surface_under(system: AbstractBody) -> AbstractSurface | None:
     return system.ground if isinstance(system.ground, AbstractSurface) else None
 
 
+def has_surface(system: AbstractBody) -> bool:
+    """Whether the ground of a body is not a plane."""
+    return surface_under(system) is not None
+
+
 def near_to(system: AbstractBody, z: Array, height: Float[Array, "*batch"]) -> Float[Array, "*batch coordinates"]:
     """``near`` of states of a body that is next to its ground, at ``z``."""
-    return z if surface_under(system) is not None else jnp.zeros((*height.shape, 0), height.dtype)
+    if surface_under(system) is None:
+        return jnp.zeros((*height.shape, 0), height.dtype)
+    return z[..., None] if system.planar else z
 
 
 def with_place(system: AbstractBody, t: Float[Array, ""], state: ContactState, packed: ContactState) -> ContactState:
     """The packed state with the place of the centre, in flight over a surface, instead of ``z`` and the height."""
     if surface_under(system) is None:
         return packed
-    where = jnp.where(state.is_in(Mode.FLIGHT), position(system, t, state.released), _fields(state))
-    return _with_fields(packed, where, state.body.z)
+    place = _of_body(system, position(system, t, state.released))
+    where = jnp.where(state.is_in(Mode.FLIGHT), place, _fields(state))
+    return _with_fields(packed, where, near_to(system, state.body.z, state.height))
 
 
 def with_nearest_piece(system: AbstractBody, t: Float[Array, ""], packed: ContactState) -> ContactState:
     """The inverse of :func:`with_place`: with the nearest piece of a surface, and the height over it."""
-    surface, r = surface_under(system), system.radius
+    surface, r = locate_surface(system, t, packed.body), system.radius
     if surface is None:
         return packed
 
-    def piece_and_height(packed: ContactState) -> Float[Array, "3"]:
-        c = _fields(packed)
-        u = surface.foot(t, c, packed.near)
-        touch = surface.touch(t, u[0], u[1])
+    def piece_and_height(packed: ContactState) -> Float[Array, " fields"]:
+        place = _fields(packed)
+        c = jnp.stack([place[0], jnp.zeros_like(place[0]), place[1]]) if system.planar else place
+        u = surface.foot(t, c, packed.near[0] if system.planar else packed.near)
+        touch = surface.touch_at(t, u)
         return jnp.append(u, dot(touch.n, c - touch.p) - r)
 
     return _with_fields(packed, jax.lax.cond(packed.is_in(Mode.FLIGHT), piece_and_height, _fields, packed), packed.near)
@@ -59,12 +69,14 @@ def with_rates_of_place(system: AbstractBody, state: ContactState, rates: Contac
     """The rates of a packed state, from those of the ``state``: in flight over a surface, the place moves with V."""
     if surface_under(system) is None:
         return rates
-    return _with_fields(rates, jnp.where(state.is_in(Mode.FLIGHT), state.V, _fields(rates)), rates.near)
+    V = _of_body(system, state.V)
+    return _with_fields(rates, jnp.where(state.is_in(Mode.FLIGHT), V, _fields(rates)), rates.near)
 
 
 def with_piece_remembered(system: AbstractBody, t: Float[Array, ""], packed: ContactState) -> ContactState:
     """In flight, with the nearest piece as that from which the next ones are sought."""
-    u = without_derivatives(with_nearest_piece(system, t, packed)).body.z
+    nearest = without_derivatives(with_nearest_piece(system, t, packed))
+    u = near_to(system, nearest.body.z, nearest.height)
     near = jnp.where(packed.is_in(Mode.FLIGHT) & jnp.all(jnp.isfinite(u)), u, packed.near)
     return eqx.tree_at(lambda x: x.near, packed, near)
 
@@ -77,25 +89,45 @@ def rounding_of_height(system: AbstractBody, t: Float[Array, ""], state: Contact
     return HEIGHTS * float(jnp.finfo(c.dtype).eps) * (root(dot(c, c)) + r)
 
 
+def clearance_for_landing(
+    system: AbstractBody, t: Float[Array, ""], state: ContactState, above: Float[Array, ""]
+) -> Float[Array, ""]:
+    """A height from which a body lands, ``above``, or what is positive where it cannot: beyond the edge of a surface.
+
+    Nor does a body land that has passed below the ground, whose centre is on the other side.
+    """
+    surface = locate_surface(system, t, state.body)
+    if surface is None or not surface.has_edge:
+        return above
+    r = system.radius
+    return jnp.where(state.height < -r, r, jnp.maximum(above, r * surface.beyond_edge(t, state.body.z)))
+
+
 def longest_flight(system: AbstractBody, t: Float[Array, ""], state: ContactState) -> Float[Array, ""] | Any:
     """How long a step in flight over a surface may be, so that the body cannot come far nearer to any part of it.
 
     The flight itself is a parabola, which a step of any length has; but one that goes beyond a hill shows nothing of it
     at the few times at which its guards are evaluated. Infinite in other modes, and over a plane.
     """
-    surface = surface_under(system)
+    surface = locate_surface(system, t, state.body)
     if surface is None:
         return jnp.inf
-    touch = surface.touch(t, state.body.z[0], state.body.z[1])
+    touch = surface.touch_at(t, state.body.z)
     v, g = state.V - touch.w, jnp.abs(system.gravity)
     far = NEARER * (system.radius + jnp.maximum(state.height, 0.0))
     longest = far / (root(dot(v, v)) + root(2 * g * far))
     return jax.lax.stop_gradient(jnp.where(state.is_in(Mode.FLIGHT), longest, jnp.inf))
 
 
-def _fields(state: ContactState) -> Float[Array, "3"]:
+def _of_body(system: AbstractBody, v: Float[Array, "3"]) -> Float[Array, " fields"]:
+    """The components of a vector in space that a body's place has: those in its plane of a disk."""
+    return jnp.stack([v[0], v[2]]) if system.planar else v
+
+
+def _fields(state: ContactState) -> Float[Array, " fields"]:
     return jnp.append(state.body.z, state.height)
 
 
-def _with_fields(state: ContactState, where: Float[Array, "3"], near: Float[Array, "2"]) -> ContactState:
-    return eqx.tree_at(lambda x: (x.body.z, x.height, x.near), state, (where[:2], where[2], near))
+def _with_fields(state: ContactState, where: Float[Array, " fields"], near: Float[Array, " coordinates"]) -> Any:
+    z = jnp.reshape(where[:-1], state.body.z.shape)
+    return eqx.tree_at(lambda x: (x.body.z, x.height, x.near), state, (z, where[-1], near))

@@ -36,11 +36,11 @@ from ..body import AbstractBody
 from ..dynamics.coupling import Joints, join_coordinates
 from ..dynamics.energy import kinetic_energy, potential_energy
 from ..dynamics.equations import equations
-from ..dynamics.footing import released_footing
+from ..dynamics.footing import locate_surface, released_footing
 from ..dynamics.load import Load, in_three, load, place, table_under
 from ..dynamics.moments import kinematics, point_mass_values, principal_inertia
 from ..dynamics.reaction import reaction_in_body
-from ..grounds import AbstractSurface, Footing
+from ..grounds import Footing
 from ..prescribed.motion import Kinematics
 from ..state import DiskState, PlacedState, centre_velocity
 
@@ -85,11 +85,10 @@ def rolling_contact(
     system: AbstractBody, t: Float[Array, ""], body: PlacedState
 ) -> tuple[Float[Array, "3"], Float[Array, "3 3"] | None]:
     """w + r ω × n, which V is without slip, space axes, and the contact axes as rows; None for those of space."""
-    r, surface = system.radius, system.ground
-    if not isinstance(surface, AbstractSurface):
+    r, surface = system.radius, locate_surface(system, t, body)
+    if surface is None:
         return in_three(centre_velocity(body.Lambda, body.Omega, r, system.drift(t, body))), None
-    assert not isinstance(body, DiskState)
-    touch = surface.touch(t, body.z[0], body.z[1])
+    touch = surface.touch_at(t, body.z)
     return touch.w + r * cross(apply(body.Lambda, body.Omega), touch.n), touch.axes
 
 
@@ -320,8 +319,8 @@ def released_energy(system: AbstractBody, t: Float[Array, ""], state: ReleasedSt
 
 def position(system: AbstractBody, t: Float[Array, ""], state: ReleasedState) -> Float[Array, "3"]:
     """Where the geometric centre is, space axes; a plane is at the height −r."""
-    body, surface = state.body, system.ground
-    if not isinstance(surface, AbstractSurface):
+    body, surface = state.body, locate_surface(system, t, state.body)
+    if surface is None:
         return in_three(place(body)).at[2].set(state.height)
     return surface.place_of_centre(t, system.radius + state.height, body.z)
 

@@ -10,7 +10,7 @@ It can be eliminated, which leaves a ``Response`` of the same form, in which all
     T = K (ω̇_held − ω̇₀ − Y v̇_s) + N (d − K G d)        K = P (P G P + 1 − P)⁻¹ P
 
 Or v̇_s and N can be, for a contact that sticks or slips in a known direction, which leaves a ``Turning`` for the
-formulas of ``rest``. All vectors are in space axes.
+formulas of ``rest``. All vectors are in contact axes, and ω is relative to the ground: on a plane in space axes.
 """
 
 from typing import NamedTuple
@@ -42,7 +42,9 @@ class DryTorque(NamedTuple):
 class Resisting(NamedTuple):
     """A body that touches the plane, before its mode of turning is known.
 
-    ``response`` is that without the dry torque, ``omega`` is ω, ``axes`` Λ. ``axle`` is as in ``Turning``.
+    ``response`` is that without the dry torque. ``axes`` takes vectors from body axes to contact axes: on a plane it is
+    Λ. ``axle`` is as in ``Turning``. ``carried`` is the rate of ω relative to the ground while ω is constant, None on a
+    plane.
     """
 
     resistance: Resistance
@@ -50,16 +52,23 @@ class Resisting(NamedTuple):
     axes: Float[Array, "3 3"]
     radius: Float[Array, ""]
     axle: Float[Array, "3"] | None
+    carried: Float[Array, "3"] | None = None
 
     @classmethod
-    def of(cls, body: AbstractBody, axes: Float[Array, "3 3"], response: Response) -> "Resisting":
-        """That of a body with the attitude Λ; ``response`` has no dry torque."""
+    def of(
+        cls,
+        body: AbstractBody,
+        axes: Float[Array, "3 3"],
+        response: Response,
+        carried: Float[Array, "3"] | None = None,
+    ) -> "Resisting":
+        """That of a body; ``response`` has no dry torque."""
         assert isinstance(body.resistance, Resistance)
         axle = jnp.zeros_like(axes[0]).at[1].set(1.0) if body.planar else None
-        return cls(body.resistance, response, axes, body.radius, axle)
+        return cls(body.resistance, response, axes, body.radius, axle, carried)
 
     def turned(self, Omegadot: Float[Array, "rows 3"]) -> Float[Array, "rows 3"]:
-        """Λ times rows of Ω̇."""
+        """Rows of Ω̇ in contact axes."""
         return jnp.sum(Omegadot[:, None, :] * self.axes[None], axis=-1)
 
     @property
@@ -69,7 +78,9 @@ class Resisting(NamedTuple):
         assert twisting is not None
         up = jnp.zeros_like(self.axes[0]).at[2].set(1.0)
         G, lift = self.turned(twisting.Omegadot).T, twisting.reaction[:, 2]
-        return Turning(up, self.axle, apply(self.axes, rolling.Omegadot), G, rolling.reaction[2], lift, self.radius)
+        rate = apply(self.axes, rolling.Omegadot)
+        rate = rate if self.carried is None else rate + self.carried
+        return Turning(up, self.axle, rate, G, rolling.reaction[2], lift, self.radius)
 
     def turning(self, slides: Bool[Array, ""], mu: Float[Array, ""], sigma: Float[Array, "2"]) -> Turning:
         """How the body turns while the contact slides in a direction σ, or does not slip."""

@@ -1,9 +1,9 @@
-"""A body that rolls, slides or flies on a plane where exact dry resistance may hold it at rest.
+"""A body that rolls, slides or flies where exact dry resistance may hold it at rest on its ground.
 
-The modes are those of a body on a plane, and in each of them but flight the body turns, or is held against rolling or
-against spinning. A body that does not slip and is held against rolling is at rest. One that slips may be held, too: it
-slides without turning where sliding friction is less than dry resistance. In flight the plane resists nothing. Impacts
-have no impulse of dry resistance.
+The modes are those of a body on its ground, and in each of them but flight the body turns, or is held against rolling
+or against spinning. A body that does not slip and is held against rolling is at rest. One that slips may be held, too:
+it slides without turning where sliding friction is less than dry resistance. In flight the ground resists nothing.
+Impacts have no impulse of dry resistance.
 
 What ends a mode are the three guards of a contact, and those of ``dry_rolling``: the rate of rolling or of spinning in
 its direction, or what dry resistance has to spare where it holds the body.
@@ -20,11 +20,13 @@ from jaxtyping import Array, Bool, Float, Int
 from ...numerics.directions import unit
 from ...numerics.vectors import apply, root
 from ..body import AbstractBody
+from ..dynamics.footing import ContactAxes, carried_rate, released_footing
 from ..dynamics.load import Load
 from ..forces.resistance import TurningMode
+from ..grounds import Footing
 from ..hybrid import NONE, Accuracy, Assessment, GuardedStep, Transition
 from ..state import PlacedState
-from . import friction, slip as slips
+from . import friction, over_surface as over, slip as slips
 from .body_on_plane import BodyOnPlane, ContactHistory
 from .modes import ContactState, Mode, SwitchCause
 from .released import ReleasedState, Response, response, slip_velocity
@@ -38,7 +40,8 @@ TURNING_GUARD, SPINNING_GUARD = 3, 4  # after the three of a contact
 class RestingState(ContactState):
     """The variables of a body that may slip, fly and rest, which a solve advances.
 
-    A solve advances ω in space axes instead of Ω, so that it is exactly 0 at rest.
+    A solve advances ω relative to the ground, in contact axes (in flight, and on a plane, those of space), instead of
+    Ω, so that it is exactly 0 at rest.
 
     - ``rolls``: 0 where dry resistance holds the body against rolling, else 1.
     - ``spin``: the sign of ω₃ where friction acts against spinning; 0 where it holds it, and where there is none.
@@ -93,21 +96,55 @@ class RestingOnPlane(BodyOnPlane):
 
     def to_packed(self, t: Float[Array, ""], state: Any) -> Any:
         packed = super().to_packed(t, state)
-        omega = apply(state.body.Lambda, state.body.Omega)
-        return eqx.tree_at(lambda x: x.body, packed, packed.body.with_Omega(self.unless_held(state, omega)))
+        omega = self.unless_held(state, self.over_ground(t, state))
+        return eqx.tree_at(lambda x: x.body, packed, packed.body.with_Omega(omega))
 
     def from_packed(self, t: Float[Array, ""], packed: Any) -> Any:
         packed = packed.projected()
-        Omega = apply(packed.body.Lambda.T, packed.body.Omega)
+        Omega = self.contact_axes(t, packed).in_body(packed.body.Omega)
         return super().from_packed(t, eqx.tree_at(lambda x: x.body, packed, packed.body.with_Omega(Omega)))
 
     def packed_field(self, t: Float[Array, ""], packed: Any) -> Any:
-        moved, Lambda = super().packed_field(t, packed), packed.projected().body.Lambda
-        rate = self.unless_held(packed, apply(Lambda, moved.body.Omega))
-        return eqx.tree_at(lambda x: x.body, moved, moved.body.with_Omega(rate))
+        moved = super().packed_field(t, packed)
+        rate = self.rate_over_ground(t, self.from_packed(t, packed), moved.body.Omega)
+        return eqx.tree_at(lambda x: x.body, moved, moved.body.with_Omega(self.unless_held(packed, rate)))
+
+    def contact_axes(self, t: Float[Array, ""], state: Any) -> ContactAxes:
+        """The axes of the contact at a state, packed or not; in flight those of space, which are at rest."""
+        body = state.body
+        if not over.has_surface(self.body):
+            return ContactAxes(body.Lambda, None)
+        flies = state.is_in(Mode.FLIGHT)
+        # In flight, the place of a packed state has no coordinates.
+        u = jnp.where(flies, jnp.reshape(state.near, body.z.shape), body.z)
+        touching = ContactAxes.of(self.body, t, eqx.tree_at(lambda x: x.z, body, u))
+        assert touching.spin is not None
+        return ContactAxes(jnp.where(flies, body.Lambda, touching.rows), jnp.where(flies, 0.0, touching.spin))
+
+    def over_ground(self, t: Float[Array, ""], state: Any) -> Float[Array, "3"]:
+        """ω relative to the ground, in contact axes."""
+        return self.contact_axes(t, state).over_ground(state.body.Omega)
+
+    def rate_over_ground(self, t: Float[Array, ""], state: Any, Omegadot: Float[Array, "3"]) -> Float[Array, "3"]:
+        """The rate of ω relative to the ground, in contact axes, from Ω̇."""
+        rate, carried = apply(self.contact_axes(t, state).rows, Omegadot), self.compute_carried_rate(t, state)
+        return rate if carried is None else rate + carried
+
+    def compute_carried_rate(
+        self, t: Float[Array, ""], state: Any, under: Footing | None = None
+    ) -> Float[Array, "3"] | None:
+        """Computes that rate while ω is constant, contact axes; None on a plane. ``under`` is the footing, if known."""
+        if not over.has_surface(self.body):
+            return None
+        touching = ~state.is_in(Mode.FLIGHT)
+        if under is None:
+            under = released_footing(self.body, t, state.body, state.V, state.height, touching)
+        carried = carried_rate(self.body, t, state.body, under)
+        assert carried is not None
+        return jnp.where(touching, apply(self.contact_axes(t, state).rows, carried), 0.0)
 
     def unless_held(self, state: RestingState, omega: Float[Array, "3"]) -> Float[Array, "3"]:
-        """ω, or its rate, in space axes, with 0 for what friction holds."""
+        """ω over the ground, or its rate, in contact axes, with 0 for what friction holds."""
         rests = state.rolls == 0
         return jnp.where(jnp.stack([rests, rests, self.is_held_still(state)]), 0.0, omega)
 
@@ -126,22 +163,23 @@ class RestingOnPlane(BodyOnPlane):
     # The plane.
 
     def mode(self, t: Float[Array, ""], state: RestingState, sigma: Float[Array, "2"] | None = None) -> TurningMode:
-        """The mode of turning, in space axes, of a body that rolls in the direction ``sigma``, if that is known."""
+        """The mode of turning, in contact axes, of a body that rolls in the direction ``sigma``, if that is known."""
         direction = self.direction(t, state) if sigma is None else sigma
         rests = state.rolls == 0
         sigma3 = jnp.where(rests, 0.0, jnp.concatenate([direction, jnp.zeros_like(direction[:1])]))
         return TurningMode(sigma3, state.spin, rests, self.is_held_still(state), jnp.zeros_like(sigma3))
 
     def direction(self, t: Float[Array, ""], state: RestingState) -> Float[Array, "2"]:
-        """The direction of ω_h of a body that rolls, space axes."""
-        omega = apply(state.body.Lambda, state.body.Omega)
+        """The direction of ω_h of a body that rolls, contact axes."""
+        omega = self.over_ground(t, state)
         begins = t <= state.rolling.until
         return jnp.where(begins, state.rolling.direction(t), unit(omega[:2]))
 
     def resisting(self, t: Float[Array, ""], state: RestingState) -> Resisting:
         """The body before its mode of turning is known."""
         found = response(self.body, t, state.released, touching=~state.is_in(Mode.FLIGHT))
-        return Resisting.of(self.body, state.body.Lambda, found)
+        carried = self.compute_carried_rate(t, state, found.footing)
+        return Resisting.of(self.body, self.contact_axes(t, state).rows, found, carried)
 
     def response(self, t: Float[Array, ""], state: Any) -> Response:
         resisting = self.resisting(t, state)
@@ -155,14 +193,14 @@ class RestingOnPlane(BodyOnPlane):
     def dry_torque(
         self, t: Float[Array, ""], state: Any, interaction: friction.Interaction, acting: Load
     ) -> Float[Array, "3"]:
-        _, torque = self.torque(t, state)
-        return apply(state.body.Lambda.T, torque(interaction.slip_acceleration, interaction.normal))
+        resisting, torque = self.torque(t, state)
+        return apply(resisting.axes.T, torque(interaction.slip_acceleration, interaction.normal))
 
     # The guards.
 
     def step_reference(self, t: Float[Array, ""], state: Any, accuracy: Accuracy) -> Any:
         """The headings of a slip and of rolling as a step begins."""
-        sigma, omega = self.direction(t, state), apply(state.body.Lambda, state.body.Omega)
+        sigma, omega = self.direction(t, state), self.over_ground(t, state)
         errors = accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2))
         heading = Heading.of(sigma, omega[:2], self._unit_of_rate(omega), errors)
         if self.body.planar:
@@ -181,7 +219,7 @@ class RestingOnPlane(BodyOnPlane):
         found = resisting.resist_turning(torque)
         acting = self.interaction(t, state, found)
         of_contact = self.guards_of_contact(t, state, reference.slip, found, acting)
-        spare, omega = resisting.spare(torque, acting), apply(state.body.Lambda, state.body.Omega)
+        spare, omega = resisting.spare(torque, acting), self.over_ground(t, state)
         flies, one = state.is_in(Mode.FLIGHT), jnp.ones_like(state.height)
         rolling = spinning = one
         if self.resists_rolling:
@@ -214,7 +252,7 @@ class RestingOnPlane(BodyOnPlane):
         stops, ends = rolls & (step.zero == TURNING_GUARD), turns & step.has_fallen
         nears, longest = jnp.zeros_like(turns), contact.longest
         if not self.body.planar:
-            least, omega = reference.rolling.least, apply(state.body.Lambda, state.body.Omega)
+            least, omega = reference.rolling.least, self.over_ground(step.end, state)
             errors = slips.ERRORS * (accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2)))
             slow = root(jnp.sum(omega[:2] ** 2)) <= 2 * least + errors
             ends = turns & jnp.where(stops, slow, step.has_fallen)

@@ -1,4 +1,4 @@
-"""What follows the end of a mode of a body on a plane where exact dry resistance may hold it: as in ``transition``.
+"""What follows the end of a mode of a body on its ground where exact dry resistance may hold it: as in ``transition``.
 
 Everything that does not move is held, as far as friction and dry resistance can do it: the most overloaded of them lets
 go first. A slip and rolling that begin at the same time each depend on the direction of the other, and their windows
@@ -15,14 +15,13 @@ from jaxtyping import Array, Bool, Float, Int
 from ...interface.status import Status
 from ...numerics.arrays import select_tree
 from ...numerics.directions import diverging, unit
-from ...numerics.vectors import apply
 from ...programs.derivatives.differentiation import without_derivatives
 from ..dynamics.rest import candidates, resist
 from ..forces.resistance import TurningMode
 from ..hybrid import START, Accuracy, Transition, at_zero
 from . import friction, slip as slips
 from .modes import CAUSES, Mode, SwitchCause
-from .released import ReleasedState, Response, rates, slip_velocity, with_slip
+from .released import ReleasedState, Response, rates, slip_velocity, with_rise, with_slip
 from .resisted import Resisting
 from .slip import Beginning, Heading
 from .transition import Progress, end_slip, only_if, strike
@@ -91,9 +90,10 @@ def _next_mode(
 ) -> Progress:
     """The state that follows the end of a mode: after the end of a slip or of rolling, or an impact."""
     starts, decides = cause == int(SwitchCause.START), cause >= int(SwitchCause.START)
-    lands = (cause == int(SwitchCause.LANDS)) | starts & (state.height <= 0) & (state.V[2] < 0)
+    rise = plane.rise(t, state)
+    lands = (cause == int(SwitchCause.LANDS)) | starts & (state.height <= 0) & (rise < 0)
     still = (cause == int(SwitchCause.GIVES_WAY)) | state.is_in(Mode.ROLLING)
-    flies = (cause == int(SwitchCause.LIFTS)) | starts & ((state.height > 0) | (state.V[2] > 0))
+    flies = (cause == int(SwitchCause.LIFTS)) | starts & ((state.height > 0) | (rise > 0))
     none = Beginning.none(state.height)
     begun, rolling = (select_tree(decides | (x.until <= t), none, x) for x in (state.begun, state.rolling))
     if plane.body.planar:
@@ -152,7 +152,7 @@ def _end_rolling(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array
     state: Any = done.state
     if plane.body.planar:
         return done._replace(stands=jnp.asarray(True))
-    t, omega = done.t, apply(state.body.Lambda, state.body.Omega)[:2]
+    t, omega = done.t, plane.over_ground(done.t, state)[:2]
 
     def end(about: _Rolling) -> slips.End:
         about = about._replace(mode=plane.mode(t, state, unit(omega)))
@@ -171,8 +171,9 @@ def _end_rolling(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array
     about = _Rolling.of(plane, t + slips.HALFWAY * first.time, halfway)
     second = end(about)
     stopped = brake(about, second.time, 1.0, halfway).projected()
-    spin = apply(stopped.body.Lambda, stopped.body.Omega)[2]
-    at_rest = stopped.body.with_Omega(apply(stopped.body.Lambda.T, jnp.stack([0 * spin, 0 * spin, spin])))
+    axes = plane.contact_axes(t + second.time, stopped)
+    spin = axes.over_ground(stopped.body.Omega)[2]
+    at_rest = stopped.body.with_Omega(axes.in_body(jnp.stack([0 * spin, 0 * spin, spin])))
     stopped = eqx.tree_at(lambda x: x.body, stopped, at_rest)
     after = done._replace(t=t + second.time, before=stopped, state=stopped, stands=jnp.asarray(True))
     return select_tree(ends, after, done._replace(decides=jnp.asarray(False)))
@@ -277,7 +278,8 @@ def _decide(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> P
     # The rest of a slip that ends is dissipated by friction; one without an end continues.
     stopped = with_slip(body, given.released, found, slip, jnp.zeros_like(slip))
     state: Any = select_tree(still & ~flies & (choice.sticks | plane.slips_end), given.moved(stopped), given)
-    V = state.V.at[2].set(jnp.where(flies & (cause != int(SwitchCause.LIFTS)), state.V[2], 0.0))
+    rise = slip_velocity(body, t, state.released)[2]
+    V = with_rise(body, t, state.released, jnp.where(flies & (cause != int(SwitchCause.LIFTS)), rise, 0.0))
     mode = jnp.where(flies, int(Mode.FLIGHT), jnp.where(choice.sticks, int(Mode.ROLLING), int(Mode.SLIDING)))
     rolls = jnp.where(choice.mode.rests & ~flies, 0.0, 1.0).astype(V.dtype)
     spin = choice.mode.spin if plane.resists_spinning else jnp.zeros_like(choice.mode.spin)
@@ -292,13 +294,14 @@ def _decide(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> P
 
 
 def _clean(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> tuple[Any, Float[Array, "3"]]:
-    """The state, and ω, with exactly 0 for what has stopped or is held."""
-    state: Any = done.state
+    """The state, and ω over the ground, with exactly 0 for what has stopped or is held."""
+    state: Any = eqx.tree_at(lambda x: x.mode, done.state, jnp.full_like(done.state.mode, int(Mode.SLIDING)))
     assert done.stands is not None
-    omega = plane.unless_held(state, apply(state.body.Lambda, state.body.Omega))
+    axes, state = plane.contact_axes(done.t, state), done.state
+    omega = plane.unless_held(state, axes.over_ground(state.body.Omega))
     spin_ends = cause == int(SwitchCause.SPINNING_ENDS)
     omega = jnp.where(jnp.stack([done.stands, done.stands, spin_ends]), 0.0, omega)
-    body = state.body.with_Omega(apply(state.body.Lambda.T, omega))
+    body = state.body.with_Omega(axes.in_body(omega))
     return eqx.tree_at(lambda x: x.body, state, body), omega
 
 
@@ -364,10 +367,10 @@ class _Turning(NamedTuple):
     def pull(
         self, t: Float[Array, ""], state: ReleasedState, prepare: _Rolling, sigma: Float[Array, "2"]
     ) -> tuple[Float[Array, "2"], ReleasedState]:
-        """ω̇_h in space axes, and ẋ."""
+        """The rate of ω_h over the ground, in contact axes, and ẋ."""
         now = self.begins.moved(state)
         moved = prepare.rates(self.plane.body, now, self.plane.mode(t, now, sigma))
-        return apply(state.body.Lambda, moved.body.Omega)[:2], moved
+        return self.plane.rate_over_ground(t, now, moved.body.Omega)[:2], moved
 
 
 def _begin(plane: "RestingOnPlane", done: Progress) -> "RestingState":

@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...numerics.arrays import select_tree
 from ...numerics.vectors import apply, cross
 from ..grounds import AbstractSurface, Footing
+from ..grounds.surface import Coordinates
 from ..state import BallState, PlacedState, Rates
 from .parameters import BodyParameters
 
@@ -25,6 +26,21 @@ def surface_under(system: BodyParameters, t: Float[Array, ""], state: Any) -> Ab
     count = len(surface.driven)
     accelerations = system.law.among(system.accelerated, t, state)
     return surface.following(t, *(values[-count:] for values in (state.theta, state.thetadot, accelerations)))
+
+
+def locate_surface(system: BodyParameters, t: Float[Array, ""], state: Any) -> AbstractSurface | None:
+    """Locates the surface under a body, with the place and the velocity that a state gives it; None on a plane.
+
+    Unlike :func:`surface_under` it asks no law for accelerations, so that it needs no place of the body.
+    """
+    surface = system.ground
+    if not isinstance(surface, AbstractSurface):
+        return None
+    if not surface.driven:
+        return surface
+    count = len(surface.driven)
+    theta, thetadot = state.theta[-count:], state.thetadot[-count:]
+    return surface.following(t, theta, thetadot, jnp.zeros_like(theta))
 
 
 def footing(system: BodyParameters, t: Float[Array, ""], state: Any) -> Footing | None:
@@ -47,7 +63,8 @@ def released_footing(
     """How the surface under a body holds it while that slips or flies with the velocity ``V``; None on a plane.
 
     In flight no ground acts, and the motion is described as on a level plane at rest, for any height: the normal is e3,
-    and the contact axes are those of space. ``coordinate_rates`` are always those of the piece that is nearest.
+    and the contact axes are those of space. ``coordinate_rates`` are always those of the piece that is nearest; NaN,
+    which ends a solve with a status, where a body that touches the ground is beyond its edge.
     """
     surface = surface_under(system, t, state)
     if surface is None:
@@ -55,6 +72,9 @@ def released_footing(
     assert isinstance(state, PlacedState)
     r, omega = system.radius, apply(state.Lambda, state.Omega)
     held = surface.footing(t, r, state.z, omega, V, height)
+    if surface.has_edge:
+        over = jnp.asarray(touching) & ~(surface.beyond_edge(t, state.z) < 0)
+        held = held._replace(coordinate_rates=jnp.where(over, jnp.nan, held.coordinate_rates))
     axes, none = jnp.eye(3, dtype=r.dtype), jnp.zeros_like(V)
     free = held._replace(
         normal=axes[2],
@@ -124,8 +144,8 @@ class ContactAxes(NamedTuple):
     @classmethod
     def of(cls, system: BodyParameters, t: Float[Array, ""], state: Any) -> "ContactAxes":
         """Those at a state."""
-        surface = system.ground
-        if not isinstance(surface, AbstractSurface):
+        surface = locate_surface(system, t, state)
+        if surface is None:
             return cls(state.Lambda, None)
         axes, spin = _axes_and_spin(surface, t, system.radius, state.z)
         rows = jnp.sum(axes[:, :, None] * state.Lambda[None], axis=1)
@@ -141,18 +161,21 @@ class ContactAxes(NamedTuple):
         return apply(self.rows.T, omega if self.spin is None else omega + self.spin)
 
 
-def carried_rate(system: BodyParameters, t: Float[Array, ""], state: Any) -> Float[Array, "3"] | None:
+def carried_rate(
+    system: BodyParameters, t: Float[Array, ""], state: Any, under: Footing | None = None
+) -> Float[Array, "3"] | None:
     """The rate of the components of ω relative to the ground while ω is constant, in body axes; None on a plane.
 
     These components change as the axes of the contact turn along the path of the contact point and with the ground.
+    ``under`` is the footing of a body that touches its ground, that of rolling if not given.
     """
-    surface = system.ground
-    if not isinstance(surface, AbstractSurface):
+    surface = surface_under(system, t, state)
+    if surface is None:
         return None
     omega, u = apply(state.Lambda, state.Omega), state.z
-    under = surface.footing(t, system.radius, u, omega)
+    under = surface.footing(t, system.radius, u, omega) if under is None else under
 
-    def components(t: Float[Array, ""], u: Float[Array, "2"]) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
+    def components(t: Float[Array, ""], u: Coordinates) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
         axes, spin = _axes_and_spin(surface, t, system.radius, u)
         return apply(axes, omega - spin), axes
 
@@ -170,7 +193,7 @@ def rate_over_ground(
 
 
 def _axes_and_spin(
-    surface: AbstractSurface, t: Float[Array, ""], r: Float[Array, ""], u: Float[Array, "2"]
+    surface: AbstractSurface, t: Float[Array, ""], r: Float[Array, ""], u: Coordinates
 ) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
     """The axes of the contact as rows, space axes, and the angular velocity of the ground's matter."""
     under = surface.footing(t, r, u, jnp.zeros((3,), r.dtype))

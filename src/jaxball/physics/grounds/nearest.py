@@ -32,6 +32,16 @@ def nearest(surface: Any, t: Float[Array, ""], x: Float[Array, "3"], start: Floa
     return with_derivatives(u, _refine, search, u)
 
 
+class Section(NamedTuple):
+    """The section of a surface along which a disk rolls, drawn out along e2: its coordinates are z, and y."""
+
+    surface: Any
+
+    def point(self, t: Float[Array, ""], z: Float[Array, ""], y: Float[Array, ""]) -> Float[Array, "3"]:
+        """The point ``y`` beside the one at ``z`` of the section."""
+        return self.surface.point(t, *self.surface.section(z)).at[1].add(y)
+
+
 class _Search(NamedTuple):
     """A surface at a time, and what its point is to be the nearest to."""
 

@@ -19,6 +19,7 @@ from ..prescribed.schedules import AbstractSchedule
 from .moving_frame import MovingFrame, Turn
 from .surface import AbstractSurface, Coordinate, Time
 
+AXIS_ACROSS = 0.5  # the component along e2 of an axis that is not along the plane of a disk
 STAYS_IN_PLANE = "None or a schedule under a disk, which a law may only tilt about e2"
 
 
@@ -232,9 +233,13 @@ class Cylinder(AbstractSurface):
 
     def section(self, z: Coordinate) -> tuple[Coordinate, Coordinate]:
         """Along the axis, or around one along e2: from e1 upwards at the lowest line of the inside."""
-        along = unit_vector(self.axis)[1]
-        across, zero = jnp.abs(along) > 0.5, jnp.zeros_like(z)
+        along, zero = unit_vector(self.axis)[1], jnp.zeros_like(z)
+        across = jnp.abs(along) > AXIS_ACROSS
         return jnp.where(across, zero, z), jnp.where(across, -jnp.sign(along) * z, zero)
+
+    def along_section(self, u: Float[Array, "2"]) -> Coordinate:
+        along = unit_vector(self.axis)[1]
+        return jnp.where(jnp.abs(along) > AXIS_ACROSS, -jnp.sign(along) * u[1], u[0])
 
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         axis, start, across = self._directions

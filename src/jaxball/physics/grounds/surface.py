@@ -25,7 +25,7 @@ from ...numerics.vectors import cross, dot, root, unit_vector
 from ..conditions import Condition, ExplainedCondition, Problem
 from .ground import AbstractGround
 from .moving_frame import MovingFrame
-from .nearest import nearest
+from .nearest import Section, nearest
 
 CURVED = (
     "curved less than the ball where it starts, on the side of the ball, because a ball that is more curved than its "
@@ -144,6 +144,18 @@ class AbstractSurface(AbstractGround):
         """The coordinates of the point at ``z`` of the section along which a disk rolls: u1 = z and u2 = 0 at first."""
         return z, jnp.zeros_like(z)
 
+    def along_section(self, u: Float[Array, "2"]) -> Coordinate:
+        """The coordinate of a disk where both coordinates are ``u``: the inverse of ``section``, u1 at first.
+
+        A class with a ``section`` of its own needs its own inverse, too, for disks that may leave the ground.
+        """
+        if type(self).section is not AbstractSurface.section:
+            raise NotImplementedError(
+                f"A {type(self).__name__} must define `along_section`, the inverse of its `section`, for a disk with a "
+                "law of contact, which finds its coordinate along the section from both of the nearest piece."
+            )
+        return u[0]
+
     def coordinates(self, u: Coordinates) -> Float[Array, "2"]:
         """Both coordinates of the contact point, of a ball or of a disk."""
         return u if u.ndim else jnp.stack(self.section(u))
@@ -162,10 +174,23 @@ class AbstractSurface(AbstractGround):
             aside = self._aside(t, r, state.z)
             yield ExplainedCondition(~(aside > SYMMETRY), lambda: SYMMETRIC)
 
+    @property
+    def has_edge(self) -> bool:
+        """Whether the ground, or its coordinates, may end somewhere."""
+        return type(self).reach is not AbstractSurface.reach
+
     def _way_to_edge(self, t: Time, u: Coordinates) -> Float[Array, ""]:
         """What is left of the ground ahead."""
         both = self.coordinates(u)
         return self.reach(t, both[0], both[1])
+
+    def beyond_edge(self, t: Time, u: Coordinates) -> Float[Array, ""]:
+        """How far the coordinates ``u`` are beyond the edge, as ``reach`` counts; negative where there is ground.
+
+        A body ends there in contact, but not in flight.
+        """
+        way = self._way_to_edge(t, u)
+        return _margin(LEAST_MARGIN, way) - way
 
     def _aside(self, t: Time, r: Float[Array, ""], z: Coordinate) -> Float[Array, ""]:
         """How far the ground is from being symmetric about the plane of e1 and e3, near the ``z`` of a disk.
@@ -219,9 +244,18 @@ class AbstractSurface(AbstractGround):
         kind = type(self)
         return kind.nearest is AbstractSurface.nearest and kind.over is AbstractSurface.over
 
-    def foot(self, t: Time, c: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
-        """The coordinates of the piece that is nearest to the point ``c``, space axes, length."""
-        return self.nearest(t, c if self.motion is None else self.motion.undo(t, c), near)
+    def foot(self, t: Time, c: Float[Array, "3"], near: Coordinates) -> Coordinates:
+        """The coordinates of the piece that is nearest to the point ``c``, space axes, length.
+
+        For the one ``near`` of a disk, of the piece along its section.
+        """
+        own, both = c if self.motion is None else self.motion.undo(t, c), self.coordinates(near)
+        if near.ndim:
+            return self.nearest(t, own, both)
+        if type(self).nearest is not AbstractSurface.nearest:
+            return self.along_section(self.nearest(t, own, both))
+        start = self.along_section(self.over(t, own, both))
+        return nearest(Section(self), t, own, jnp.stack([start, jnp.zeros_like(start)]))[0]
 
     def placed(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         """p, where the piece with these coordinates is in space."""
@@ -230,11 +264,11 @@ class AbstractSurface(AbstractGround):
 
     def normal(self, t: Time, u: Coordinates) -> Float[Array, "3"]:
         """n at the coordinates ``u``, towards the ball, space axes."""
-        return self._touch_at(t, u).n
+        return self.touch_at(t, u).n
 
     def place_of_centre(self, t: Time, r: Float[Array, ""], u: Coordinates) -> Float[Array, "3"]:
         """c = p + r n of a ball of radius ``r`` that touches it at the coordinates ``u``, space axes, length."""
-        contact = self._touch_at(t, u)
+        contact = self.touch_at(t, u)
         return contact.p + r * contact.n
 
     def fit(self, t: Time, r: Float[Array, ""], u: Coordinates) -> Float[Array, ""]:
@@ -272,7 +306,7 @@ class AbstractSurface(AbstractGround):
         solve with a status.
         """
         if not u.ndim:
-            return self._footing_along(t, r, u, omega)
+            return self._footing_along(t, r, u, omega, V, height)
         contact, (by_u1, by_u2, by_t) = self._slopes(t, u)
         reach = r if height is None else r + height
         chart = _Chart.of(contact.n, by_u1, by_u2, reach)
@@ -304,18 +338,28 @@ class AbstractSurface(AbstractGround):
             turning=cross(contact.n, normal_rate) + dot(tangents[1], tangent_rate) * contact.n,
         )
 
-    def _footing_along(self, t: Time, r: Float[Array, ""], z: Coordinate, omega: Float[Array, "3"]) -> Footing:
+    def _footing_along(
+        self,
+        t: Time,
+        r: Float[Array, ""],
+        z: Coordinate,
+        omega: Float[Array, "3"],
+        V: Float[Array, "3"] | None,
+        height: Float[Array, ""] | None,
+    ) -> Footing:
         """How it holds a disk that turns at ``omega``, about e2, where its coordinate along the section is ``z``."""
         contact, by_z, by_t = self._slopes_along(t, z)
-        length, fit = _length(by_z.p), _stretch(by_z, r)
-        along = by_z.p / length
-        tangents = jnp.stack([along, cross(contact.n, along)])
+        reach = r if height is None else r + height
+        length, fit, tangents = _length(by_z.p), _stretch(by_z, reach), contact.axes[:2]
         rolling = r * cross(omega, contact.n)
-        holds = (fit > _margin(LEAST_MARGIN, r)) & (self._way_to_edge(t, z) > _margin(LEAST_MARGIN, r))
-        rate = jnp.where(holds, dot(along, rolling - r * by_t.n) / (length * fit), jnp.nan)
+        over = rolling if V is None else V - contact.w
+        holds = fit > _margin(LEAST_MARGIN, r)
+        if V is None:
+            holds &= self._way_to_edge(t, z) > _margin(LEAST_MARGIN, r)
+        rate = jnp.where(holds, dot(tangents[0], over - reach * by_t.n) / (length * fit), jnp.nan)
         normal_rate = by_t.n + by_z.n * rate
         return Footing(
-            centre=contact.p + r * contact.n,
+            centre=contact.p + reach * contact.n,
             foot=contact.p,
             normal=contact.n,
             tangents=tangents,
@@ -328,9 +372,14 @@ class AbstractSurface(AbstractGround):
             turning=cross(contact.n, normal_rate),
         )
 
-    def _touch_at(self, t: Time, u: Coordinates) -> Touch:
+    def touch_at(self, t: Time, u: Coordinates) -> Touch:
+        """The place of a piece, its normal, its velocity and the direction in which u1, or a disk's z, grows."""
         both = self.coordinates(u)
-        return self.touch(t, both[0], both[1])
+        contact = self.touch(t, both[0], both[1])
+        if u.ndim:
+            return contact
+        _, along = _derivative(lambda x: self.placed(t, *self.section(x)), u)
+        return contact._replace(e=unit_vector(along))
 
     def touch(self, t: Time, u1: Coordinate, u2: Coordinate) -> Touch:
         """The place of a piece, its normal, its velocity and the direction in which u1 grows, space axes."""
@@ -348,8 +397,8 @@ class AbstractSurface(AbstractGround):
 
     def _slopes_along(self, t: Time, z: Coordinate) -> tuple[Touch, Touch, Touch]:
         """p, n and w at the ``z`` of a disk, and their derivatives by z and t."""
-        contact, by_z = _derivative(lambda x: self._touch_at(t, x), z)
-        _, by_t = _derivative(lambda x: self._touch_at(x, z), t)
+        contact, by_z = _derivative(lambda x: self.touch_at(t, x), z)
+        _, by_t = _derivative(lambda x: self.touch_at(x, z), t)
         return contact, by_z, by_t
 
 

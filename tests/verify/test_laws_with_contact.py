@@ -1,0 +1,64 @@
+"""The laws checked on runs of bodies that slip, fly and bounce: which apply, and that they hold."""
+
+import numpy as np
+import pytest
+
+from jaxball import (
+    Ball,
+    BallState,
+    Bowl,
+    Contact,
+    Disk,
+    DiskState,
+    FunctionSchedule,
+    OnRail,
+    PointMass,
+    ReleasedState,
+    Resistance,
+    Tube,
+    simulate,
+)
+from jaxball.verify import verify
+
+TIMES = np.linspace(0.0, 12.0, 13)
+HOOP = ReleasedState(DiskState(phidot=5.0), V=(1.0, 0.0, 0.0), height=0.5)  # it lands at 1, one of the times
+
+
+@pytest.mark.thorough
+def test_laws_of_a_hoop_with_backspin():
+    """It bounces, slips and rolls; its embedding in space does, too."""
+    law = Contact(friction=0.25, restitution=0.5, slowest=0.01)
+    report = verify(Disk(mass=1.0, inertia=0.5), TIMES, HOOP, contact=law)
+    assert report.ok, str(report)
+    applying = {row.law for row in report.rows if row.applies}
+    assert applying == {"energy", "contact", "error", "convergence", "solvers", "embedding"}
+    assert report["energy"].residual < 1e-9
+    assert report["rolling"].reason == "the body has a law of contact"
+    run = simulate(Disk(mass=1.0, inertia=0.5), TIMES, HOOP, contact=law)
+    assert run.contact.friction_loss[-1] > 1  # which the law accounts for
+
+
+@pytest.mark.long
+def test_energy_of_a_ball_that_bounces_and_comes_to_rest_in_a_bowl():
+    bowl = Ball(
+        mass=2.0,
+        radius=0.3,
+        inertia=(0.07, 0.07, 0.08),
+        gravity=9.81,
+        ground=Bowl(2.0),
+        resistance=Resistance(dry=0.12, exact=True),
+    )
+    thrown = ReleasedState(BallState(z=(0.5, 0.1), Omega=(1.0, 2.0, 3.0)), V=(0.6, 0.8, 0.0), height=0.2)
+    law = Contact(0.2, restitution=0.4, slowest=0.1)
+    report = verify(bowl, np.linspace(0.0, 4.0, 9), thrown, contact=law, laws=["energy", "norm", "contact"])
+    assert report.ok, str(report)
+    assert report["energy"].residual < 1e-7
+
+
+@pytest.mark.thorough
+def test_the_energy_does_not_balance_where_a_schedule_does_work_in_an_impact():
+    swing = FunctionSchedule(lambda t, _: 0.3 * np.pi * t)
+    ball = Ball(mass=1.0, inertia=(0.4,) * 3, masses=[PointMass(0.3, OnRail(Tube(direction=(0.0, 0.0, 1.0)), swing))])
+    thrown = ReleasedState(BallState(), height=0.1)
+    report = verify(ball, [0.0, 0.5, 0.8], thrown, contact=Contact(0.2), laws=["energy"])
+    assert report["energy"].reason == "what is moved by schedules or a law does work in impacts"
