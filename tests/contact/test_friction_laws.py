@@ -116,7 +116,7 @@ def test_a_law_that_does_not_depend_on_the_speed_is_a_coefficient():
 
 def test_the_coefficients_of_a_law():
     """Static friction is μ(0) unless it is given, and must not be less."""
-    assert float(Contact(Growing(0.1, 0.3)).static) == float(Contact(Growing(0.1, 0.3)).sliding) == 0.1
+    assert float(Contact(Growing(0.1, 0.3)).static_friction) == float(Contact(Growing(0.1, 0.3)).friction) == 0.1
     assert float(Contact(Growing(0.1, 0.3)).coefficient(jnp.asarray(2.0))) == pytest.approx(0.7)
     with pytest.raises(ValueError, match=r"`static_friction` must be no less than the coefficient `friction`"):
         Contact(Growing(0.1, 0.3), static_friction=0.05)

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.physics.dynamics.equations import angles_in_state, integrals, momentum
+from jaxball.physics.dynamics import integrals, momentum
+from jaxball.physics.dynamics.equations import angles_in_state
 from jaxball.physics.dynamics.load import load
 from jaxball.physics.dynamics.moments import moments
 from tests.support.flow import along_flow

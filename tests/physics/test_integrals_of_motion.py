@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.physics.dynamics.equations import angles_in_state, integrals, momentum
+from jaxball.physics.dynamics import integrals, momentum
+from jaxball.physics.dynamics.equations import angles_in_state
 from jaxball.physics.dynamics.moments import moments
 
 TIMES = np.linspace(0.0, 10.0, 41)

@@ -8,7 +8,7 @@ import pytest
 import jaxball
 from jaxball.numerics.vectors import cross
 from jaxball.paper import reference
-from jaxball.physics.dynamics.equations import locked, momentum
+from jaxball.physics.dynamics import locked, momentum
 from jaxball.programs.store import current
 from jaxball.scenario import Scenario, builtin_scenarios, builtin_text
 from jaxball.simulation import DEFAULT_TOLERANCE, simulate as simulation

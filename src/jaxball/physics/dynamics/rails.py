@@ -24,7 +24,7 @@ class AlongRails(NamedTuple):
 
 
 def along_rails(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> AlongRails:
-    """Returns the coordinates of all masses; ``angles`` are θ, θ̇ and θ̈ of what a state's ``theta`` holds."""
+    """Returns the coordinates of all masses; ``angles`` are θ, θ̇ and θ̈ of the coordinates in a state's ``theta``."""
     slots = {index: slot for slot, index in enumerate(system.driven)}
     parts = []
     for group, order in zip(system.groups, system.order, strict=True):
