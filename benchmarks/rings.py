@@ -86,7 +86,7 @@ def built(ball, state):
 
 def evaluations_loop(ball, state):
     """A compiled loop that does nothing but evaluate the right-hand side ``LOOP`` times, by a point that moves."""
-    return _loop(ball, state, lambda ball, t, state: ball.packed_field(t, state))
+    return _loop(ball, state, lambda ball, t, state: ball.field_of_packed(t, state))
 
 
 def sums_loop(ball, state):

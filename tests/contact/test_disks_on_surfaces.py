@@ -238,7 +238,7 @@ def test_a_disk_is_a_ball_in_a_plane_of_symmetry():
     times = np.linspace(0.0, 1.0, 11)
     one = simulate(disk, times, ReleasedState(start, V, 0.05), contact=law, max_steps=20_000, **FINE)
     other = simulate(
-        disk.embedded(), times, ReleasedState(start.in_space(), V, 0.05), contact=law, max_steps=20_000, **FINE
+        disk.embed(), times, ReleasedState(start.in_space(), V, 0.05), contact=law, max_steps=20_000, **FINE
     )
     count = int(one.contact.switches.count)
     assert count == int(other.contact.switches.count) > 2

@@ -252,7 +252,7 @@ def test_motions_and_axes():
         def __call__(self, t):
             return bent(t, self.start)
 
-        def advanced(self, by):
+        def shift(self, by):
             raise NotImplementedError
 
     for kinked in (

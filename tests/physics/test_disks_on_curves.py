@@ -292,7 +292,7 @@ def test_disk_is_a_ball_in_a_plane_of_symmetry():
     disk = loaded(HeightField(lambda t, x, y, _: hills(t, x, 0.0, None)))
     start, times = DiskState(phi=0.3, phidot=-2.0, z=0.4, theta=[0.1], thetadot=[0.5]), np.linspace(0.0, 2.0, 5)
     one = simulate(disk, times, start, rtol=1e-11, atol=1e-12)
-    other = simulate(disk.embedded(), times, start.in_space(), rtol=1e-11, atol=1e-12)
+    other = simulate(disk.embed(), times, start.in_space(), rtol=1e-11, atol=1e-12)
     assert one.ok
     np.testing.assert_allclose(one.state.in_space().z, other.state.z, atol=1e-9)
     for name, value in vars(one.observables).items():

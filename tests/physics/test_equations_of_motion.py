@@ -201,7 +201,7 @@ def test_the_disk_embedded_in_a_ball_rolls_alike():
 @jax.jit
 @jax.vmap
 def embedded_rates(disk, t, state):
-    return jaxball.vector_field(disk.embedded(), t, state.in_space())
+    return jaxball.vector_field(disk.embed(), t, state.in_space())
 
 
 def test_newtons_laws_give_the_disk_with_one_mass():

@@ -10,7 +10,7 @@ import pytest
 
 import jaxball
 from jaxball.physics.contact.impact import collision, impact
-from jaxball.physics.contact.released import ReleasedState, released_energy, response, slip_velocity
+from jaxball.physics.contact.released import ReleasedState, energy_of_released, response, slip_velocity
 from tests.support import newton_euler, robots, routh
 from tests.support.precision import differences_need_float64
 from tests.support.robot_balls import ball_of, state_of
@@ -205,8 +205,8 @@ def impact_loss(ball, t, state, mu, restitution):
     return (
         done,
         slip_velocity(ball, t, done.state),
-        released_energy(ball, t, state),
-        released_energy(ball, t, done.state),
+        energy_of_released(ball, t, state),
+        energy_of_released(ball, t, done.state),
     )
 
 
@@ -262,7 +262,7 @@ def struck_disks(disk, state, mu, restitution):
     t = jnp.zeros(())
     return [
         impact(system, t, start, response(system, t, start), mu, restitution)
-        for system, start in ((disk, state), (disk.embedded(), in_space))
+        for system, start in ((disk, state), (disk.embed(), in_space))
     ]
 
 

@@ -72,7 +72,7 @@ def test_omega_is_in_space_axes():
     np.testing.assert_allclose(law(jnp.array(0.0), turned), [2 * 0.3 + 4 * 0.2], rtol=1e-12)
     np.testing.assert_allclose(law(jnp.array(0.0), DiskState(phi=0.4, phidot=-0.5)), [2 * 0.5], rtol=1e-12)
     with pytest.raises(TypeError, match="Argument `omega` of the law must be None for a ReducedState"):
-        law(jnp.array(0.0), turned.reduced())
+        law(jnp.array(0.0), turned.reduce())
 
 
 def test_states_without_versors():
@@ -82,7 +82,7 @@ def test_states_without_versors():
     with pytest.raises(
         TypeError, match="Argument `z` of the law must be None for a ReducedState, which has no position"
     ):
-        LAW(jnp.array(0.4), BallState(**at).reduced())
+        LAW(jnp.array(0.4), BallState(**at).reduce())
     assert LinearLaw(Gamma=GAMMA)(jnp.array(0.0), ReducedState(**at, Gamma=(0.0, 0.0, 1.0))).shape == (2,)
 
 

@@ -82,7 +82,7 @@ def test_branches_are_what_a_function_of_their_places_makes_of_them():
 def rates(ball, state):
     """What the equations of motion give, and what a solve advances."""
     prepared, t = ball.prepare(), jnp.array(0.0)
-    return prepared.field(t, state), prepared.packed_field(t, prepared.to_packed(t, state))
+    return prepared.field(t, state), prepared.field_of_packed(t, prepared.to_packed(t, state))
 
 
 def scaled(found, expected):
@@ -101,7 +101,7 @@ def all_of(ball, t, state):
     rates, one = ball.field(t, state), jnp.ones_like(t)
     observed, changes = jax.jvp(seen, (t, state), (one, rates))
     packed, packed_rates = jax.jvp(ball.to_packed, (t, state), (one, rates))
-    advanced, back = ball.packed_field(t, packed), ball.from_packed(t, packed)
+    advanced, back = ball.field_of_packed(t, packed), ball.from_packed(t, packed)
     return found, observed, changes.energy, packed_rates, advanced, back
 
 

@@ -9,7 +9,7 @@ import pytest
 
 import jaxball
 from jaxball.physics.contact import friction
-from jaxball.physics.contact.released import ReleasedState, rates, released, released_energy, response, slip_velocity
+from jaxball.physics.contact.released import ReleasedState, energy_of_released, rates, release, response, slip_velocity
 from jaxball.physics.dynamics.equations import accelerations
 from tests.support import lagrange, newton_euler, robots
 from tests.support.robot_balls import ball_of, state_of
@@ -67,8 +67,8 @@ def all_of(ball, t, state, mu, R):
 
     pushed = friction.Interaction(R, found.slip_acceleration(R, R[2]), R[2], jnp.ones(()))
     changes = of(found, slides)
-    energy = jax.jvp(lambda t, x: released_energy(ball, t, x), (t, state), (jnp.ones_like(t), changes[1]))
-    at_rest = released(ball, t, state.body)
+    energy = jax.jvp(lambda t, x: energy_of_released(ball, t, x), (t, state), (jnp.ones_like(t), changes[1]))
+    at_rest = release(ball, t, state.body)
     rolls = response(ball, t, at_rest)
     rolling = friction.rolling(rolls)
     rolled = rates(ball, at_rest, rolls, rolling.slip_acceleration, rolling.normal)

@@ -13,8 +13,8 @@ from jaxball.physics.contact.released import (
     Motion,
     ReleasedState,
     Response,
+    energy_of_released,
     rates,
-    released_energy,
     response,
     slip_velocity,
 )
@@ -250,7 +250,7 @@ def test_jellett_is_constant_under_sliding_friction():
 @jax.vmap
 def disks(disk, t, state, mu):
     """What slides and rolls, of a disk and of the ball that it is in."""
-    ball = disk.embedded()
+    ball = disk.embed()
     in_space = ReleasedState(state.body.in_space(), state.V, state.height)
     found = []
     for system, start in ((disk, state), (ball, in_space)):
@@ -263,7 +263,7 @@ def disks(disk, t, state, mu):
                 friction.rolling(of).R,
                 first,
                 slip_velocity(system, t, start),
-                released_energy(system, t, start),
+                energy_of_released(system, t, start),
             )
         )
     return found

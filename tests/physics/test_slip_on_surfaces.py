@@ -24,7 +24,7 @@ from jaxball import (
 )
 from jaxball.physics.contact.body_on_plane import BodyOnPlane
 from jaxball.physics.contact.modes import ContactState
-from jaxball.physics.contact.released import released, with_rise
+from jaxball.physics.contact.released import release, with_rise
 from jaxball.physics.contact.slip import Beginning
 from tests.physics.test_grounds import SHAPES, hills, loaded, moved, moving_frame, sphere, states, swelling
 from tests.support.on_surfaces import released_residuals
@@ -36,7 +36,7 @@ HEIGHT = 0.4
 
 def in_mode(ball, t, state, mode, rng):
     """A state in a mode, with a random slip or a random flight."""
-    given = released(ball, t, state)
+    given = release(ball, t, state)
     if mode == Mode.SLIDING:
         given = ReleasedState(state, given.V + rng.normal(size=3))
         given = ReleasedState(state, with_rise(ball, t, given, jnp.zeros(())))

@@ -60,7 +60,7 @@ def test_rotation_matrices(shape):
     expected = rotations(versors(shape))
     state = RotationState(Lambda=expected, Omega=random(*shape, 3), z=random(*shape, 2))
     agrees(state.Gamma, expected[..., 2, :])
-    agrees(state.reduced().Gamma, expected[..., 2, :])
+    agrees(state.reduce().Gamma, expected[..., 2, :])
     agrees(rotations(np.asarray(state.in_space().q)), expected)
     nearby = RotationState(Lambda=expected * (1 + 1e-9), Omega=state.Omega, z=state.z)
     agrees(nearby.projected().Lambda, expected)

@@ -15,7 +15,7 @@ import jaxball
 from jaxball import Ball, BallState, Contact, Disk, DiskState, FunctionWrench, ReleasedState, Wrench
 from jaxball.ensemble import simulate_ensemble
 from jaxball.physics.contact import friction
-from jaxball.physics.contact.released import rates, released, response
+from jaxball.physics.contact.released import rates, release, response
 from jaxball.verify import verify
 from tests.support import lagrange, newton_euler, robots
 from tests.support.robot_balls import ball_of, state_of
@@ -116,7 +116,7 @@ def test_a_constant_function_is_a_constant_force():
 @jax.jit
 def all_rates(ball, t, state):
     """The rates of the body that rolls, of one that is not touched, and the reaction of the plane where it rolls."""
-    rolling = released(ball, t, state.body)
+    rolling = release(ball, t, state.body)
     found, flying = response(ball, t, rolling), response(ball, t, state, jnp.asarray(False))
     held, free = friction.rolling(found), friction.flight(flying)
     return (

@@ -16,7 +16,7 @@ import pytest
 import jaxball
 from jaxball import Ball, BallState, Contact, ReleasedState, ScenarioError, read_scenario, write_scenario
 from jaxball.design import read_problem
-from jaxball.physics.contact.released import released_energy
+from jaxball.physics.contact.released import energy_of_released
 from jaxball.sweep import read_study
 from tests.support.documents import make_module, modules_of
 
@@ -183,7 +183,7 @@ def test_a_cable_exchanges_energy_with_the_body_as_its_potential():
     times = np.linspace(0.0, 3.0, 13)
     run = jaxball.simulate(ball, times, start, contact=Contact(0.2, restitution=0.4), throw=True, **FINE)
     released = ReleasedState(run.state, run.contact.V, run.contact.height)
-    energy = jax.vmap(lambda t, state: released_energy(ball, t, state))(jnp.asarray(times), released)
+    energy = jax.vmap(lambda t, state: energy_of_released(ball, t, state))(jnp.asarray(times), released)
     centre = np.column_stack([run.state.z, run.contact.height])
     distance = np.linalg.norm(anchor - centre - np.asarray(run.state.Lambda) @ point, axis=1)
     stretched = np.maximum(distance - L, 0.0)

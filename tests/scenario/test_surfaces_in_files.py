@@ -111,7 +111,7 @@ def test_function_in_a_file():
     ground = f'kind = "height-field"\nfunction = "{__name__}:valley"\nparameters = 0.2\n'
     scenario = read_scenario(ON_SURFACE + ground)
     assert isinstance(scenario.system.ground, HeightField)
-    height = scenario.system.ground.placed(*map(jnp.asarray, (0.0, 2.0, 0.0)))[2]
+    height = scenario.system.ground.place(*map(jnp.asarray, (0.0, 2.0, 0.0)))[2]
     assert float(height) == pytest.approx(0.8)
     assert f'function = "{__name__}:valley"' in write_scenario(scenario)
 

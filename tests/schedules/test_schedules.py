@@ -124,7 +124,7 @@ def test_a_schedule_may_be_moved_by_a_constant(index):
     schedule = schedules(np.random.default_rng(81))[index]
     t = jnp.asarray(TIMES)
     plain = rates(schedule, t)
-    moved = rates(schedule.advanced(jnp.asarray(0.7)), t)
+    moved = rates(schedule.shift(jnp.asarray(0.7)), t)
     placed = rates(schedule.starting_at(jnp.asarray(1.9), 0.6), t)
     np.testing.assert_allclose(moved[0], plain[0] + 0.7, atol=ROUNDING)
     offset = placed[0] - plain[0]

@@ -195,7 +195,7 @@ def test_a_disk_with_mechanisms_rolls_like_the_ball_in_which_it_is_embedded():
     )
     start = jaxball.DiskState(phi=0.2, phidot=-0.3, theta=[0.4, -0.2, 0.1], thetadot=[0.1, 0.3, 0.0])
     flat = jaxball.simulate(disk, [0.0, 1.0], start).raise_if_failed().state
-    space = jaxball.simulate(disk.embedded(), [0.0, 1.0], start.in_space()).raise_if_failed().state
+    space = jaxball.simulate(disk.embed(), [0.0, 1.0], start.in_space()).raise_if_failed().state
     np.testing.assert_allclose(flat.theta, space.theta, rtol=0, atol=1e-9)
     np.testing.assert_allclose(flat.z, space.z[:, 0], rtol=0, atol=1e-9)
 

@@ -50,7 +50,7 @@ class Reeled(jaxball.AbstractSystem[Turning]):
     def from_packed(self, t, packed):
         return Turning(packed.theta, packed.thetadot / (1 + self.c * t))
 
-    def packed_field(self, t, packed):
+    def field_of_packed(self, t, packed):
         return Turning(self.from_packed(t, packed).thetadot, jnp.zeros_like(packed.thetadot))
 
     def laws(self, t, state):

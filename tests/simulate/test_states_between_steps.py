@@ -232,9 +232,9 @@ def test_a_run_of_which_nothing_is_saved_between_steps_evaluates_nothing_more():
     count = []
 
     class Counted(FreeRigidBody):
-        def packed_field(self, t, packed):
+        def field_of_packed(self, t, packed):
             jax.debug.callback(lambda: count.append(None))
-            return super().packed_field(t, packed)
+            return super().field_of_packed(t, packed)
 
     def evaluations(times, step_to_times=False):
         run = simulate(

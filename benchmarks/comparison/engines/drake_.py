@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxball.mjcf import Exported, MJCFError, to_mjcf
 from jaxball.numerics.arrays import to_array
-from jaxball.physics.contact.released import ReleasedState, released
+from jaxball.physics.contact.released import ReleasedState, release
 from jaxball.physics.mechanisms import Hinge
 from jaxball.scenario import Scenario
 
@@ -115,7 +115,7 @@ def _start(plant: Any, context: Any, scenario: Scenario, angles: Any) -> None:
     system: Any = scenario.system
     state: Any = scenario.state
     t = to_array(float(scenario.times[0]))
-    state = state if isinstance(state, ReleasedState) else released(system, t, state)
+    state = state if isinstance(state, ReleasedState) else release(system, t, state)
     body, shell = state.body, plant.GetBodyByName("shell")
     q = np.asarray(body.q / np.linalg.norm(body.q))
     pose = drake.RigidTransform(drake.Quaternion(q), [*np.asarray(body.z), float(system.radius) + float(state.height)])

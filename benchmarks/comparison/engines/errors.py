@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from jaxball.numerics.arrays import to_array
 from jaxball.physics.body import Disk, System
-from jaxball.physics.contact.released import ReleasedState, released_energy, slip_velocity
+from jaxball.physics.contact.released import ReleasedState, energy_of_released, slip_velocity
 from jaxball.physics.state import BallState, DiskState
 from jaxball.scenario import Scenario
 from jaxball.simulation.trajectory import Trajectory
@@ -92,6 +92,6 @@ def _of_states(system: System, times: Any, state: ReleasedState) -> tuple[Any, A
 
     def one(t: Any, state: ReleasedState) -> tuple[Any, Any]:
         slip = slip_velocity(system, t, state)
-        return jnp.sqrt(jnp.sum(slip[:2] ** 2)), released_energy(system, t, state)
+        return jnp.sqrt(jnp.sum(slip[:2] ** 2)), energy_of_released(system, t, state)
 
     return jax.vmap(one)(times, state)

@@ -11,7 +11,7 @@ import numpy as np
 from jaxball.mjcf import to_mjcf
 from jaxball.mjcf.elements import MINVAL
 from jaxball.numerics.arrays import to_array
-from jaxball.physics.contact.released import ReleasedState, released
+from jaxball.physics.contact.released import ReleasedState, release
 from jaxball.scenario import Scenario
 
 from .contract import Case, Motion, Row, Setting, motion_of
@@ -121,7 +121,7 @@ def _add_robot(scenario: Scenario, links: list[Hung], driving: Driving, friction
     """The robot in the initial state, without damping and with its own inertia."""
     system: Any = scenario.system
     state: Any = scenario.state
-    state = state if isinstance(state, ReleasedState) else released(system, to_array(0.0), state)
+    state = state if isinstance(state, ReleasedState) else release(system, to_array(0.0), state)
     body, r = state.body, float(system.radius)
     Lambda, offset = np.asarray(body.Lambda), np.asarray(system.offset)
     centre, q = (*np.asarray(body.z).tolist(), r + float(state.height)), np.roll(np.asarray(body.q), -1).tolist()

@@ -15,7 +15,7 @@ from ..physics.body import AbstractBody, System
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.modes import ContactState, Mode
 from ..physics.contact.over_surface import surface_under
-from ..physics.contact.released import released_energy
+from ..physics.contact.released import energy_of_released
 from ..physics.dynamics.footing import footing
 from ..physics.observables import observe
 from ..physics.rolling import AbstractRollingSystem, Reaction
@@ -188,7 +188,7 @@ def energy(
 ) -> Float[Array, ""]:
     """E, kinetic and potential; with a law of contact, plus the energy dissipated by friction and impacts."""
     if isinstance(system, BodyOnPlane) or isinstance(state, ContactState):
-        return released_energy(system.body, t, state.released) + state.friction_loss + state.impact_loss  # pyright: ignore
+        return energy_of_released(system.body, t, state.released) + state.friction_loss + state.impact_loss  # pyright: ignore
     return observe(system, t, state).energy
 
 
@@ -203,7 +203,7 @@ def values(
     quantities: Sequence[Callable[..., Any]], system: Any, t: Float[Array, ""], state: Any
 ) -> Float[Array, " k"]:
     """Quantities at one time; with a law of contact those of the body, except for quantities that depend on the law."""
-    body = system.shown, system.shown_state(state)
+    body = system.shown, system.state_to_show(state)
     whole = (system, state) if isinstance(system, BodyOnPlane) else body
 
     def value(quantity: Callable[..., Any]) -> Float[Array, ""]:

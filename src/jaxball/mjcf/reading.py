@@ -12,7 +12,7 @@ from ..interface.wording import all_of
 from ..numerics.arrays import Numbers, to_array
 from ..physics.body import Ball, Disk, System
 from ..physics.contact.law import Contact
-from ..physics.contact.released import ReleasedState, released
+from ..physics.contact.released import ReleasedState, release
 from ..physics.forces.resistance import Resistance
 from ..physics.grounds.ground import Ground
 from ..physics.state import BallState, DiskState
@@ -344,6 +344,6 @@ def _state(
 
 def _rolls(system: System, state: ReleasedState) -> bool:
     r = float(system.radius)
-    slip = np.asarray(released(system, to_array(0.0), state.body).V - state.V)
+    slip = np.asarray(release(system, to_array(0.0), state.body).V - state.V)
     slowest, lowest = ROLLS * np.sqrt(float(system.gravity) * r), ROLLS * r
     return bool(np.all(np.abs(slip) <= slowest)) and abs(float(state.height)) <= lowest

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from ..interface.arguments import describe, require, require_flags
 from ..numerics.arrays import to_array
 from ..physics.body import Ball, Disk, System
-from ..physics.contact.released import ReleasedState, released
+from ..physics.contact.released import ReleasedState, release
 from ..physics.forces.resistance import Resistance
 from ..physics.grounds import AbstractSurface
 from ..physics.grounds.ground import Ground
@@ -247,7 +247,7 @@ def _add_keyframe(root: ET.Element, system: System, t: Any, state: AbstractState
                 "The initial state must have a position to be written as MJCF, but it is a "
                 f"{type(state).__name__}; use a BallState."
             )
-        state = released(system, t, state)
+        state = release(system, t, state)
     body, rise = state.body, float(state.height)
     qpos, qvel = [], []
     if isinstance(system.ground, Ground) and system.ground.turntable is not None:

@@ -18,13 +18,13 @@ from .dynamics.coupling import mass_conditions
 from .dynamics.equations import accelerations, solvable_friction
 from .dynamics.footing import rates, surface_under
 from .dynamics.load import load
-from .dynamics.locked import from_locked, locked_field, to_locked
+from .dynamics.locked import field_of_locked, from_locked, to_locked
 from .dynamics.moments import kinematics
 from .dynamics.parameters import BodyParameters, PointMass
 from .dynamics.reaction import reaction
 from .dynamics.sticking import sticking_slots
 from .feedback import AbstractLaw, FollowSchedules
-from .forces.force import unknown_motion
+from .forces.force import shapes_of_motion
 from .limits.breaches import breaches, in_plane
 from .limits.confinement import clearance, is_confined, is_off_plane, time_of_leaving
 from .mechanisms import Accelerated
@@ -166,7 +166,7 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
         count = len(self.coordinates)
         state = self.state_type(theta=jnp.zeros(count), thetadot=jnp.zeros(count))
         times = [] if self.law is None else [self.law.kinks_with(state)]
-        times += [] if self.force is None else [self.force.kinks_with(unknown_motion(count))]
+        times += [] if self.force is None else [self.force.kinks_with(shapes_of_motion(count))]
         times += [] if self.ground is None else [self.ground.kinks()]
         times += [
             jnp.ravel(eqx.filter_vmap(lambda mechanism: mechanism.driving_kinks(state))(group))
@@ -192,8 +192,8 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
     def from_packed(self, t: Float[Array, ""], packed: Any) -> Any:
         return from_locked(self, t, packed)
 
-    def packed_field(self, t: Float[Array, ""], packed: Any) -> Any:
-        return locked_field(self, t, packed)
+    def field_of_packed(self, t: Float[Array, ""], packed: Any) -> Any:
+        return field_of_locked(self, t, packed)
 
     def plane_reaction(self, t: Float[Array, ""], state: Any) -> Reaction:
         return reaction(self, t, state)
@@ -202,7 +202,7 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
     def weight(self) -> Float[Array, "*batch"]:
         return self.total_mass * self.gravity
 
-    def confined(self, times: Float[Array, " T"], state: Any) -> Bool[Array, ""]:
+    def is_confined(self, times: Float[Array, " T"], state: Any) -> Bool[Array, ""]:
         return is_confined(self, times, state) & all_hold(in_plane(self, times))
 
     def time_of_leaving(self, times: Float[Array, " T"], states: Any) -> Float[Array, ""]:
@@ -285,7 +285,7 @@ class Ball(AbstractBody):
 
     def phase_point(self, state: Any) -> BallState | ReducedState:
         """(Ω, Γ), unless a force acts or the ground is tilted or moves, which they cannot express."""
-        return state.reduced() if self.is_reducible else state.in_space()
+        return state.reduce() if self.is_reducible else state.in_space()
 
 
 class Disk(AbstractBody):
@@ -324,7 +324,7 @@ class Disk(AbstractBody):
         found = accelerations(self, t, state, acting)
         return rates(self, t, state, found.Omegadot, found.angles, acting.footing)
 
-    def embedded(self) -> Ball:
+    def embed(self) -> Ball:
         """The disk as a ball with three equal moments that rolls in the plane of e1 and e3."""
         arguments: dict[str, Any] = {**self.arguments, "inertia": jnp.stack([self.inertia] * 3)}
         return Ball(**arguments)

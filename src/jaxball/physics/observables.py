@@ -13,7 +13,7 @@ from ..numerics.vectors import apply, cross, dot
 from .body import AbstractBody
 from .contact.body_on_plane import BodyOnPlane
 from .contact.modes import Mode
-from .contact.released import in_space, released_load
+from .contact.released import in_space, load_of_released
 from .dynamics.energy import (
     accelerations_of_masses,
     actuation_power,
@@ -188,7 +188,7 @@ def _of_hybrid(plane: BodyOnPlane, t: Float[Array, ""], state: Any) -> Movement:
     force = plane.interaction(t, state, response)
     system, body = plane.body, state.body
     touching = ~state.is_in(Mode.FLIGHT)
-    acting, slip = released_load(system, t, state.released, touching, response.footing)
+    acting, slip = load_of_released(system, t, state.released, touching, response.footing)
     Omegadot, thetaddot = response.accelerations(force.slip_acceleration, force.normal)
     return Movement(
         body if isinstance(body, BallState) else body.in_space(),

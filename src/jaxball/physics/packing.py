@@ -50,7 +50,7 @@ class Packing(eqx.Module, Generic[AnySystem, AnyState]):
 
     def rates(self, t: Float[Array, ""], x: Float[Array, " size"]) -> AnyState:
         """The rates of the variables in the vector, not yet packed."""
-        return self.system.packed_field(t, self.unravel(x))
+        return self.system.field_of_packed(t, self.unravel(x))
 
     def field(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " size"]:
         """The rate of the vector."""

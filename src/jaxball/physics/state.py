@@ -114,13 +114,13 @@ class BallState(AbstractBodyState):
         """The state itself; see :meth:`DiskState.in_space`."""
         return self
 
-    def turned(self, rotation: Float[Array, "3"]) -> Float[Array, "4"]:
+    def turn(self, rotation: Float[Array, "3"]) -> Float[Array, "4"]:
         return versor.product(self.q, versor.exponential(rotation))
 
     def turn_to(self, other: Any) -> Float[Array, "3"]:
         return versor.logarithm(versor.product(versor.conjugate(self.q), other.q))
 
-    def reduced(self) -> "ReducedState":
+    def reduce(self) -> "ReducedState":
         """(Ω, Γ), without position and heading."""
         return ReducedState(self.Omega, self.Gamma, self.theta, self.thetadot)
 
@@ -193,7 +193,7 @@ class RotationState(AbstractBodyState):
         """The same state with a versor."""
         return BallState(versor.from_rotation_matrix(self.Lambda), self.Omega, self.z, self.theta, self.thetadot)
 
-    def turned(self, rotation: Float[Array, "3"]) -> Float[Array, "3 3"]:
+    def turn(self, rotation: Float[Array, "3"]) -> Float[Array, "3 3"]:
         turn = versor.rotation_matrix(versor.exponential(rotation))
         return jnp.sum(self.Lambda[:, :, None] * turn[None], axis=1)
 
@@ -201,7 +201,7 @@ class RotationState(AbstractBodyState):
         turn = jnp.sum(self.Lambda[:, :, None] * other.Lambda[:, None, :], axis=0)
         return versor.logarithm(versor.from_rotation_matrix(turn))
 
-    def reduced(self) -> "ReducedState":
+    def reduce(self) -> "ReducedState":
         """(Ω, Γ), without position and heading."""
         return ReducedState(self.Omega, self.Gamma, self.theta, self.thetadot)
 

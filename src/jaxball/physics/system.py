@@ -53,7 +53,7 @@ class AbstractState(Printed):
       ``project`` and ``dae`` of :func:`jaxball.simulate` keep it one, and it counts one dimension less.
     - ``sized``: the names of fields whose length depends on the system; its ``require_state`` checks them.
     - ``attitude``: the name of the field that is an attitude, if there is one. Around a state it has three coordinates,
-      a rotation vector, which ``turned`` and ``turn_to`` add and take.
+      a rotation vector, which ``turn`` and ``turn_to`` add and take.
 
     States near one have **local coordinates** around it, as many as there are directions in which they can differ:
     ``directions`` names them, ``retract`` goes from them to a state, and ``difference`` back.
@@ -78,7 +78,7 @@ class AbstractState(Printed):
         length = jnp.sqrt(jnp.sum(vector * vector, axis=-1, keepdims=True))
         return eqx.tree_at(lambda state: getattr(state, name), self, vector / length)
 
-    def reduced(self) -> "AbstractState":
+    def reduce(self) -> "AbstractState":
         """The part of the state that the motion depends on if nothing breaks the symmetries: the phase space."""
         return self
 
@@ -103,7 +103,7 @@ class AbstractState(Printed):
         if name is None:
             return unravel(flat + xi)
         moved = unravel(flat + xi[3:])
-        return eqx.tree_at(lambda s: getattr(s, name), moved, self.turned(xi[:3]), is_leaf=lambda x: x is None)
+        return eqx.tree_at(lambda s: getattr(s, name), moved, self.turn(xi[:3]), is_leaf=lambda x: x is None)
 
     def difference(self, other: Any) -> Float[Array, " directions"]:
         """The local coordinates of ``other`` around this state: the inverse of :meth:`retract`.
@@ -113,7 +113,7 @@ class AbstractState(Printed):
         flat, there = (ravel_pytree(state._without_attitude())[0] for state in (self, other))
         return there - flat if self.attitude is None else jnp.concatenate([self.turn_to(other), there - flat])
 
-    def turned(self, rotation: Float[Array, "3"]) -> Float[Array, "..."]:
+    def turn(self, rotation: Float[Array, "3"]) -> Float[Array, "..."]:
         """The attitude, turned by a rotation vector in body axes."""
         raise NotImplementedError
 
@@ -154,13 +154,13 @@ class AbstractSystem(Printed, Generic[AnyState]):
     - ``laws``, ``law_rates``: what is conserved along every motion, or changes at a known rate;
     - ``prepare``: work to be done once per solve;
     - ``driving_kinks``, ``motion_kinks``: the times to which a solve steps, because the field is not smooth there;
-    - ``to_packed``, ``from_packed``, ``packed_field``: other coordinates for a solve to advance, such as a momentum
+    - ``to_packed``, ``from_packed``, ``field_of_packed``: other coordinates for a solve to advance, such as a momentum
       instead of a velocity;
     - ``projected``, ``always_projected``: the nearest state on the constraints, to which ``project`` of
       :func:`jaxball.simulate` moves the end of each step, and whether that is always done;
     - ``guards``, ``reset``, ``time_event``: for a hybrid system, what ends a mode, and the state that follows;
     - ``phase_point``: which part of a state the motion depends on;
-    - ``confined``, ``time_of_leaving``, ``clearance``, ``breaches``: for a system with an inside, checks that nothing
+    - ``is_confined``, ``time_of_leaving``, ``clearance``, ``breaches``: for a system with an inside, that nothing
       leaves it.
 
     Methods are traced: they are written with ``jax.numpy``, for one state without a batch, and without branches on
@@ -238,7 +238,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
         """The inverse of ``to_packed``."""
         return packed
 
-    def packed_field(self, t: Float[Array, ""], packed: AnyState) -> AnyState:
+    def field_of_packed(self, t: Float[Array, ""], packed: AnyState) -> AnyState:
         """The rate of a packed state.
 
         **Raises:** ``TypeError`` when ``field`` returns anything but a state of the same kind.
@@ -354,7 +354,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
         """The system of a trajectory, where it is a part of the system that is solved."""
         return self
 
-    def shown_state(self, state: AnyState) -> AbstractState:
+    def state_to_show(self, state: AnyState) -> AbstractState:
         """The part of a state, or of several, that a trajectory shows."""
         return state
 
@@ -374,11 +374,11 @@ class AbstractSystem(Printed, Generic[AnyState]):
 
     def phase_point(self, state: AnyState) -> AbstractState:
         """``state`` as a point of the phase space: the part of it that the motion depends on."""
-        return state.reduced()
+        return state.reduce()
 
     # Confinement, of a system that has an inside.
 
-    def confined(self, times: Float[Array, " T"], state: AnyState) -> Bool[Array, ""]:
+    def is_confined(self, times: Float[Array, " T"], state: AnyState) -> Bool[Array, ""]:
         """Whether everything is inside at the first of ``times``; ``self`` is prepared."""
         return jnp.asarray(True)
 

@@ -27,7 +27,7 @@ def possible_start(
     """
     holds = jnp.all(times[1:] > times[:-1]) & all_hold(system.conditions()) & all_hold(state.conditions())
     holds &= all_hold(system.start_conditions(times[0], state)) & all_hold(system.run_conditions(times))
-    return holds & prepared.confined(times, state) if inside else holds
+    return holds & prepared.is_confined(times, state) if inside else holds
 
 
 def problems(system: AbstractSystem, state: AbstractState | None = None, t: Numbers = 0.0) -> list[str]:

@@ -101,7 +101,7 @@ class AbstractEvent(Printed):
 
     def value_in_solve(self, system: Any, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
         """The same of a system and its state as they are solved, with modes if the system has any."""
-        return self.value(system.shown, t, system.shown_state(state))
+        return self.value(system.shown, t, system.state_to_show(state))
 
 
 class Event(AbstractEvent):
@@ -163,7 +163,7 @@ class Event(AbstractEvent):
     def value_in_solve(self, system, t, state):
         if isinstance(self.of, str):
             return self._above_level(quantity(self.of, system, t, state))
-        own = system.shown, t, system.shown_state(state)
+        own = system.shown, t, system.state_to_show(state)
         with traceable("of", self.of):
             observables = {"observables": observables_of(system, t, state)} if self._takes_observables else {}
             return self._above_level(self.of(*own, **observables))

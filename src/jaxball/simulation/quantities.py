@@ -65,7 +65,7 @@ def observables_of(system: Any, t: Float[Array, ""], state: Any) -> Observables:
 
 def _readers(system: Any, t: Float[Array, ""], state: Any) -> dict[str, Callable[[], Any]]:
     """Returns functions without arguments, by the names of the numbers that they compute."""
-    shown, seen = system.shown, system.shown_state(state)
+    shown, seen = system.shown, system.state_to_show(state)
     readers: dict[str, Callable[[], Any]] = {name: lambda leaf=leaf: leaf for name, leaf in _fields(seen).items()}
     if isinstance(state, ContactState):
         readers |= {name: lambda name=name: getattr(state, name) for name in _RELEASED}

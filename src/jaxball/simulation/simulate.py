@@ -227,7 +227,7 @@ def simulate_arrays(method: Method, system: AbstractSystem, times: Array, *other
 def simulate_and_observe(method: Method, system: AbstractSystem, times: Array, *others: Any) -> tuple[tuple, Any]:
     """Simulates, and returns the same fields, and what was observed."""
     saved, *solved, record, found = solve(method, system, times, *others)
-    return (system.shown_state(saved), *solved, system.history(times, saved, record)), found
+    return (system.state_to_show(saved), *solved, system.history(times, saved, record)), found
 
 
 def solve(
@@ -288,7 +288,7 @@ def solve(
     saved = _unpack(packing, finite, times, states, functions.projects)
     reached, status, occurrences = ended[0], _status(solution, packing), {}
     if events:
-        unravel_shown = ravel_state(system.shown_state(packing.unpack(times[0], initial)))[1]
+        unravel_shown = ravel_state(system.state_to_show(packing.unpack(times[0], initial)))[1]
         occurrences = occurrences_of(cast(Any, solution.stats["watched"]), events, unravel_shown, startable)
         reached, status = end_by_events(occurrences, events, reached, status)
         saved = jax.tree.map(lambda leaf: keep_known_rows(times <= reached, leaf), saved)
@@ -365,7 +365,7 @@ class _Functions:
         """The state that an event's function is given, as a vector."""
         packing, _ = self.unpack(parameters)
         x = packing.projected(t, x) if self.projects else x
-        return ravel_state(self._system.shown_state(packing.unpack(t, x)))[0]
+        return ravel_state(self._system.state_to_show(packing.unpack(t, x)))[0]
 
     def projected(self, t, x, parameters):
         """The nearest vector on the constraints."""
@@ -432,7 +432,7 @@ def _status(solution: diffrax.Solution, packing: Packing[Any, Any]) -> Array:
 def _cause_of_end(packing: Packing[Any, Any], t: Array, x: Array) -> Array:
     """Whether the ground lets a body not go on from a vector: a status, or SUCCESS if it does."""
     system, state = packing.system, packing.unpack(t, x)
-    end = end_of_ground(system.shown, t, system.shown_state(state))
+    end = end_of_ground(system.shown, t, system.state_to_show(state))
     # In flight it needs no ground.
     return jnp.where(state.is_in(Mode.FLIGHT), int(Status.SUCCESS), end) if isinstance(state, ContactState) else end
 

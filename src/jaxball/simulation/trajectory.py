@@ -487,7 +487,7 @@ def _evaluate(interpolant, t, start, reached, status, given) -> Any:
         inside = jnp.clip(t, start, reached)
         x = interpolant.vector(inside)
         known = (t == inside) & jnp.all(jnp.isfinite(x)) & (status != Status.IMPOSSIBLE)
-        state = interpolant.packing.system.shown_state(interpolant.packing.unpack_where(known, inside, x))
+        state = interpolant.packing.system.state_to_show(interpolant.packing.unpack_where(known, inside, x))
         return with_unknown_derivatives(state, given)
 
     return map_rows(one, t) if t.ndim else one(t)

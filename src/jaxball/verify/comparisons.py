@@ -123,7 +123,7 @@ def embedding(case: Case) -> Row:
         start: Any = ReleasedState(in_space(system, state.body), state.V, state.height)
     else:
         start = in_space(system, state)
-    embedded = case.other(diffrax.Dopri8(), system=system.embedded(), state=start)
+    embedded = case.other(diffrax.Dopri8(), system=system.embed(), state=start)
     if not embedded.ok:
         return Row("embedding", note=f"the run of the ball failed: {embedded.message}")
     # Relative to 1 + |x|, for each part of the state.

@@ -66,7 +66,7 @@ def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
     """The balances of any system in one state; of a body with joints that stick, those of the body."""
     if isinstance(system, BodyOnPlane):
         return _of_contact(system, t, state)
-    system, state = system.shown, system.shown_state(state)
+    system, state = system.shown, system.state_to_show(state)
     if not isinstance(system, AbstractBody):
         laws, rates = system.laws(t, state)._asdict(), system.law_rates(t, state)
         balances = {n: Balance(value, rates[n]) if n in rates else _constant(value) for n, value in laws.items()}

@@ -42,7 +42,7 @@ from .released import (
     Response,
     in_space,
     rates,
-    released,
+    release,
     response,
     rolling_contact,
     slip_velocity,
@@ -99,8 +99,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         """All kinks: sliding friction is proportional to N, which jumps with prescribed accelerations."""
         return jnp.concatenate([self.body.driving_kinks(), self.body.motion_kinks()])
 
-    def confined(self, times: Float[Array, " T"], state: ContactState) -> Bool[Array, ""]:
-        return self.body.confined(times, state.body)
+    def is_confined(self, times: Float[Array, " T"], state: ContactState) -> Bool[Array, ""]:
+        return self.body.is_confined(times, state.body)
 
     def time_of_leaving(self, times: Float[Array, " T"], states: ContactState) -> Float[Array, ""] | None:
         return self.body.time_of_leaving(times, states.body)
@@ -129,7 +129,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         V = in_space(axes, packed.V) + rolling
         return eqx.tree_at(lambda x: x.V, packed, jnp.where(packed.is_in(Mode.FLIGHT), packed.V, V))
 
-    def packed_field(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
+    def field_of_packed(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
         state = self.from_packed(t, packed)
         found, rolls = self.response(t, state), state.is_in(Mode.ROLLING)
         body, moved = state.body, self.field(t, state, found)
@@ -153,7 +153,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         acting = self.interaction(t, state, found)
         slip = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(self.body, t, state.released))
         moved = rates(self.body, state.released, found, acting.slip_acceleration, acting.normal)
-        rates_of_all = jax.tree.map(jnp.zeros_like, state).moved(moved)
+        rates_of_all = jax.tree.map(jnp.zeros_like, state).move(moved)
         return eqx.tree_at(lambda x: x.friction_loss, rates_of_all, -jnp.sum(acting.R[:2] * slip[:2]))
 
     def projected(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
@@ -328,7 +328,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         A rolling state is one without slip. A body that does not slip counts as rolling.
         """
         rolls = not isinstance(state, ReleasedState)
-        given = released(self.body.prepare(), t, state) if rolls else state
+        given = release(self.body.prepare(), t, state) if rolls else state
         zero = jnp.zeros_like(given.height)
         mode, begun = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT), slips.Beginning.none(zero)
         near = over.near_to(self.body, given.body.z, zero)
@@ -345,7 +345,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
     def shown(self) -> AbstractBody:
         return self.body
 
-    def shown_state(self, state: ContactState) -> PlacedState:
+    def state_to_show(self, state: ContactState) -> PlacedState:
         return state.body
 
     @property

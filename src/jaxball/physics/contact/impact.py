@@ -148,7 +148,7 @@ def _after_process(D, slip, mu, restitution, care: _Care) -> Float[Array, "3"]:
     ends = remaining < stop
     x = process.straight(x, jnp.where(ends, remaining, stop))
     holds = ends | process.holds
-    after = jax.lax.cond(holds, lambda x: jnp.where(ends, x[:3], process.held(x)), process.again, x)
+    after = jax.lax.cond(holds, lambda x: jnp.where(ends, x[:3], process.stick(x)), process.again, x)
     return after * jnp.where(h == 0, 1.0, jnp.nan)
 
 
@@ -215,7 +215,7 @@ class _Process(NamedTuple):
         """Whether friction holds a contact that does not slip while the normal impulse grows."""
         return jnp.sum(self.S[:2, 2] ** 2) <= (self.mu * self.S[2, 2]) ** 2
 
-    def held(self, x: Float[Array, "4"]) -> Float[Array, "3"]:
+    def stick(self, x: Float[Array, "4"]) -> Float[Array, "3"]:
         """v_s at the end of an impact that sticks from x on."""
         return jnp.zeros_like(x[:3]).at[2].set(self.end(x, 1 / self.S[2, 2]))
 

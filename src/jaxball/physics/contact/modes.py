@@ -131,7 +131,7 @@ class ContactState(AbstractState):
         """Where the body is, and how it moves."""
         return ReleasedState(self.body, self.V, self.height)
 
-    def moved(self, to: ReleasedState) -> "ContactState":
+    def move(self, to: ReleasedState) -> "ContactState":
         """The state with another place and motion of the body."""
         return eqx.tree_at(lambda x: (x.body, x.V, x.height), self, (to.body, to.V, to.height))
 

@@ -36,7 +36,7 @@ from ..body import AbstractBody
 from ..dynamics.coupling import Joints, join_coordinates
 from ..dynamics.energy import kinetic_energy, potential_energy
 from ..dynamics.equations import equations
-from ..dynamics.footing import locate_surface, released_footing
+from ..dynamics.footing import footing_of_released, locate_surface
 from ..dynamics.load import Load, in_three, load, place, table_under
 from ..dynamics.moments import kinematics, point_mass_values, principal_inertia
 from ..dynamics.reaction import reaction_in_body
@@ -76,7 +76,7 @@ class ReleasedState(Printed):
         )
 
 
-def released(system: AbstractBody, t: Float[Array, ""], state: PlacedState) -> ReleasedState:
+def release(system: AbstractBody, t: Float[Array, ""], state: PlacedState) -> ReleasedState:
     """A state of rolling, as that of a body that need not roll."""
     return ReleasedState(state, rolling_contact(system, t, state)[0], jnp.zeros_like(system.radius))
 
@@ -197,8 +197,8 @@ def response(
     held upright by a constraint that takes up all forces along e2, none of which belong to the reaction.
     """
     body, r, touches = state.body, system.radius, True if touching is None else touching
-    under = released_footing(system, t, body, state.V, state.height, touches)
-    acting, slip = released_load(system, t, state, touching, under)
+    under = footing_of_released(system, t, body, state.V, state.height, touches)
+    acting, slip = load_of_released(system, t, state, touching, under)
     Lambda, convected = body.Lambda, jnp.zeros_like(slip)
     if under is not None:
         Lambda = jnp.sum(under.axes[:, :, None] * body.Lambda[None], axis=1)  # from body axes to contact axes
@@ -251,7 +251,7 @@ def response(
     )
 
 
-def released_load(
+def load_of_released(
     system: AbstractBody,
     t: Float[Array, ""],
     state: ReleasedState,
@@ -301,7 +301,7 @@ def with_slip(
     return ReleasedState(moved, V, state.height)
 
 
-def released_energy(system: AbstractBody, t: Float[Array, ""], state: ReleasedState) -> Float[Array, ""]:
+def energy_of_released(system: AbstractBody, t: Float[Array, ""], state: ReleasedState) -> Float[Array, ""]:
     """T + V of the body, mass length²/time², relative to the moving axes; 0 at rest in a centre at the origin."""
     body, r = state.body, system.radius
     points = kinematics(system, t, (body.theta, body.thetadot, body.thetadot))  # θ̈ is not used

@@ -67,7 +67,7 @@ class Resisting(NamedTuple):
         axle = jnp.zeros_like(axes[0]).at[1].set(1.0) if body.planar else None
         return cls(body.resistance, response, axes, body.radius, axle, carried)
 
-    def turned(self, Omegadot: Float[Array, "rows 3"]) -> Float[Array, "rows 3"]:
+    def in_space(self, Omegadot: Float[Array, "rows 3"]) -> Float[Array, "rows 3"]:
         """Rows of Ω̇ in contact axes."""
         return jnp.sum(Omegadot[:, None, :] * self.axes[None], axis=-1)
 
@@ -77,7 +77,7 @@ class Resisting(NamedTuple):
         rolling, twisting = self.response.rolling, self.response.twisting
         assert twisting is not None
         up = jnp.zeros_like(self.axes[0]).at[2].set(1.0)
-        G, lift = self.turned(twisting.Omegadot).T, twisting.reaction[:, 2]
+        G, lift = self.in_space(twisting.Omegadot).T, twisting.reaction[:, 2]
         rate = apply(self.axes, rolling.Omegadot)
         rate = rate if self.carried is None else rate + self.carried
         return Turning(up, self.axle, rate, G, rolling.reaction[2], lift, self.radius)
@@ -93,7 +93,7 @@ class Resisting(NamedTuple):
         N, lift = needed[2] / over, yields[:, 2] / over
         a = jnp.where(slides, N * moved - needed, 0.0).at[2].set(0.0)
         by_torque = jnp.where(slides, lift[:, None] * moved[None] - yields, 0.0).at[:, 2].set(0.0)
-        Y = self.turned(found.yielding.Omegadot)
+        Y = self.in_space(found.yielding.Omegadot)
         return bare._replace(
             rate=bare.rate + combine_rows(a, Y),
             compliance=bare.compliance + jnp.sum(by_torque[:, :, None] * Y[None], axis=1).T,
@@ -105,7 +105,7 @@ class Resisting(NamedTuple):
         """T in a mode of turning."""
         bare = self.bare
         hold, d = Hold.of(bare, mode), drag(self.resistance, bare, mode)
-        by_slip = -jax.vmap(hold)(self.turned(self.response.yielding.Omegadot))
+        by_slip = -jax.vmap(hold)(self.in_space(self.response.yielding.Omegadot))
         return DryTorque(hold(mode.braking - bare.rate), by_slip, d - hold(apply(bare.compliance, d)))
 
     def resist_turning(self, torque: DryTorque) -> Response:

@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...numerics.directions import unit
 from ...numerics.vectors import apply, root
 from ..body import AbstractBody
-from ..dynamics.footing import ContactAxes, carried_rate, released_footing
+from ..dynamics.footing import ContactAxes, footing_of_released, rate_of_carrier
 from ..dynamics.load import Load
 from ..forces.resistance import TurningMode
 from ..grounds import Footing
@@ -104,8 +104,8 @@ class RestingOnPlane(BodyOnPlane):
         Omega = self.contact_axes(t, packed).in_body(packed.body.Omega)
         return super().from_packed(t, eqx.tree_at(lambda x: x.body, packed, packed.body.with_Omega(Omega)))
 
-    def packed_field(self, t: Float[Array, ""], packed: Any) -> Any:
-        moved = super().packed_field(t, packed)
+    def field_of_packed(self, t: Float[Array, ""], packed: Any) -> Any:
+        moved = super().field_of_packed(t, packed)
         rate = self.rate_over_ground(t, self.from_packed(t, packed), moved.body.Omega)
         return eqx.tree_at(lambda x: x.body, moved, moved.body.with_Omega(self.unless_held(packed, rate)))
 
@@ -138,8 +138,8 @@ class RestingOnPlane(BodyOnPlane):
             return None
         touching = ~state.is_in(Mode.FLIGHT)
         if under is None:
-            under = released_footing(self.body, t, state.body, state.V, state.height, touching)
-        carried = carried_rate(self.body, t, state.body, under)
+            under = footing_of_released(self.body, t, state.body, state.V, state.height, touching)
+        carried = rate_of_carrier(self.body, t, state.body, under)
         assert carried is not None
         return jnp.where(touching, apply(self.contact_axes(t, state).rows, carried), 0.0)
 

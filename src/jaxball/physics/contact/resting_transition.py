@@ -162,7 +162,7 @@ def _end_rolling(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array
         rate = -omega / jnp.where(time > 0, time, 1.0)
         held = about.mode._replace(rests=jnp.asarray(True), braking=_in_three(rate))
         moved = about.rates(plane.body, where, held)
-        return state.moved(jax.tree.map(lambda x, rate: x + share * time * rate, state.released, moved))
+        return state.move(jax.tree.map(lambda x, rate: x + share * time * rate, state.released, moved))
 
     about = _Rolling.of(plane, t, state)
     first = end(about)
@@ -277,7 +277,7 @@ def _decide(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> P
     flies = done.flies | ~choice.sticks & ~(friction.sliding(found, mu, choice.sigma).normal > -slack)
     # The rest of a slip that ends is dissipated by friction; one without an end continues.
     stopped = with_slip(body, given.released, found, slip, jnp.zeros_like(slip))
-    state: Any = select_tree(still & ~flies & (choice.sticks | plane.slips_end), given.moved(stopped), given)
+    state: Any = select_tree(still & ~flies & (choice.sticks | plane.slips_end), given.move(stopped), given)
     rise = slip_velocity(body, t, state.released)[2]
     V = with_rise(body, t, state.released, jnp.where(flies & (cause != int(SwitchCause.LIFTS)), rise, 0.0))
     mode = jnp.where(flies, int(Mode.FLIGHT), jnp.where(choice.sticks, int(Mode.ROLLING), int(Mode.SLIDING)))
@@ -342,7 +342,7 @@ class _Slipping(NamedTuple):
     begins: Any
 
     def prepare(self, t: Float[Array, ""], state: ReleasedState) -> tuple[Response, Float[Array, ""]]:
-        now = self.begins.moved(state)
+        now = self.begins.move(state)
         return self.plane.response(t, now), self.plane.coefficient(slip_velocity(self.plane.body, t, state))
 
     def pull(
@@ -362,13 +362,13 @@ class _Turning(NamedTuple):
     begins: Any
 
     def prepare(self, t: Float[Array, ""], state: ReleasedState) -> _Rolling:
-        return _Rolling.of(self.plane, t, self.begins.moved(state))
+        return _Rolling.of(self.plane, t, self.begins.move(state))
 
     def pull(
         self, t: Float[Array, ""], state: ReleasedState, prepare: _Rolling, sigma: Float[Array, "2"]
     ) -> tuple[Float[Array, "2"], ReleasedState]:
         """The rate of ω_h over the ground, in contact axes, and ẋ."""
-        now = self.begins.moved(state)
+        now = self.begins.move(state)
         moved = prepare.rates(self.plane.body, now, self.plane.mode(t, now, sigma))
         return self.plane.rate_over_ground(t, now, moved.body.Omega)[:2], moved
 

@@ -202,13 +202,13 @@ def end(pull: Callable[[Any, Float[Array, "2"]], Pull], about: Any, slip: Float[
         acting, turned = jax.jvp(lambda sigma: pull(still, sigma), (sigma,), (turn_left(sigma),))
         return root(jnp.sum(acting.acceleration**2)) + root(jnp.sum(turned.acceleration**2))
 
-    def advanced(x: Float[Array, "6"], _: None) -> tuple[Float[Array, "6"], None]:
+    def advance(x: Float[Array, "6"], _: None) -> tuple[Float[Array, "6"], None]:
         rate = fastest(jax.lax.stop_gradient(x))
         h = jnp.where(rate > 0, TURN / jnp.where(rate > 0, rate, 1.0), 0.0)
         return cooper_verner.step(motion, x, h), None
 
     start = jnp.concatenate([unit(slip), jnp.zeros((4,), slip.dtype)])
-    x = jax.lax.scan(advanced, start, None, length=STEPS_TO_END)[0]
+    x = jax.lax.scan(advance, start, None, length=STEPS_TO_END)[0]
     growth, slower, power, normal = motion(x)[2:]
     comes = (growth < 0) & (x[2] < 0)
     left_of_it = 1 / jnp.where(comes, -growth, 1.0)
@@ -281,9 +281,9 @@ def beginning(
 
     def sweep(window: _Window) -> _Window:
         a, rate, change = still.accelerations(window, turned=True)
-        sigmas, aside, along, x = still.integrated(window, a, rate)
+        sigmas, aside, along, x = still.integrate(window, a, rate)
         window = window._replace(x=x, inverse=still.newton(window, sigmas, along, change))
-        tangents, sweeps = window.turned(aside), window.sweeps + 1
+        tangents, sweeps = window.turn(aside), window.sweeps + 1
         done, found = sweeps % SWEEPS == 0, (jnp.abs(jnp.sum(highest * tangents)) <= RESOLVED) & jnp.all(along[1:] > 0)
         again = done & ~found & (sweeps < MOST_SWEEPS)
         shorter = begun._replace(span=SHORTER_WINDOW * window.span, sweeps=sweeps)
@@ -291,7 +291,7 @@ def beginning(
         return select_tree(again, shorter, window)
 
     window = jax.lax.while_loop(lambda window: ~window.found & (window.sweeps < MOST_SWEEPS), sweep, begun)
-    tangents = with_derivatives(window.tangents, _Start.settled, given, window)
+    tangents = with_derivatives(window.tangents, _Start.settle, given, window)
     bends = jnp.sum(_lobatto(sigma.dtype).powers * tangents[None], axis=1)[1:]
     return Beginning(t + window.span, window.span, sigma, bends)
 
@@ -309,7 +309,7 @@ class _Window(NamedTuple):
     sweeps: Array
     found: Bool[Array, ""]
 
-    def turned(self, aside: Float[Array, " nodes"]) -> Float[Array, " nodes"]:
+    def turn(self, aside: Float[Array, " nodes"]) -> Float[Array, " nodes"]:
         """The tangents after a step of Newton's method: at each node but the first, σ is to be that of v_s."""
         turns = solutions(self.inverse[None], aside[None, 1:])[0]
         return self.tangents.at[1:].add(-jnp.clip(turns, -1.0, 1.0))
@@ -354,7 +354,7 @@ class _Start(NamedTuple):
         times = self.t + window.span * _lobatto(window.x.dtype).nodes
         return jax.lax.map(lambda at: at_node(*at), (times, window.x, window.tangents))
 
-    def integrated(self, window: _Window, a: Array, rate: Array) -> tuple[Array, Array, Array, Array]:
+    def integrate(self, window: _Window, a: Array, rate: Array) -> tuple[Array, Array, Array, Array]:
         """At the nodes, σ, the components of v_s across and along it, and the states."""
         integrals, x0 = window.span * _lobatto(window.x.dtype).integrals, ravel_pytree(self.state)[0]
         slips, x = (jnp.sum(integrals[:, :, None] * y[None], axis=1) for y in (a, rate))
@@ -367,12 +367,12 @@ class _Start(NamedTuple):
         slopes = integrals * jax.vmap(lambda one: jax.vmap(lambda two: across(one, two))(change))(sigmas)
         return inverses((slopes - jnp.diag(along / (1 + window.tangents**2)))[None, 1:, 1:])[0]
 
-    def settled(self, window: _Window) -> Float[Array, " nodes"]:
+    def settle(self, window: _Window) -> Float[Array, " nodes"]:
         """The tangents of a window that has been found, after as many more sweeps as give their derivatives."""
 
         def sweep(window: _Window, _: None) -> tuple[_Window, None]:
-            aside, x = self.integrated(window, *self.accelerations(window)[:2])[1::2]
-            return window._replace(x=x, tangents=window.turned(aside)), None
+            aside, x = self.integrate(window, *self.accelerations(window)[:2])[1::2]
+            return window._replace(x=x, tangents=window.turn(aside)), None
 
         return jax.lax.scan(sweep, window, None, length=SWEEPS)[0].tangents
 

@@ -114,7 +114,7 @@ def _slow(
     time, slip = share * end.time, slip_velocity(plane.body, done.t, done.state.released)
     braking = jnp.where(end.time > 0, slip / jnp.where(end.time > 0, end.time, 1.0), 0.0).at[2].set(0.0)
     moved = rates(plane.body, where.released, found, -braking, end.normal)
-    return done.state.moved(jax.tree.map(lambda x, rate: x + time * rate, done.state.released, moved))
+    return done.state.move(jax.tree.map(lambda x, rate: x + time * rate, done.state.released, moved))
 
 
 def strike(plane: "BodyOnPlane", done: "Progress") -> "Progress":
@@ -126,7 +126,7 @@ def strike(plane: "BodyOnPlane", done: "Progress") -> "Progress":
     after = impact(plane.body, t, state.released, found, plane.coefficient(slip), e)
     rise = jnp.where(rebounds, slip_velocity(plane.body, t, after.state)[2], 0.0)
     V = with_rise(plane.body, t, after.state, rise)
-    bounced = state.moved(ReleasedState(after.state.body, V, state.height))
+    bounced = state.move(ReleasedState(after.state.body, V, state.height))
     bounced = eqx.tree_at(lambda x: x.impact_loss, bounced, state.impact_loss - after.work)
     flies = done.flies | (rise > 0)
     return done._replace(state=bounced, still=done.still | after.collision.sticks, flies=flies)
@@ -151,7 +151,7 @@ def _decide(plane: "BodyOnPlane", done: "Progress", cause: Int[Array, ""]) -> "P
     mode = jnp.where(flies, int(Mode.FLIGHT), jnp.where(rolls, int(Mode.ROLLING), int(Mode.SLIDING)))
     # The rest of a slip that ends is dissipated by friction; one without an end continues.
     stopped = with_slip(body, given, found, slip, jnp.zeros_like(slip))
-    state = select_tree(still & ~flies & (rolls | plane.slips_end), state.moved(stopped), state)
+    state = select_tree(still & ~flies & (rolls | plane.slips_end), state.move(stopped), state)
     rise = slip_velocity(body, t, state.released)[2]
     V = with_rise(body, t, state.released, jnp.where(flies & (cause != int(SwitchCause.LIFTS)), rise, 0.0))
     begins = (mode == int(Mode.SLIDING)) & still

@@ -20,7 +20,7 @@ from ..conditions import Condition
 from ..forces.resistance import Resistance
 from ..state import Rates, State
 from .coupling import FactoredInertia, Inertia, Joints, inertia, join_coordinates, joint_forces, with_free_joints
-from .footing import carried_rate, contact_normal
+from .footing import contact_normal, rate_of_carrier
 from .linkage import Linkage, along, linkages
 from .load import Load, load
 from .moments import AbstractMoments, Moments, moments, velocity_moments
@@ -141,7 +141,7 @@ def accelerations(
     Omegadot, thetaddot = found.solve(r, t, state, acting)
     dry = None if system.resistance is None else system.resistance.dry_torque(r, acting.resisted, Gamma)
     if isinstance(system.resistance, Resistance) and system.resistance.holds:
-        turns = _turning(system, found, acting, Omegadot, thetaddot, carried_rate(system, t, state))
+        turns = _turning(system, found, acting, Omegadot, thetaddot, rate_of_carrier(system, t, state))
         mode = mode_of(system.resistance, turns, acting.resisted)
         dry = resist(system.resistance, turns, mode).torque
         change, joint_changes, _ = _dry_friction(at, Gamma, free, found.matrix, dry)
@@ -171,7 +171,7 @@ def turning(system: BodyParameters, t: Float[Array, ""], state: State) -> Turnin
     """
     found, acting = equations(system, t, state), load(system, t, state)
     solved = found.solve(system.radius, t, state, acting)
-    return _turning(system, found, acting, *solved, carried_rate(system, t, state))
+    return _turning(system, found, acting, *solved, rate_of_carrier(system, t, state))
 
 
 def _turning(

@@ -52,7 +52,7 @@ def footing(system: BodyParameters, t: Float[Array, ""], state: Any) -> Footing 
     return surface.footing(t, system.radius, state.z, apply(state.Lambda, state.Omega))
 
 
-def released_footing(
+def footing_of_released(
     system: BodyParameters,
     t: Float[Array, ""],
     state: Any,
@@ -161,7 +161,7 @@ class ContactAxes(NamedTuple):
         return apply(self.rows.T, omega if self.spin is None else omega + self.spin)
 
 
-def carried_rate(
+def rate_of_carrier(
     system: BodyParameters, t: Float[Array, ""], state: Any, under: Footing | None = None
 ) -> Float[Array, "3"] | None:
     """The rate of the components of ω relative to the ground while ω is constant, in body axes; None on a plane.
@@ -187,7 +187,7 @@ def rate_over_ground(
     system: BodyParameters, t: Float[Array, ""], state: Any, Omegadot: Float[Array, "3"]
 ) -> Float[Array, "3"]:
     """The rate of ω relative to the ground, along the axes of the contact, from Ω̇."""
-    carried = carried_rate(system, t, state)
+    carried = rate_of_carrier(system, t, state)
     rate = Omegadot if carried is None else Omegadot + carried
     return apply(ContactAxes.of(system, t, state).rows, rate)
 

@@ -43,7 +43,7 @@ def from_locked(system: BodyParameters, t: Float[Array, ""], state: AnyState) ->
     return _move(system, t, state, -1.0)
 
 
-def locked_field(system: BodyParameters, t: Float[Array, ""], packed: AnyState) -> AnyState:
+def field_of_locked(system: BodyParameters, t: Float[Array, ""], packed: AnyState) -> AnyState:
     """The rates of a state that holds (W, ϑ̇): with 𝔐 the inertia of ``coupling``, 𝔐⁻¹ ((Π̇, π̇) − 𝔐̇ (W, ϑ̇))."""
     r, W, Gamma = system.radius, packed.Omega, contact_normal(system, t, packed)
     at, links = _stop_joints(system, t, packed)

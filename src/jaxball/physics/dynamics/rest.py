@@ -139,7 +139,7 @@ def mode_of(resistance: Resistance, turning: Turning, omega: Float[Array, "3"]) 
         return resistance.mode
     given = candidates(resistance, turning, omega)
     still = without_derivatives((resistance, turning, given))
-    mode = begun(*still)
+    mode = begin(*still)
     rolls = dot(given.sigma, given.sigma) > 0
     return mode._replace(sigma=jnp.where(rolls, given.sigma, mode.sigma))
 
@@ -156,7 +156,7 @@ def candidates(resistance: Resistance, turning: Turning, omega: Float[Array, "3"
     return TurningMode(sigma, jnp.where(spins, jnp.sign(spin), 0.0), rests, still, jnp.zeros_like(omega))
 
 
-def begun(
+def begin(
     resistance: Resistance,
     turning: Turning,
     mode: TurningMode,

@@ -226,10 +226,10 @@ def require_wrench(name: str, force: AbstractWrench, coordinates: int) -> None:
         return _check_wrench(name, force.wrench(t, motion)).force
 
     trace.__name__ = getattr(force, "function", force.wrench).__name__
-    require_function(name, trace, (3,), t=a_number(), motion=unknown_motion(coordinates))
+    require_function(name, trace, (3,), t=a_number(), motion=shapes_of_motion(coordinates))
 
 
-def unknown_motion(coordinates: int) -> BodyMotion:
+def shapes_of_motion(coordinates: int) -> BodyMotion:
     """Returns the shapes of the motion of a body with ``coordinates`` of this number, for tracing a force."""
     shapes = ((3,), (3,), (3, 3), (3,), (coordinates,), (coordinates,))
     unknown: list[Any] = [jax.ShapeDtypeStruct(shape, default_dtype()) for shape in shapes]

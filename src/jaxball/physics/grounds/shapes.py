@@ -278,7 +278,7 @@ class Paraboloid(AbstractSurface):
     >>> import jax.numpy as jnp
     >>> from jaxball import Paraboloid
     >>> saddle = Paraboloid((0.1, -0.1))
-    >>> print(saddle.placed(jnp.array(0.0), jnp.array(2.0), jnp.array(1.0)))
+    >>> print(saddle.place(jnp.array(0.0), jnp.array(2.0), jnp.array(1.0)))
     [2.   1.   0.15]
     """
 
@@ -313,7 +313,7 @@ class Washboard(AbstractSurface):
 
     >>> import jax.numpy as jnp
     >>> from jaxball import Washboard
-    >>> print(Washboard(0.1, wavelength=4.0).placed(jnp.array(0.0), jnp.array(1.0), jnp.array(2.0)))
+    >>> print(Washboard(0.1, wavelength=4.0).place(jnp.array(0.0), jnp.array(1.0), jnp.array(2.0)))
     [1.  2.  0.1]
     """
 
@@ -429,7 +429,7 @@ class _Near(AbstractSchedule):
         since = t - self.time
         return self.theta + since * (self.rate + 0.5 * since * self.acceleration)
 
-    def advanced(self, by: Float[Array, ""]) -> "_Near":
+    def shift(self, by: Float[Array, ""]) -> "_Near":
         return _Near(self.time, self.theta + by, self.rate, self.acceleration)
 
 

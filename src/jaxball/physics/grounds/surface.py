@@ -257,7 +257,7 @@ class AbstractSurface(AbstractGround):
         start = self.along_section(self.over(t, own, both))
         return nearest(Section(self), t, own, jnp.stack([start, jnp.zeros_like(start)]))[0]
 
-    def placed(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
+    def place(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         """p, where the piece with these coordinates is in space."""
         own = self.point(t, u1, u2)
         return own if self.motion is None else self.motion.place(t, own)
@@ -378,14 +378,14 @@ class AbstractSurface(AbstractGround):
         contact = self.touch(t, both[0], both[1])
         if u.ndim:
             return contact
-        _, along = _derivative(lambda x: self.placed(t, *self.section(x)), u)
+        _, along = _derivative(lambda x: self.place(t, *self.section(x)), u)
         return contact._replace(e=unit_vector(along))
 
     def touch(self, t: Time, u1: Coordinate, u2: Coordinate) -> Touch:
         """The place of a piece, its normal, its velocity and the direction in which u1 grows, space axes."""
-        p, along_1 = _derivative(lambda x: self.placed(t, x, u2), u1)
-        _, along_2 = _derivative(lambda x: self.placed(t, u1, x), u2)
-        _, w = _derivative(lambda x: self.placed(x, u1, u2), t)
+        p, along_1 = _derivative(lambda x: self.place(t, x, u2), u1)
+        _, along_2 = _derivative(lambda x: self.place(t, u1, x), u2)
+        _, w = _derivative(lambda x: self.place(x, u1, u2), t)
         return Touch(p, unit_vector(cross(along_1, along_2)), w, unit_vector(along_1))
 
     def _slopes(self, t: Time, u: Float[Array, "2"]) -> tuple[Touch, tuple[Touch, Touch, Touch]]:

@@ -29,7 +29,7 @@ from ..contact import slip as slips
 from ..contact.slip import HALFWAY, Beginning, Heading
 from ..dynamics.equations import turning
 from ..dynamics.footing import ContactAxes, rate_over_ground
-from ..dynamics.rest import Turning, begun, candidates, needs, resist
+from ..dynamics.rest import Turning, begin, candidates, needs, resist
 from ..forces.resistance import Resistance, TurningMode
 from ..hybrid import (
     NONE,
@@ -157,8 +157,8 @@ class DryRolling(AbstractSystem[DryRollingState]):
         """All kinks: accelerations jump with those of prescribed motions."""
         return jnp.concatenate([self.body.driving_kinks(), self.body.motion_kinks()])
 
-    def confined(self, times: Float[Array, " T"], state: DryRollingState) -> Bool[Array, ""]:
-        return self.body.confined(times, state.body)
+    def is_confined(self, times: Float[Array, " T"], state: DryRollingState) -> Bool[Array, ""]:
+        return self.body.is_confined(times, state.body)
 
     def time_of_leaving(self, times: Float[Array, " T"], states: DryRollingState) -> Float[Array, ""] | None:
         return self.body.time_of_leaving(times, states.body)
@@ -181,7 +181,7 @@ class DryRolling(AbstractSystem[DryRollingState]):
         Omega = ContactAxes.of(self.body, t, packed.body).in_body(packed.body.Omega)
         return eqx.tree_at(lambda x: x.body, packed, packed.body.with_Omega(Omega))
 
-    def packed_field(self, t: Float[Array, ""], packed: DryRollingState) -> DryRollingState:
+    def field_of_packed(self, t: Float[Array, ""], packed: DryRollingState) -> DryRollingState:
         state = self.from_packed(t, packed)
         moved = self.field(t, state)
         rate = self._unless_held(state, rate_over_ground(self.body, t, state.body, moved.body.Omega))
@@ -318,8 +318,8 @@ class DryRolling(AbstractSystem[DryRollingState]):
         t, before, stopped = self._stop(t, before, stops, accuracy.tolerance)
         decides &= ~stops | stopped
         given = Happened(starts, stopped, (event == ROLLING) & ~stops, event == SPINNING, event)
-        decided = jax.jit(type(self).decided)  # compiled on its own, it is traced once
-        after = jax.lax.cond(decides, decided, lambda system, t, state, given: state, self, t, before, given)
+        decide = jax.jit(type(self).decide)  # compiled on its own, it is traced once
+        after = jax.lax.cond(decides, decide, lambda system, t, state, given: state, self, t, before, given)
         if not self.body.planar:
             begun = select_tree(decides, after.begun, Beginning.none(t))
             after = eqx.tree_at(lambda x: x.begun, after, begun)
@@ -381,10 +381,10 @@ class DryRolling(AbstractSystem[DryRollingState]):
         body = jax.tree.map(lambda x, rate: x + share * time * rate, state.body, moved)
         return eqx.tree_at(lambda x: x.body, state, body)
 
-    def decided(self, t: Float[Array, ""], state: DryRollingState, given: "Happened") -> DryRollingState:
+    def decide(self, t: Float[Array, ""], state: DryRollingState, given: "Happened") -> DryRollingState:
         """The state in the mode that follows: at rest as far as friction can hold it."""
         moving, omega, turns = self.all_held(t, state, given)
-        mode = begun(self.resistance, turns, moving, given.loosens, given.spinning & self.is_still(state))
+        mode = begin(self.resistance, turns, moving, given.loosens, given.spinning & self.is_still(state))
         return self.with_mode(t, state, omega, mode, moving.rests & ~mode.rests)
 
     def all_held(
@@ -431,7 +431,7 @@ class DryRolling(AbstractSystem[DryRollingState]):
     def shown(self) -> AbstractBody:
         return self.body
 
-    def shown_state(self, state: DryRollingState) -> PlacedState:
+    def state_to_show(self, state: DryRollingState) -> PlacedState:
         return state.body
 
     def history(self, times: Float[Array, " T"], states: DryRollingState, record: Record | None) -> RestHistory:

@@ -21,7 +21,7 @@ from ...programs.derivatives.differentiation import without_derivatives
 from ..body import AbstractBody
 from ..dynamics.equations import holding_friction
 from ..dynamics.footing import ContactAxes
-from ..dynamics.rest import begun, needs, resist
+from ..dynamics.rest import begin, needs, resist
 from ..dynamics.sticking import describe_changes, largest_frictions, sticking_slots, with_directions
 from ..forces.resistance import TurningMode
 from ..hybrid import Record
@@ -117,7 +117,7 @@ class DryStickSlip(DryRolling):
         fields = {field.name: getattr(given, field.name) for field in dataclasses.fields(given)}
         return DryStickSlipState(**fields, slips=jnp.sign(state.thetadot[sticking_slots(self.body)]))
 
-    def decided(self, t: Float[Array, ""], state: Any, given: Happened) -> Any:
+    def decide(self, t: Float[Array, ""], state: Any, given: Happened) -> Any:
         """The state in the mode that follows: all at rest that friction can hold so."""
         state = self._joints_changed(state, given)
         moving, omega, _ = self.all_held(t, state, given)
@@ -127,7 +127,7 @@ class DryStickSlip(DryRolling):
         last = self._release(t, state, moving, given.loosens & moving.rests, spins & moving.still)
         state = eqx.tree_at(lambda x: x.slips, state, last.slips)
         rolls, loose = moving.rests & ~last.mode.rests, moving.still & ~last.mode.still
-        mode = begun(self.resistance, self.turning(t, state), moving, rolls, loose)
+        mode = begin(self.resistance, self.turning(t, state), moving, rolls, loose)
         return self.with_mode(t, state, omega, mode, moving.rests & ~mode.rests)
 
     def _joints_changed(self, state: DryStickSlipState, given: Happened) -> DryStickSlipState:

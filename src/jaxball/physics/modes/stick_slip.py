@@ -119,8 +119,8 @@ class StickSlip(AbstractSystem[StickSlipState]):
         """All kinks: accelerations jump with those of prescribed motions."""
         return jnp.concatenate([self.body.driving_kinks(), self.body.motion_kinks()])
 
-    def confined(self, times: Float[Array, " T"], state: StickSlipState) -> Bool[Array, ""]:
-        return self.body.confined(times, state.body)
+    def is_confined(self, times: Float[Array, " T"], state: StickSlipState) -> Bool[Array, ""]:
+        return self.body.is_confined(times, state.body)
 
     def time_of_leaving(self, times: Float[Array, " T"], states: StickSlipState) -> Float[Array, ""] | None:
         return self.body.time_of_leaving(times, states.body)
@@ -175,7 +175,7 @@ class StickSlip(AbstractSystem[StickSlipState]):
     def shown(self) -> AbstractBody:
         return self.body
 
-    def shown_state(self, state: StickSlipState) -> State:
+    def state_to_show(self, state: StickSlipState) -> State:
         return state.body
 
     def history(self, times: Float[Array, " T"], states: StickSlipState, record: Record | None) -> StickSlipHistory:

@@ -220,7 +220,7 @@ class RecordedSchedule(AbstractRecorded, AbstractSchedule):
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.prepare()(t)
 
-    def advanced(self, by: Float[Array, ""]) -> "RecordedSchedule":
+    def shift(self, by: Float[Array, ""]) -> "RecordedSchedule":
         return eqx.tree_at(lambda s: s.values, self, self.values + by)
 
     def kinks(self) -> Float[Array, " kinks"]:
@@ -251,7 +251,7 @@ class PreparedSchedule(AbstractSchedule):
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.curve(t)
 
-    def advanced(self, by: Float[Array, ""]) -> "PreparedSchedule":
+    def shift(self, by: Float[Array, ""]) -> "PreparedSchedule":
         return eqx.tree_at(lambda s: s.curve.coefficients, self, self.curve.coefficients.at[..., 0].add(by))
 
     def kinks(self) -> Float[Array, " kinks"]:

@@ -17,7 +17,7 @@ from ...numerics.kinks import kinks_of_function, kinks_seen
 class AbstractSchedule(Printed):
     """A prescribed parameter θ(t) of a mass on its rail.
 
-    A family implements ``__call__`` and ``advanced``, and ``kinks`` where θ̈ has jumps or corners.
+    A family implements ``__call__`` and ``shift``, and ``kinks`` where θ̈ has jumps or corners.
     """
 
     @abc.abstractmethod
@@ -25,7 +25,7 @@ class AbstractSchedule(Printed):
         """θ(t), in radians on a closed rail and in units of length in a tube."""
 
     @abc.abstractmethod
-    def advanced(self, by: Float[Array, ""]) -> "AbstractSchedule":
+    def shift(self, by: Float[Array, ""]) -> "AbstractSchedule":
         """The schedule θ(t) + ``by``."""
 
     def kinks(self) -> Float[Array, " kinks"]:
@@ -45,7 +45,7 @@ class AbstractSchedule(Printed):
 
     def starting_at(self, theta: Numbers, t: Numbers) -> "AbstractSchedule":
         """The schedule shifted by a constant so that it takes the value ``theta`` at time ``t``."""
-        return self.advanced(to_array(theta) - self.prepare()(to_array(t)))
+        return self.shift(to_array(theta) - self.prepare()(to_array(t)))
 
 
 class FunctionSchedule(OfFunction, AbstractSchedule):
@@ -81,7 +81,7 @@ class FunctionSchedule(OfFunction, AbstractSchedule):
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.theta + self.function(t, self.parameters)
 
-    def advanced(self, by: Float[Array, ""]) -> "FunctionSchedule":
+    def shift(self, by: Float[Array, ""]) -> "FunctionSchedule":
         return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
 
     def kinks(self) -> Float[Array, " kinks"]:
@@ -110,7 +110,7 @@ class ConstantRate(AbstractSchedule):
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.theta + self.rate * t
 
-    def advanced(self, by: Float[Array, ""]) -> "ConstantRate":
+    def shift(self, by: Float[Array, ""]) -> "ConstantRate":
         return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
 
 
@@ -153,7 +153,7 @@ class Sinusoids(AbstractSchedule):
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.series(t) + self.rate * t
 
-    def advanced(self, by: Float[Array, ""]) -> "Sinusoids":
+    def shift(self, by: Float[Array, ""]) -> "Sinusoids":
         return eqx.tree_at(lambda s: s.series.constant, self, self.series.constant + jnp.asarray(by))
 
 
@@ -165,7 +165,7 @@ class PiecewiseSchedule(AbstractSchedule):
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.curve(t)
 
-    def advanced(self, by: Float[Array, ""]) -> "PiecewiseSchedule":
+    def shift(self, by: Float[Array, ""]) -> "PiecewiseSchedule":
         return eqx.tree_at(lambda s: s.curve.coefficients, self, self.curve.coefficients.at[..., 0].add(by))
 
     def kinks(self) -> Float[Array, " kinks"]:
@@ -242,7 +242,7 @@ class PiecewiseAcceleration(AbstractPiecewise):
             )
         )
 
-    def advanced(self, by: Float[Array, ""]) -> "PiecewiseAcceleration":
+    def shift(self, by: Float[Array, ""]) -> "PiecewiseAcceleration":
         return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
 
     def kinks(self) -> Float[Array, " kinks"]:
@@ -299,7 +299,7 @@ class Pulse(AbstractPiecewise):
             )
         )
 
-    def advanced(self, by: Float[Array, ""]) -> "Pulse":
+    def shift(self, by: Float[Array, ""]) -> "Pulse":
         return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
 
     def kinks(self) -> Float[Array, " kinks"]:
@@ -353,7 +353,7 @@ class Waypoints(AbstractPiecewise):
             )
         )
 
-    def advanced(self, by: Float[Array, ""]) -> "Waypoints":
+    def shift(self, by: Float[Array, ""]) -> "Waypoints":
         return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
 
     def kinks(self) -> Float[Array, " kinks"]:
