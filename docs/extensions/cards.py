@@ -33,8 +33,8 @@ GROUPS = {
         *("roboball-2", "rolling-robot", "rotunbot", "three-rotors", "yoke-robot"),
     ),
     "Grounds": (
-        *("ball-in-a-bowl", "ball-off-a-sphere", "golfers-dilemma", "jumping-ball", "tilting-plate", "turntable"),
-        *("vibrating-plane", "washboard", "wheel-in-a-half-pipe"),
+        *("ball-and-plate", "ball-in-a-bowl", "ball-off-a-sphere", "golfers-dilemma", "jumping-ball", "tilting-plate"),
+        *("turntable", "vibrating-plane", "washboard", "wheel-in-a-half-pipe"),
     ),
     "Slip, flight and rest": (
         *("slipping-ball", "stopping-ball", "bouncing-ball", "bowling-ball", "draw-shot", "masse-shot"),

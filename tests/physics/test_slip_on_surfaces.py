@@ -11,7 +11,6 @@ from jaxball import (
     Bowl,
     CarriedMass,
     Contact,
-    Disk,
     HeightField,
     Hinge,
     Mechanism,
@@ -20,7 +19,6 @@ from jaxball import (
     Resistance,
     Spring,
     programs,
-    simulate,
 )
 from jaxball.physics.contact.body_on_plane import BodyOnPlane
 from jaxball.physics.contact.modes import ContactState
@@ -141,9 +139,3 @@ def test_nearest_piece_where_the_search_must_not_follow_the_slope_of_a_saddle():
     distance = np.hypot(u[0] - 0.05, 0.5 * np.cos(2.0 * u[0]) + 3.0)
     x = np.linspace(-3.0, 3.0, 200_001)
     assert distance == pytest.approx(np.min(np.hypot(x - 0.05, 0.5 * np.cos(2.0 * x) + 3.0)), abs=1e-8)
-
-
-def test_a_disk_on_a_surface_has_no_law_of_contact():
-    disk = eqx.tree_at(lambda d: d.ground, Disk(mass=1.0, inertia=0.5), Bowl(3.0), is_leaf=lambda x: x is None)
-    with pytest.raises(TypeError, match="`contact` must be None for a disk on a surface"):
-        simulate(disk, [0.0, 1.0], contact=Contact(0.3))

@@ -34,7 +34,7 @@ def words_of(cell):
     """``mass length²/time`` as the code writes it."""
     powers = str.maketrans({"²": "^2", "³": "^3"})
     above, _, below = cell.translate(powers).partition("/")
-    return "/".join(["*".join(above.split()), *below.split()])
+    return "/".join(["*".join(above.split()), *below.strip("()").split()])
 
 
 @pytest.mark.parametrize("name", builtin_scenarios())
