@@ -18,6 +18,8 @@ _PLACE = re.compile(r"mechanisms\[\d+\]\.joints\[\d+\]|masses\[\d+\]|ground\.(?:
 _ALWAYS_ANGLES = ("phase", "frequency", "azimuth", "elevation", "angle")
 _COORDINATES = {"hinge": "rad", "slider": "length", "tube": "length"}
 _RAILS = ("circle", "ellipse", "fourier", "spline", "bernoulli-eight", "gerono-eight")
+# Of a linear law, which makes accelerations of angles from angles and their rates.
+_FACTORS_OF_ANGLES = ("theta", "thetadot", "Omega", "omega")
 _EFFORTS = {"rad": ("torque",), "length": ("force",)}
 _TURNS = ("turning", "angle", "about_e1", "about_e2")
 _EITHER = ("rad", "length")
@@ -43,6 +45,8 @@ def dimension_of(path: str, kinds: Mapping[str, Numbers], document: Mapping[str,
     name = [step for step in steps(path) if isinstance(step, str)][-1]
     if name in ("theta", "thetadot") and path.startswith("initial."):
         return ""
+    if path.startswith("actuation.") and name in _FACTORS_OF_ANGLES:
+        return words.replace("rad", "1", 1)
     place = _PLACE.match(path)
     if place is None or name in _ALWAYS_ANGLES:
         return words
