@@ -30,7 +30,7 @@ from ...numerics.vectors import root
 from ..body import AbstractBody
 from ..conditions import Condition, ExplainedCondition, Problem
 from ..dynamics.load import Load
-from ..hybrid import NONE, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
+from ..hybrid import NONE, WINDOW, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
 from ..state import ReducedState
 from ..system import AbstractSystem
 from . import friction, over_surface as over, slip as slips
@@ -282,7 +282,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         slides = state.is_in(Mode.SLIDING)
         slows_down = slides & self.slips_end
         stops = slows_down & slow & slips.nears_its_end(before, after, least)
-        otherwise = jnp.where(step.timed & slides, slips.WINDOW, jnp.where(stops, int(SwitchCause.STOPS), NONE))
+        otherwise = jnp.where(step.timed & slides, WINDOW, jnp.where(stops, int(SwitchCause.STOPS), NONE))
         longest = slips.longest_step(before, after, least, step.end - step.start, accuracy)
         longest = jnp.where(slows_down & ~ends, longest, jnp.inf)
         return Assessment(jnp.where(ends, cause, otherwise), longest)

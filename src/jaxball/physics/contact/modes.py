@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..conditions import Condition
-from ..hybrid import Switches
+from ..hybrid import NONE, Switches
 from ..system import AbstractState
 from .friction import slip_direction
 from .released import PlacedState, ReleasedState
@@ -38,7 +38,7 @@ class SwitchCause(enum.IntEnum):
     """Why a mode ends: friction gives way, a slip ends, the normal force falls to zero, the body lands.
 
     ``JAMS``: friction is so large that the normal force of a sliding body has no solution. Under exact dry resistance,
-    also: rolling or spinning ends, or the friction against one of them gives way. ``START`` is none of these.
+    also: rolling or spinning ends, or the friction against one of them gives way.
 
     **Example:**
 
@@ -47,7 +47,6 @@ class SwitchCause(enum.IntEnum):
     'the body came down'
     """
 
-    START = 0
     GIVES_WAY = 1
     STOPS = 2
     LIFTS = 3
@@ -65,7 +64,6 @@ class SwitchCause(enum.IntEnum):
 
 
 _CLAUSES = {
-    SwitchCause.START: "the run began",
     SwitchCause.GIVES_WAY: "friction gave way",
     SwitchCause.STOPS: "the slip ended",
     SwitchCause.LIFTS: "the normal force fell to zero",
@@ -78,17 +76,17 @@ _CLAUSES = {
 }
 
 
-# For each mode, the cause that each guard stands for.
+# For each mode, the cause that each guard stands for; NONE for a guard that it does not have.
 CAUSES = (
-    (SwitchCause.GIVES_WAY, SwitchCause.LIFTS, SwitchCause.START),
+    (SwitchCause.GIVES_WAY, SwitchCause.LIFTS, NONE),
     (SwitchCause.STOPS, SwitchCause.LIFTS, SwitchCause.JAMS),
-    (SwitchCause.LANDS, SwitchCause.START, SwitchCause.START),
+    (SwitchCause.LANDS, NONE, NONE),
 )
 
 
 def cause_of(mode: Float[Array, ""], guard: Int[Array, ""]) -> Int[Array, ""]:
-    """The cause that a guard of a mode stands for; ``START`` for none."""
-    cause = jnp.full_like(guard, int(SwitchCause.START))
+    """The cause that a guard of a mode stands for; ``NONE`` for none."""
+    cause = jnp.full_like(guard, NONE)
     for of_mode, causes in enumerate(CAUSES):
         for k, one in enumerate(causes):
             cause = jnp.where((mode == of_mode) & (guard == k), int(one), cause)

@@ -42,11 +42,10 @@ TURNS_TAKEN = 6  # by the windows of a slip and of rolling that begin together
 
 
 def transition(
-    plane: "RestingOnPlane", t: Float[Array, ""], state: "RestingState", event: Int[Array, ""], accuracy: Accuracy
+    plane: "RestingOnPlane", t: Float[Array, ""], state: "RestingState", cause: Int[Array, ""], accuracy: Accuracy
 ) -> Transition:
     """What follows a :class:`SwitchCause` for which a mode ends, the end of a window, or the start of a run."""
-    starts = event == START
-    cause = jnp.where(starts, int(SwitchCause.START), event)
+    starts = cause == START
     slip, rolling = without_derivatives(plane).step_reference(*without_derivatives((t, state, accuracy)))
     least = jnp.zeros_like(rolling.speed) if plane.body.planar else rolling.speed
     heading = Headings(slip._replace(least=slip.speed), rolling._replace(least=least))
@@ -57,7 +56,7 @@ def transition(
     def guards(plane: "RestingOnPlane", t: Float[Array, ""], state: "RestingState") -> Float[Array, "5"]:
         return plane.guards_in_step(t, state, heading)
 
-    t, before, slope = at_zero(guards, plane, t, state, which, cause > int(SwitchCause.START))
+    t, before, slope = at_zero(guards, plane, t, state, which, cause >= 0)
     done = _next_mode(plane, t, before, cause, accuracy.tolerance)
     slows = _is_one_of(cause, SwitchCause.STOPS) | _is_one_of(cause, SwitchCause.ROLLING_ENDS) & (not plane.body.planar)
     return Transition(
@@ -89,7 +88,7 @@ def _next_mode(
     tolerance: Float[Array, ""],
 ) -> Progress:
     """The state that follows the end of a mode: after the end of a slip or of rolling, or an impact."""
-    starts, decides = cause == int(SwitchCause.START), cause >= int(SwitchCause.START)
+    starts, decides = cause == START, (cause == START) | (cause >= 0)
     rise = plane.rise(t, state)
     lands = (cause == int(SwitchCause.LANDS)) | starts & (state.height <= 0) & (rise < 0)
     still = (cause == int(SwitchCause.GIVES_WAY)) | state.is_in(Mode.ROLLING)
@@ -262,7 +261,7 @@ def _decide(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> P
     slack = plane.rounding_of_force(given, resisting.response)
     deciding = _Deciding(resisting, still, mu, contact.static_friction, slack)
     moving = candidates(resisting.resistance, resisting.bare, omega)
-    may_rest = (cause == int(SwitchCause.START)) | done.stands | done.lands | (given.rolls == 0)
+    may_rest = (cause == START) | done.stands | done.lands | (given.rolls == 0)
     moving = moving._replace(rests=moving.rests & may_rest)
     gives_way = cause == int(SwitchCause.GIVES_WAY)
     sticks = still & (contact.static_friction > 0) & ~gives_way

@@ -55,7 +55,6 @@ BEFORE_KINK = 0.999  # of the time until the next kink: the same
 LONGEST_PAUSE = 0.25  # power of rounding: the longest time, in √(r/g), over which a slip is followed to its end
 COARSER = 0.3  # the same over the cube root of the tolerance, because the error of the response halfway grows like this
 HALFWAY = 0.5  # through the time, and the speed, of a slip that ends
-WINDOW = -3  # no event: the end of the time for which the direction of a slip was known beforehand
 STEPS_TO_END = 16  # in the time τ, to the end of a slip
 TURN = 1.5  # by which σ turns and ln s falls in one of them, at most
 

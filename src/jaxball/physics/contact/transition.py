@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...interface.status import Status
 from ...numerics.arrays import select_tree
 from ...programs.derivatives.differentiation import without_derivatives
-from ..hybrid import START, Accuracy, Transition, at_zero
+from ..hybrid import START, WINDOW, Accuracy, Transition, at_zero
 from . import friction, slip as slips
 from .impact import impact
 from .modes import CAUSES, ContactState, Mode, SwitchCause
@@ -22,11 +22,10 @@ if TYPE_CHECKING:
 
 
 def transition(
-    plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState, event: Int[Array, ""], accuracy: Accuracy
+    plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState, cause: Int[Array, ""], accuracy: Accuracy
 ) -> Transition:
     """What follows a :class:`SwitchCause` for which a mode ends, the end of a window, or the start of a run."""
-    starts = event == START
-    cause = jnp.where(starts, int(SwitchCause.START), event)
+    starts = cause == START
     heading = without_derivatives(plane).step_reference(*without_derivatives((t, state, accuracy)))
     heading = heading._replace(least=heading.speed)
     which = jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == cause)
@@ -34,7 +33,7 @@ def transition(
     def guards(plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState) -> Float[Array, "3"]:
         return plane.guards_in_step(t, state, heading)
 
-    t, before, slope = at_zero(guards, plane, t, state, which, cause > int(SwitchCause.START))
+    t, before, slope = at_zero(guards, plane, t, state, which, cause >= 0)
     done = _next_mode(plane, t, before, cause, accuracy.tolerance)
     return Transition(
         t=done.t,
@@ -42,7 +41,7 @@ def transition(
         after=done.state,
         event=jnp.where(starts, int(SwitchCause.LANDS), cause),
         slope=slope,
-        switches=jnp.where(starts, done.lands, done.decides & (cause != slips.WINDOW)),
+        switches=jnp.where(starts, done.lands, done.decides & (cause != WINDOW)),
         crowds=cause != int(SwitchCause.LANDS),
         # A slip has ended in ever shorter steps.
         pauses=(cause == int(SwitchCause.STOPS)) & done.decides,
@@ -63,13 +62,13 @@ def _next_mode(
     velocities after it, and then the direction in which a slip begins. A negative cause means none, and the mode
     continues, with the direction of its velocity.
     """
-    starts, rise = cause == int(SwitchCause.START), plane.rise(t, state)
+    starts, rise = cause == START, plane.rise(t, state)
     lands = (cause == int(SwitchCause.LANDS)) | starts & (state.height <= 0) & (rise < 0)
     still = (cause == int(SwitchCause.GIVES_WAY)) | state.is_in(Mode.ROLLING)
     flies = (cause == int(SwitchCause.LIFTS)) | starts & ((state.height > 0) | (rise > 0))
     height, begun = jnp.where(starts, state.height, 0.0), slips.Beginning.none(state.height)
     now = eqx.tree_at(lambda x: (x.height, x.begun), state, (height, begun))
-    done = Progress(t, state, now, still, flies, lands, cause >= int(SwitchCause.START), jnp.asarray(False))
+    done = Progress(t, state, now, still, flies, lands, starts | (cause >= 0), jnp.asarray(False))
     done = only_if(cause == int(SwitchCause.STOPS), end_slip, plane, done, tolerance)
     done = only_if(lands, strike, plane, done)
     done = only_if(done.decides, _decide, plane, done, cause)

@@ -34,6 +34,7 @@ from ..forces.resistance import Resistance, TurningMode
 from ..hybrid import (
     NONE,
     START,
+    WINDOW,
     AbstractHistory,
     Accuracy,
     Assessment,
@@ -286,7 +287,7 @@ class DryRolling(AbstractSystem[DryRollingState]):
         ends = (step.zero != NONE) & jnp.where(stops, slow, step.has_fallen)
         before, after = guards[ROLLING, 0] + least, guards[ROLLING, -1] + least
         nears = rolls & slow & slips.nears_its_end(before, after, least)
-        otherwise = jnp.where(step.timed, slips.WINDOW, jnp.where(nears, ROLLING, NONE))
+        otherwise = jnp.where(step.timed, WINDOW, jnp.where(nears, ROLLING, NONE))
         longest = slips.longest_step(before, after, least, step.end - step.start, accuracy)
         return Assessment(jnp.where(ends, step.zero, otherwise), jnp.where(rolls & ~ends, longest, never))
 
