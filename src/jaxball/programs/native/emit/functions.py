@@ -90,7 +90,7 @@ def compile_function(caller: Function, name: str, varying: Sequence[bool]) -> Si
             # Lanes can be taken out of a vector that has a line of its own.
             name = b.effect(f"bitcast {kind} {name} to {kind}", LANES) if form.passing.stacked else name
             numbers.append(Vector(name) if wide else name)
-        arguments.append(form.passing.join(numbers))
+        arguments.append(form.passing.within(function).join(numbers))
     if signature.mask_writes:
         given.append(f"{vector_type(BOOL)} %mask")
         b.mask, b.level = Vector("%mask"), 1
@@ -98,7 +98,7 @@ def compile_function(caller: Function, name: str, varying: Sequence[bool]) -> Si
         returned: list[Element] = []
         for position, (array, form) in enumerate(zip(results, signature.results, strict=True)):
             if form.passing is not None:
-                returned += form.passing.split(array)
+                returned += form.passing.within(function).split(array)
             else:
                 given.append(f"ptr noalias %r{position}")
                 target = Buffer(f"%r{position}", 0, lanes=form.varying, level=b.level)

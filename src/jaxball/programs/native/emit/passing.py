@@ -1,5 +1,6 @@
 """How small arrays are passed on in registers: to a loop's next turn, from branches, to a function and back."""
 
+import copy
 from collections.abc import Sequence
 
 import numpy as np
@@ -26,6 +27,12 @@ class Passing:
         # Phis of single numbers would make LLVM take the vectors apart in every turn.
         if self.stacked:
             self.kinds = [(dtype, True)] * number_of_vectors(shape)
+
+    def within(self, function: Function) -> "Passing":
+        """The same in another function, where what one that is called reads and returns is written."""
+        other = copy.copy(self)
+        other.function = function
+        return other
 
     def split(self, array: Array) -> list[Element]:
         """The numbers of the registers. Where lanes have each their own, a single one may be that of all."""
