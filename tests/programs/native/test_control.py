@@ -171,6 +171,22 @@ def test_functions_that_stay_functions(length):
 
 
 @pytest.mark.thorough
+def test_functions_that_are_passed_vectors():
+    """Rows that are passed in vectors, and read one by one in the function, and so are those that it returns."""
+
+    @jax.jit
+    def turned(x):
+        for k in range(240):
+            x = x.at[k % 8, k % 2].set(jnp.sin(x[(k + 1) % 8, 1]) * x[k % 8, 0])
+        return x
+
+    def twice(x):
+        y = turned(turned(x) + x)
+        return y, y[3, 1] * y[5, 0]
+
+    agree(twice, numbers(16).reshape(8, 2))
+
+
 def test_a_loop_within_a_function():
     @jax.jit
     def many(x, n):
