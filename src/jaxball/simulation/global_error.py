@@ -34,7 +34,7 @@ STEPS_BETWEEN_TIMES = 2**18
 def estimate_error(run: Trajectory[Any, Any], of: Callable[[Trajectory[Any, Any]], Any] | None = None) -> Any:
     """Estimates the global error of a run, or of a result computed from it: the computed value less the true one.
 
-    From each saved state the motion is solved to the next saved time at a tolerance of 1e-13. The saved state there
+    From each saved state the motion is solved to the next saved time at a tolerance of 1e-14. The saved state there
     differs by a local error eₖ, and the tangent Jₖ of that solve carries the errors of all earlier intervals on,
     εₖ₊₁ = Jₖ εₖ + eₖ. For a functional of the run this is Σ λₖᵀ eₖ, with λ from the adjoint equations (D. Estep, SIAM
     Journal on Numerical Analysis 32, 1995; Y. Cao & L. Petzold, SIAM Journal on Scientific Computing 26, 2004). Carried
