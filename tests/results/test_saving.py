@@ -37,7 +37,8 @@ def test_netcdf(ball, tmp_path):
     scenario, trajectory = ball
     path = save(trajectory, tmp_path / "run.nc", scenario)
     with xarray.open_dataset(path) as data:
-        assert dict(data.sizes) == {"time": 5, "component": 4, "axis": 3, "direction": 2, "driven": 1, "mass": 1}
+        sizes = {"time": 5, "component": 4, "axis": 3, "direction": 2, "driven": 1, "mass": 1, "rail": 1}
+        assert dict(data.sizes) == sizes
         for name in ("q", "Omega", "z", "theta", "thetadot"):
             np.testing.assert_array_equal(data[name], getattr(trajectory.state, name))
         for name in ("normal_force", "energy", "mass_positions_space", "friction"):

@@ -34,6 +34,10 @@ def test_laws_of_a_hoop_with_backspin():
     assert applying == {"energy", "contact", "error", "convergence", "solvers", "embedding"}
     assert report["energy"].residual < 1e-9
     assert report["rolling"].reason == "the body has a law of contact"
+    assert report["estimate"].reason.startswith("a saved time is that of an impact")
+    between = verify(Disk(mass=1.0, inertia=0.5), TIMES + 0.1 * (TIMES > 0), HOOP, contact=law, laws=["estimate"])
+    assert between["estimate"].applies
+    assert between.ok, str(between)
     run = simulate(Disk(mass=1.0, inertia=0.5), TIMES, HOOP, contact=law)
     assert run.contact.friction_loss[-1] > 1  # which the law accounts for
 

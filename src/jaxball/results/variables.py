@@ -281,7 +281,7 @@ def read_history(
     ``law`` is that of the scenario in the file, whose friction may be a function instead of one coefficient.
     """
     if "contact_friction" in about:
-        return _read_contact(arrays, attribute, states, getattr(law, "friction", None))
+        return _read_contact(arrays, attribute, states, getattr(law, "friction_law", None))
     if "switches" not in about:
         return NO_HISTORY
     filled = _pad_arrays(arrays, attribute("switches", int), attribute("max_switches", int))

@@ -88,6 +88,8 @@ def estimate(case: Case) -> Row:
     largest = float(np.max(case.errors))
     if largest >= SATURATED:
         return Row("estimate", reason=f"the error, {largest:.0e}, is as large as the motion")
+    if np.any(case.jumps):
+        return Row("estimate", reason="a saved time is that of an impact, from which no solve can start as the run did")
     try:
         estimated = flat(estimate_error(case.run)) / case.weights[None]
     except SolveError as failure:
