@@ -92,7 +92,7 @@ free = { constant = [0.0, 0.0, 0.3], amplitude = [[0.2, 0.0, 0.0]], frequency = 
 
 [contact]
 friction = { kind = "smoothed-coulomb", kinetic = 0.3, smoothing = 0.01 }
-static = 0.4
+static_friction = 0.4
 restitution = 0.5
 slowest = 1e-5
 capacity = 16
