@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, default_dtype, numbers
+from ..numerics.vectors import apply
 from ..physics.body import Ball, System
 from ..physics.forces.force import HarmonicForce, Push, Wrenches
 from ..physics.forces.resistance import Resistance
@@ -158,7 +159,7 @@ class SampledSystem(Printed):
         xi = state.difference(other)
         if not self._may_be_uniform(state):
             return xi
-        omega = space_omega(other) - space_omega(state)
+        omega = apply(other.Lambda, other.Omega) - apply(state.Lambda, state.Omega)
         return jnp.where(self._is_uniform(), jnp.concatenate([jnp.zeros_like(xi[:3]), omega, xi[6:]]), xi)
 
     def displace(self, state: PlacedState, xi: Float[Array, " n"]) -> PlacedState:
@@ -166,8 +167,8 @@ class SampledSystem(Printed):
         moved = state.retract(xi)
         if not self._may_be_uniform(state):
             return moved
-        omega = space_omega(state) + xi[3:6]
-        Omega = jnp.sum(moved.Lambda * omega[:, None], axis=0)
+        omega = apply(state.Lambda, state.Omega) + xi[3:6]
+        Omega = apply(moved.Lambda.T, omega)
         return moved.with_Omega(jnp.where(self._is_uniform(), Omega, moved.Omega))
 
     def _may_be_uniform(self, state: PlacedState) -> bool:
@@ -210,11 +211,6 @@ class SampledSystem(Printed):
         # One direction after the other: side by side, the program would take several times as long to compile.
         c, columns = jax.lax.map(lambda v: jax.jvp(flow_from, (zero,), (v,)), jnp.eye(zero.size, dtype=u.dtype))
         return Linear(columns[:n].T, columns[n:].T, c[0])
-
-
-def space_omega(state: PlacedState) -> Float[Array, "3"]:
-    """ω = ΛΩ of a state."""
-    return jnp.sum(state.Lambda * state.Omega[None], axis=1)
 
 
 def uncontrollable(linear: Linear, names: Sequence[str]) -> tuple[str, ...]:

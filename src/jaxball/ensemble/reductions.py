@@ -14,7 +14,7 @@ from ..numerics.vectors import cross, root
 from ..physics.body import AbstractBody, System
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.modes import ContactState, Mode
-from ..physics.contact.over_surface import surface_under
+from ..physics.contact.over_surface import has_surface
 from ..physics.contact.released import energy_of_released
 from ..physics.dynamics.footing import footing
 from ..physics.observables import observe
@@ -175,7 +175,7 @@ def speed(system: System | BodyOnPlane, t: Float[Array, ""], state: State | Cont
     """
     if isinstance(system, BodyOnPlane) or isinstance(state, ContactState):
         V: Any = state.V  # pyright: ignore
-        curved = isinstance(system, BodyOnPlane) and surface_under(system.body) is not None
+        curved = isinstance(system, BodyOnPlane) and has_surface(system.body)
         return root(jnp.sum((V if curved else V[:2]) ** 2))
     under = footing(system, t, state)
     if under is not None:

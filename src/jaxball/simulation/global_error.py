@@ -132,7 +132,8 @@ def _carry_errors(run: Trajectory[Any, Any]) -> Any:
             raise SolveError(
                 f"The error of this run cannot be estimated, because the solve from its saved time "
                 f"{times[k]:.10g} to {times[k + 1]:.10g} at a tolerance of {TOLERANCE_BETWEEN_TIMES:g} ended with the "
-                f"status {Status(int(status)).name}; compare the run with one at tighter tolerances."
+                f"status {Status(int(status)).name}; leave out saved times at which the body strikes the ground, from "
+                "which no solve can start as the run did, or compare the run with one at tighter tolerances."
             )
         errors[k + 1] = np.asarray(carried) + saved[k + 1] - np.asarray(end)
     return jax.vmap(unravel)(jnp.asarray(errors))

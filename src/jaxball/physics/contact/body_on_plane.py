@@ -30,6 +30,7 @@ from ...numerics.vectors import root
 from ..body import AbstractBody
 from ..conditions import Condition, ExplainedCondition, Problem
 from ..dynamics.load import Load
+from ..grounds import AbstractSurface
 from ..hybrid import NONE, WINDOW, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
 from ..state import ReducedState
 from ..system import AbstractSystem
@@ -163,8 +164,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
     @property
     def always_projected(self) -> bool:
         """Whether each step ends with the nearest piece of a surface, from which the next ones are sought."""
-        surface = over.surface_under(self.body)
-        return surface is not None and surface.follows_foot
+        ground = self.body.ground
+        return isinstance(ground, AbstractSurface) and ground.follows_foot
 
     # The contact.
 
@@ -306,7 +307,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
     def rise(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
         """The rate at which a body leaves its ground; on a surface 0 where it is rounding."""
         rate = slip_velocity(self.body, t, state.released)[2]
-        if over.surface_under(self.body) is None:
+        if not over.has_surface(self.body):
             return rate
         least = ROUNDING_OF_VELOCITY * float(jnp.finfo(rate.dtype).eps) * self.speed_of(state)
         return jnp.where(jnp.abs(rate) > least, rate, 0.0)

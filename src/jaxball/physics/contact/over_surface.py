@@ -23,26 +23,21 @@ HEIGHTS = 4  # of a height over a surface, in units of rounding of the place of 
 NEARER = 0.5  # of the distance between the centre and a surface: as far may a step in flight go
 
 
-def surface_under(system: AbstractBody) -> AbstractSurface | None:
-    """The ground of a body, if it is not a plane."""
-    return system.ground if isinstance(system.ground, AbstractSurface) else None
-
-
 def has_surface(system: AbstractBody) -> bool:
     """Whether the ground of a body is not a plane."""
-    return surface_under(system) is not None
+    return isinstance(system.ground, AbstractSurface)
 
 
 def near_to(system: AbstractBody, z: Array, height: Float[Array, "*batch"]) -> Float[Array, "*batch coordinates"]:
     """``near`` of states of a body that is next to its ground, at ``z``."""
-    if surface_under(system) is None:
+    if not has_surface(system):
         return jnp.zeros((*height.shape, 0), height.dtype)
     return z[..., None] if system.planar else z
 
 
 def with_place(system: AbstractBody, t: Float[Array, ""], state: ContactState, packed: ContactState) -> ContactState:
     """The packed state with the place of the centre, in flight over a surface, instead of ``z`` and the height."""
-    if surface_under(system) is None:
+    if not has_surface(system):
         return packed
     place = _of_body(system, position(system, t, state.released))
     where = jnp.where(state.is_in(Mode.FLIGHT), place, _fields(state))
@@ -67,7 +62,7 @@ def with_nearest_piece(system: AbstractBody, t: Float[Array, ""], packed: Contac
 
 def with_rates_of_place(system: AbstractBody, state: ContactState, rates: ContactState) -> ContactState:
     """The rates of a packed state, from those of the ``state``: in flight over a surface, the place moves with V."""
-    if surface_under(system) is None:
+    if not has_surface(system):
         return rates
     V = _of_body(system, state.V)
     return _with_fields(rates, jnp.where(state.is_in(Mode.FLIGHT), V, _fields(rates)), rates.near)
@@ -83,7 +78,7 @@ def with_piece_remembered(system: AbstractBody, t: Float[Array, ""], packed: Con
 
 def rounding_of_height(system: AbstractBody, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
     """What rounding may make of the height over a surface, which is that of a difference of places."""
-    if surface_under(system) is None:
+    if not has_surface(system):
         return jnp.zeros_like(state.height)
     c, r = jax.lax.stop_gradient((position(system, t, state.released), system.radius))
     return HEIGHTS * float(jnp.finfo(c.dtype).eps) * (root(dot(c, c)) + r)

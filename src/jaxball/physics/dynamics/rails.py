@@ -3,6 +3,7 @@
 Sensors, files, figures, designs and controllers read them here, and ask no schedule of their own.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -38,8 +39,7 @@ def along_rails(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> A
             parts.append(AlongRails(*(jnp.zeros_like(group.mass),) * 3))
     if not parts:
         return AlongRails(*(jnp.zeros_like(t, shape=(0,)),) * 3)
-    place = np.argsort(np.concatenate([np.asarray(order) for order in system.order]))
-    return AlongRails(*(jnp.concatenate(arrays)[place] for arrays in zip(*parts, strict=True)))
+    return AlongRails(*(_in_order(system, arrays) for arrays in zip(*parts, strict=True)))
 
 
 def rail_tangents(system: BodyParameters, theta: Float[Array, " n"]) -> Float[Array, "n 3"]:
@@ -52,10 +52,12 @@ def rail_tangents(system: BodyParameters, theta: Float[Array, " n"]) -> Float[Ar
             continue
         tangents = eqx.filter_vmap(lambda rail, theta: rail.derivatives(theta)[1])(rail, theta[np.asarray(order)])
         parts.append(tangents / jnp.sqrt(jnp.sum(tangents**2, axis=-1, keepdims=True)))
-    if not parts:
-        return jnp.zeros_like(theta, shape=(0, 3))
-    place = np.argsort(np.concatenate([np.asarray(order) for order in system.order]))
-    return jnp.concatenate(parts)[place]
+    return _in_order(system, parts) if parts else jnp.zeros_like(theta, shape=(0, 3))
+
+
+def _in_order(system: BodyParameters, parts: Sequence[Array]) -> Array:
+    """Joins the arrays of the groups to one in the order of the masses."""
+    return jnp.concatenate(parts)[np.argsort(np.concatenate(system.order))]
 
 
 def rates_of_mass(system: BodyParameters, t: Float[Array, ""], angles: Rates, index: int) -> Rates:
