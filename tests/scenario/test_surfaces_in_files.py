@@ -181,4 +181,4 @@ def test_class_in_a_file():
 def test_function_that_cannot_be_imported():
     ball = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=HeightField(lambda t, x, y, _: 0.1 * x**2))
     with pytest.raises(ScenarioError, match=r"`ground.function` must be a function that can be imported"):
-        write_scenario(Scenario("a title", ball, BallState(), jnp.array([0.0, 1.0])))
+        write_scenario(Scenario("a title", ball, BallState(), np.array([0.0, 1.0])))
