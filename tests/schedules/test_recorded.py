@@ -25,7 +25,6 @@ from jaxball import (
     simulate,
 )
 from jaxball.physics.prescribed.recorded import MOST_KINKS
-from tests.support.checked import without_checks
 
 FREQUENCY, END = 2.0, 2.0
 SINE = Sinusoids(0.0, amplitude=[1.0], frequency=[FREQUENCY])
@@ -262,6 +261,6 @@ def test_a_log_shorter_than_the_run_is_impossible_and_says_why():
         (([0.0, 1.0], [1.0, 2.0], "linear", "continue"), 'Argument `outside` must be one of "refuse", "hold", "zero"'),
     ],
 )
-def test_impossible_logs_are_refused_in_a_sentence(arguments, message):
-    with without_checks(), pytest.raises(ValueError, match=re.escape(message)):
+def test_impossible_logs_are_refused_in_a_sentence(arguments, message, no_type_checks):
+    with pytest.raises(ValueError, match=re.escape(message)):
         RecordedSignal(*arguments)

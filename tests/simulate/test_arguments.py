@@ -1,8 +1,9 @@
 """Arguments of the wrong kind are refused in one sentence that says what they must be."""
 
+import copy
+
 import jax
 import jax.numpy as jnp
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -10,14 +11,7 @@ import jaxball
 from jaxball.simulation.arguments import check_times
 
 BALL = jaxball.Ball(mass=1.0, inertia=(0.5, 0.6, 0.7))
-
-
-@pytest.fixture(autouse=True)
-def no_type_checks():
-    """The sentences that a user reads, who does not check types at run time as these tests do."""
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
+pytestmark = pytest.mark.usefixtures("no_type_checks")
 
 
 @pytest.mark.parametrize(
@@ -46,6 +40,25 @@ def test_plain_times_are_checked_as_arrays_are():
     np.testing.assert_array_equal(check_times((-1e300, 1e300)), [-1e300, 1e300])
     with pytest.raises(TypeError, match="Argument `times` must be numbers"):
         check_times((0, 10**400))
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("z", "A Trajectory has no attribute `z`; it is `state.z`."),
+        ("kinetic_energy", "A Trajectory has no attribute `kinetic_energy`; it is `observables.kinetic_energy`."),
+        ("ts", "A Trajectory has no attribute `ts`; it is `times`."),
+        ("mesage", "A Trajectory has no attribute `mesage`; did you mean `message`?"),
+        ("colour", "A Trajectory has no attribute `colour`."),
+    ],
+)
+def test_what_a_run_has_elsewhere(name, sentence):
+    run = jaxball.simulate(BALL, [0.0, 1.0])
+    with pytest.raises(AttributeError) as refused:
+        getattr(run, name)
+    assert str(refused.value) == sentence
+    assert copy.copy(run).ok  # while a copy is made it has no attributes yet
+    assert not hasattr(run, "__jax_array__")
 
 
 def test_the_state_of_another_body():

@@ -1,8 +1,6 @@
 """Where shapes and types are checked at run time, and how often."""
 
 import collections
-import contextlib
-import contextvars
 import dataclasses
 import functools
 import importlib.util
@@ -26,17 +24,6 @@ EVERY_CALL = os.environ.get("JAXBALL_TESTS_EVERY_CALL", "0") != "0"
 FIRST_CALLS = 10
 FIRST_TIMES = 3  # that a function within another is defined; to check it, code is made each time
 LATER = 1 if EVERY_CALL else 100  # of the later calls, and definitions, every so many are checked
-_checking = contextvars.ContextVar("_checking", default=True)
-
-
-@contextlib.contextmanager
-def without_checks() -> Iterator[None]:
-    """Checks nothing within: for a test that passes what an annotation excludes, to read jaxball's own refusal."""
-    token = _checking.set(False)
-    try:
-        yield
-    finally:
-        _checking.reset(token)
 
 
 def modules() -> list[str]:
@@ -81,7 +68,7 @@ def _sparing(checked: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(of)
         def function(*args: Any, **kwargs: Any) -> Any:
             call = next(calls)
-            if (call < FIRST_CALLS or call % LATER == 0) and _checking.get():
+            if call < FIRST_CALLS or call % LATER == 0:
                 return every_call()(*args, **kwargs)
             return of(*args, **kwargs)
 

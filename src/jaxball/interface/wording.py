@@ -1,6 +1,6 @@
 """Messages: the error that is one, and their parts: enumerations, plurals, "did you mean", how to install more."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 
 class UserError(ValueError):
@@ -43,6 +43,12 @@ def did_you_mean(name: str, known: Iterable[str], otherwise: str = "", quote: st
     if near:
         return f"; did you mean {any_of([f'{quote}{one}{quote}' for one in near])}?"
     return f"; {otherwise}." if otherwise else "."
+
+
+def no_attribute(kind: type, name: str, places: Mapping[str, str]) -> AttributeError:
+    """Makes the error of an attribute that is absent; ``places`` says where it is instead, such as "state.z" of "z"."""
+    where = f"; it is `{places[name]}`." if name in places else did_you_mean(name, dir(kind), quote="`")
+    return AttributeError(f"A {kind.__name__} has no attribute `{name}`{where}")
 
 
 def pip_install(extra: str) -> str:

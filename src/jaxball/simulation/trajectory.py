@@ -17,7 +17,7 @@ from .. import programs
 from ..interface.html import as_html, sketch_of
 from ..interface.printing import Printed
 from ..interface.status import SUCCESSES, SolveError, Status
-from ..interface.wording import number_of
+from ..interface.wording import no_attribute, number_of
 from ..numerics.arrays import Numbers, is_traced, to_array
 from ..numerics.kinks import just_before
 from ..physics.body import AbstractBody, System
@@ -51,6 +51,9 @@ if TYPE_CHECKING:
 else:  # from Python 3.13 on, beartype takes a default for all that a value may be
     AnySystem = TypeVar("AnySystem", bound=AbstractSystem)
     AnyState = TypeVar("AnyState", bound=AbstractState)
+
+# What other libraries call the attributes of a solution.
+OTHER_NAMES = {"t": "times", "ts": "times", "y": "state", "ys": "state", "result": "status", "stats": "steps"}
 
 
 class Interpolant(eqx.Module, Generic[AnyState]):
@@ -138,10 +141,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
 
     @classmethod
     def of(cls, *fields: Any) -> "Trajectory[Any, Any]":
-        """A trajectory of all its fields in their order, made without the checks of a constructor.
-
-        These take longer than a tenth of a short run.
-        """
+        """Makes one of all its fields in their order, without checks, which would take a tenth of a short run."""
         return jax.tree.unflatten(_outline(), fields)
 
     @property
@@ -168,10 +168,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
 
     @property
     def problems(self) -> list[Problem]:
-        """What is impossible about the body, or which mass left the shell, where that ended the solve; otherwise empty.
-
-        For one trajectory, not for a batch.
-        """
+        """What is impossible about the body, or which mass left the shell, where that ended this one solve."""
         self._require_one("Property `problems`")
         times, status = np.asarray(self.times), int(self.status)
         if status == Status.NOT_FINITE and float(self.reached) > times[0]:
@@ -328,8 +325,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         ratio = self.plane_reaction.ratio if by_contract else self.observables.friction_ratio
         return jnp.max(ratio, axis=-1)
 
-    # A user who has a trajectory looks there for what can be done with it. These five import, when called,
-    # modules that are built upon this one; the contracts in pyproject.toml name them as exceptions.
+    # A user who has a trajectory looks there for what can be done with it. These five import, when called, modules
+    # built upon this one; the contracts in pyproject.toml name them as exceptions.
 
     def error_estimate(self, of: Callable[["Trajectory[Any, Any]"], Any] | None = None) -> Any:
         """The error of the states, or of a result ``of(run)``; see :func:`jaxball.estimate_error`."""
@@ -346,8 +343,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     def save(self, path: str | os.PathLike[str]) -> "pathlib.Path":
         """Saves the trajectory as ``.nc``, ``.npz``, ``.csv`` or ``.mcap``; see :func:`jaxball.save`.
 
-        :func:`jaxball.load_run` reads the first two back. The file has the scenario that was simulated, with its title
-        and settings; :func:`jaxball.save` can give it another.
+        :func:`jaxball.load_run` reads the first two back. The file has the scenario that was simulated, with its
+        settings; :func:`jaxball.save` can give it another.
         """
         from .. import results
 
@@ -386,6 +383,15 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         if path is not None:
             view.save(path)
         return view
+
+    if not TYPE_CHECKING:  # a type checker knows what there is
+
+        def __getattr__(self, name: str) -> Any:
+            if name.startswith("_"):  # Python, NumPy and notebooks ask for these
+                raise AttributeError(name)
+            parts = ("observables", Observables), ("state", type(vars(self).get("state")))
+            places = {n: f"{part}.{n}" for part, kind in parts for n in getattr(kind, "__dataclass_fields__", ())}
+            raise no_attribute(type(self), name, OTHER_NAMES | places)
 
     def __repr__(self) -> str:
         if is_traced(self.status):
