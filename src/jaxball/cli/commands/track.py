@@ -162,7 +162,6 @@ def _disturb(options: argparse.Namespace, scenario: "Scenario") -> "list[Scenari
     """Returns the scenario from each disturbed start: those of --disturb, its own, or else another angular velocity."""
     from ...control import SampledSystem
     from ...control.weights import by_name
-    from ...physics.body import Disk
     from ...scenario.closed_loop import robot_of, settings_of
 
     settings = settings_of(scenario)
@@ -173,7 +172,7 @@ def _disturb(options: argparse.Namespace, scenario: "Scenario") -> "list[Scenari
         except ValueError as error:
             raise BadInputError(str(error)) from None
     if starts == [{}] and not settings.pushes:
-        starts = [{"phidot" if isinstance(scenario.system, Disk) else "Omega": ON_RATES}]
+        starts = [{robot_of(scenario).state_type.rotation_rate: ON_RATES}]
     return [dataclasses.replace(scenario, feedback=dataclasses.replace(settings, start=start)) for start in starts]
 
 

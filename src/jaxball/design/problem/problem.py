@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from ... import programs
 from ...numerics.arrays import to_array
-from ...physics.body import Ball, Disk, System
+from ...physics.body import System
 from ...physics.state import BallState, DiskState
 from ...programs.batches import of_rows
 from .requirements import AbstractConstraint, AbstractObjective, require_reachable
@@ -61,7 +61,7 @@ class Perturbations:
         random, count = np.random.default_rng(self.seed), self.count
         groups = [random.uniform(-1, 1, (count, *group.mass.shape)) for group in system.groups]
         shell, offset = random.uniform(-1, 1, count), random.uniform(-1, 1, (count, 3))
-        if isinstance(system, Disk):
+        if system.planar:
             offset[:, 1] = 0.0
         return Errors(
             jnp.asarray(self.masses * shell),
@@ -161,7 +161,7 @@ class Problem:
     perturbations: Perturbations | None = None
 
     def __post_init__(self):
-        require_reachable(self.space.scenario.system, {**self.objectives, **self.constraints})
+        require_reachable(self.space.system, {**self.objectives, **self.constraints})
 
     @functools.cached_property
     def weights(self) -> Float[np.ndarray, " objectives"]:
@@ -172,10 +172,7 @@ class Problem:
     def layout(self) -> ConstraintLayout:
         """Where the constraints are evaluated."""
         scenario, constraints = self.space.scenario, dict(self.constraints)
-        system, state = scenario.system, scenario.state
-        assert isinstance(system, Ball | Disk)
-        assert isinstance(state, BallState | DiskState)
-        sizes = _sizes(constraints, system, state, to_array(scenario.times))
+        sizes = _sizes(constraints, self.space.system, self.space.state, to_array(scenario.times))
         return ConstraintLayout({name: int(size) for name, size in sizes.items()}, self.balls)
 
     @functools.cached_property
@@ -183,10 +180,8 @@ class Problem:
         """Those of the balls of a robust problem."""
         if self.perturbations is None:
             return None
-        system = self.space.scenario.system
-        assert isinstance(system, Ball | Disk)
         with jax.ensure_compile_time_eval():  # kept, also if it is first needed within a trace
-            return self.perturbations.errors(system)
+            return self.perturbations.errors(self.space.system)
 
     @property
     def balls(self) -> int:

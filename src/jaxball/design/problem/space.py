@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 
 from ... import programs
 from ...numerics.arrays import to_array
-from ...physics.body import Ball, Disk, System
+from ...physics.body import AbstractBody, System
 from ...physics.prescribed.frames import principal_angles
 from ...physics.state import BallState, DiskState
 from ...scenario import Scenario, ScenarioError, read_document
@@ -191,7 +191,7 @@ class DesignSpace:
     """The scenarios that a design may choose from: a document with ``variables`` in place of some of its numbers.
 
     - ``document``: a scenario, as the TOML document of its file.
-    - ``scenario``: what it describes.
+    - ``scenario``: what it describes, with the body ``system`` and its ``state`` at the start.
     - ``variables``: the design variables, one for each entry of z; paths with ``[*]`` expanded.
     - ``unit_of``: the unit of each by its name, after a space; empty where that is not known or stated.
 
@@ -205,11 +205,12 @@ class DesignSpace:
             self.scenario = read_document(self.document)
             numbers = (path.replace("*", "0") for variable in variables for path in variable.paths)
             self.document = with_defaults(self.document, self.scenario, numbers)  # which reads what it adds
-        if not isinstance(self.scenario.system, Ball | Disk):
-            raise DesignError(
-                f"Key `kind` must be ball or disk to be designed, but it is {self.scenario.system.title.lower()}."
-            )
-        rolling_state(self.scenario, "a design is", DesignError)
+        system = self.scenario.system
+        if not isinstance(system, AbstractBody):
+            raise DesignError(f"Key `kind` must be ball or disk to be designed, but it is {system.title.lower()}.")
+        state = rolling_state(self.scenario, "a design is", DesignError)
+        assert isinstance(state, BallState | DiskState)
+        self.system, self.state = system, state
         expand = functools.partial(expand_variable, document=self.document)
         places = enumerate(variables)
         expansions = each_of(*(functools.partial(expand, one, key=f"variables[{k}].path") for k, one in places))
@@ -304,11 +305,9 @@ class DesignSpace:
         return f" {unit}" if unit not in ("", "1") else ""
 
     def _bounds(self, x: list[float], kinds: Mapping[str, Numbers]) -> Bounds:
-        system = self.scenario.system
-        assert isinstance(system, Ball | Disk)
         dimensions = [kinds[key_of(variable.name)].dimension for variable in self.variables]
         scale = [
-            default_scale(dimension, value, system) if variable.scale is None else variable.scale
+            default_scale(dimension, value, self.system) if variable.scale is None else variable.scale
             for variable, value, dimension in zip(self.variables, x, dimensions, strict=True)
         ]
         lower, upper = ([getattr(v, side) for v in self.variables] for side in ("lower", "upper"))
@@ -321,8 +320,7 @@ def _numbers(bounds: Bounds, z: Float[Array, " n"]) -> Float[Array, " n"]:
 
 
 def _units(outline: Outline, values: Float[Array, " paths"]) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    system = outline.build(values).system
-    assert isinstance(system, Ball | Disk)
+    system: Any = outline.build(values).system
     return system.radius, system.gravity
 
 

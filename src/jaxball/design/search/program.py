@@ -22,9 +22,10 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
-from ...physics.body import Ball, Disk, System
+from ...physics.body import System
 from ...physics.state import BallState, DiskState
 from ...programs.batches import of_rows
+from ...scenario.body import kind_of
 from ...scenario.initial import INITIAL
 from ..problem import shared
 from ..problem.problem import ConstraintLayout, Evaluation, Problem, merge
@@ -263,7 +264,7 @@ class Components:
     """States of the kind of ``state`` as vectors of order one: each component, a versor's four too, over its scale."""
 
     def __init__(self, system: System, state: BallState | DiskState):
-        kinds = {name: key.kind for name, key in INITIAL["disk" if isinstance(state, DiskState) else "ball"].items()}
+        kinds = {name: key.kind for name, key in INITIAL[kind_of(system)].items()}
         scales = []
         for field in dataclasses.fields(state):
             dimension = getattr(kinds.get(field.name), "dimension", None)
@@ -367,10 +368,7 @@ class Shooting(AbstractProgram):
     @functools.cached_property
     def components(self) -> Components:
         """The unknowns of the states."""
-        system, state = self.problem.space.scenario.system, self.problem.space.scenario.state
-        assert isinstance(system, Ball | Disk)
-        assert isinstance(state, BallState | DiskState)
-        return Components(system, state)
+        return Components(self.problem.space.system, self.problem.space.state)
 
     def starts(self, settings):
         return self.append_joints(starting_points(self.problem.space, settings))
