@@ -12,7 +12,7 @@ import tomli_w
 
 from ..interface.arguments import require_callable
 from ..numerics.arrays import to_array
-from ..physics.body import AbstractBody, System
+from ..physics.body import System
 from ..physics.state import BallState, DiskState
 from ..scenario import read_document
 from ..scenario.body import rolling_state
@@ -37,11 +37,11 @@ from ..scenario.values import (
     unread,
 )
 from . import constraints, objectives
-from .control.collocation import BARRIER
-from .control.guess import rolling_along
-from .control.problem import VIOLATION
-from .control.rolling import Rolling
-from .control.solve import ControlFile, Guess, at_rest
+from .optimal_control.collocation import BARRIER
+from .optimal_control.guess import rolling_along
+from .optimal_control.problem import VIOLATION
+from .optimal_control.rolling import Rolling
+from .optimal_control.solve import ControlFile, Guess, at_rest
 from .problem.plane import FigureEight, Sigmoid, Through
 from .problem.problem import Perturbations, Problem
 from .problem.requirements import (
@@ -361,7 +361,7 @@ def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlF
     with naming_scenario(given["scenario"], "problem", DesignError):
         scenario = read_document(scenario_document(given["scenario"], Path(folder), DesignError))
     system, state = scenario.system, scenario.state
-    if not isinstance(system, AbstractBody):
+    if not isinstance(system, System):
         raise key_error("scenario.kind", "ball or disk", system.title.lower())
     rolling_state(scenario, "optimal control is", DesignError)
     assert isinstance(state, BallState | DiskState)

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from ..interface.arguments import describe, require, require_flags
 from ..numerics.arrays import to_array
-from ..physics.body import AbstractBody, System
+from ..physics.body import System
 from ..physics.contact.released import ReleasedState, release
 from ..physics.forces.resistance import Resistance
 from ..physics.grounds import AbstractSurface
@@ -85,7 +85,7 @@ def to_mjcf(scenario: Scenario, *, timestep: float = TIMESTEP, any_units: bool =
     """
     require("scenario", scenario, Scenario, "a Scenario, such as load_scenario returns")
     system = scenario.system
-    if not isinstance(system, AbstractBody):
+    if not isinstance(system, System):
         raise MJCFError(
             f"Key `kind` must be a ball or a disk to be written as MJCF, but the system is a {type(system).__name__}."
         )

@@ -330,7 +330,7 @@ class Disk(AbstractBody):
         return Ball(**arguments)
 
 
-System = AbstractBody
+System = Ball | Disk
 
 
 def with_masses(system: System, masses: Sequence[PointMass], law: AbstractLaw | None = None) -> System:

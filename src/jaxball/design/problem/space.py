@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 
 from ... import programs
 from ...numerics.arrays import to_array
-from ...physics.body import AbstractBody, System
+from ...physics.body import System
 from ...physics.prescribed.frames import principal_angles
 from ...physics.state import BallState, DiskState
 from ...scenario import Scenario, ScenarioError, read_document
@@ -206,7 +206,7 @@ class DesignSpace:
             numbers = (path.replace("*", "0") for variable in variables for path in variable.paths)
             self.document = with_defaults(self.document, self.scenario, numbers)  # which reads what it adds
         system = self.scenario.system
-        if not isinstance(system, AbstractBody):
+        if not isinstance(system, System):
             raise DesignError(f"Key `kind` must be ball or disk to be designed, but it is {system.title.lower()}.")
         state = rolling_state(self.scenario, "a design is", DesignError)
         assert isinstance(state, BallState | DiskState)
