@@ -25,8 +25,6 @@ from .weights import Weights, weight_matrix
 if TYPE_CHECKING:
     import xarray
 
-WITHIN_GOAL = 0.05
-
 
 class Outcome(NamedTuple):
     """How a closed loop ended: its deviation, and the extremes over its samples of the contact force.
@@ -92,7 +90,7 @@ def basin(
     starts: Mapping[str, Numbers] | Numbers,
     *,
     Q: Weights = 1.0,
-    within: float = WITHIN_GOAL,
+    within: float = BACK_WITHIN,
     friction: float | None = None,
     system: System | None = None,
     limits: Numbers | Mapping[str, Numbers] | None = None,
