@@ -17,9 +17,10 @@ from ...numerics.arrays import to_array
 from ...physics.body import System
 from ...physics.state import BallState, DiskState
 from ...programs.batches import of_rows
-from .requirements import AbstractConstraint, AbstractObjective, require_reachable
+from ...programs.identity.names import home_of
+from .requirements import AbstractConstraint, AbstractObjective, OfFunction, require_reachable
 from .run import RAIL_SAMPLES, Run, Solve, run_of
-from .space import Candidate, DesignError, DesignSpace
+from .space import Candidate, DesignError, DesignSpace, Parametrisation
 
 
 class Errors(NamedTuple):
@@ -139,6 +140,108 @@ class ConstraintLayout:
         return sum(self.sizes.values())
 
 
+class Known:
+    """A value whose numbers programs know while they are traced: to a PyTree it has none."""
+
+    def __init__(self, value: Any):
+        self.value = value
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Known) and self.value is other.value
+
+    def __hash__(self) -> int:
+        return hash((Known, id(self.value)))
+
+
+def reveal(value: Any) -> Any:
+    """Returns the value itself, known or traced."""
+    return value.value if isinstance(value, Known) else value
+
+
+class TracedProblem(eqx.Module):
+    """A :class:`Problem` as a PyTree of its numbers; those that differ in numbers alone share compiled programs.
+
+    Requirements of users' classes are :class:`Known`: such classes may need to know their numbers.
+
+    - ``space``: the scenario as a function of the variables.
+    - ``requirements``: the objectives, and then the constraints, each with its name in ``names``.
+    - ``errors``: of the balls of a robust problem, or None.
+    - ``method``: how the scenario is solved.
+    - ``sizes``: at how many points each constraint is evaluated, for one ball.
+    - ``balls``: how many balls there are.
+    """
+
+    space: Parametrisation
+    requirements: tuple[Any, ...]
+    errors: Errors | None
+    names: tuple[str, ...] = eqx.field(static=True)
+    method: Solve = eqx.field(static=True)
+    sizes: tuple[int, ...] = eqx.field(static=True)
+    balls: int = eqx.field(static=True)
+
+    @property
+    def objectives(self) -> dict[str, AbstractObjective]:
+        """The objectives, by name."""
+        return self._named(slice(None, self._first_constraint))
+
+    @property
+    def constraints(self) -> dict[str, AbstractConstraint]:
+        """The constraints, by name."""
+        return self._named(slice(self._first_constraint, None))
+
+    @property
+    def weights(self) -> Float[Array, " objectives"]:
+        """The weights of the objectives."""
+        return jnp.asarray([objective.weight for objective in self.objectives.values()])
+
+    @property
+    def layout(self) -> ConstraintLayout:
+        """Where the constraints are evaluated."""
+        return ConstraintLayout(dict(zip(self.constraints, self.sizes, strict=True)), self.balls)
+
+    def solve(self, adjoint: diffrax.AbstractAdjoint | None = None) -> Solve:
+        """How the scenario is solved, and how that is differentiated."""
+        return self.method._replace(adjoint=adjoint)
+
+    def run(self, y: Float[Array, " n"], adjoint: diffrax.AbstractAdjoint | None = None) -> Run:
+        """The run of a design, by its unknowns."""
+        return run_of(self.space.candidate(y), self.solve(adjoint), RAIL_SAMPLES)
+
+    def of_each(self, candidate: Candidate, function: Callable[..., Any], *others: Float[Array, "balls ..."]) -> Any:
+        """``function`` of each ball and of the corresponding other arguments, on a leading axis."""
+        if self.errors is None:
+            return jax.tree.map(lambda x: x[None], function(candidate, *(x[0] for x in others)))
+        system = candidate.system
+
+        def one(errors: Errors, *others: Float[Array, "..."]) -> Any:
+            return function(candidate._replace(system=perturb_system(system, errors)), *others)
+
+        return of_rows(one, self.errors, *others)
+
+    def evaluate_run(self, run: Run) -> Evaluation:
+        """All objectives and constraints of a run."""
+        return self.evaluate_each(run)[0]
+
+    def evaluate_each(self, run: Run) -> tuple[Evaluation, dict[str, Float[Array, " places"]]]:
+        """The same, and the violations of each constraint."""
+        terms = [one(run) for one in self.objectives.values()]
+        violations = {name: jnp.ravel(one(run)) for name, one in self.constraints.items()}
+        none = jnp.zeros((0,), dtype=run.times.dtype)
+        at = Evaluation(
+            jnp.stack(terms) if terms else none,
+            jnp.concatenate(list(violations.values())) if violations else none,
+            run.status,
+        )
+        return at, violations
+
+    @property
+    def _first_constraint(self) -> int:
+        return len(self.requirements) - len(self.sizes)
+
+    def _named(self, which: slice) -> dict[str, Any]:
+        return dict(zip(self.names[which], map(reveal, self.requirements[which]), strict=True))
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Problem:
     """Minimise Σ weight · objective over the designs of ``space`` that fulfil all ``constraints``.
@@ -188,40 +291,36 @@ class Problem:
         """How many balls there are: one, or those of a robust problem."""
         return 1 if self.perturbations is None else self.perturbations.count
 
-    def solve(self, adjoint: diffrax.AbstractAdjoint | None = None) -> Solve:
-        """How the scenario is solved."""
-        return Solve.of(self.space.scenario, adjoint)
+    @functools.cached_property
+    def traced(self) -> TracedProblem:
+        """The problem as compiled programs take it."""
+        requirements = {**self.objectives}, {**self.constraints}
+        return TracedProblem(
+            space=self.space.parametrisation,
+            requirements=tuple(one if _is_own(one) else Known(one) for part in requirements for one in part.values()),
+            errors=self.errors,
+            names=tuple(name for part in requirements for name in part),
+            method=Solve.of(self.space.scenario),
+            sizes=tuple(self.layout.sizes.values()),
+            balls=self.balls,
+        )
 
     def run(self, y: Float[Array, " n"], adjoint: diffrax.AbstractAdjoint | None = None) -> Run:
         """The run of a design, by its unknowns."""
-        return run_of(self.space.candidate(y), self.solve(adjoint), RAIL_SAMPLES)
-
-    def of_each(self, candidate: Candidate, function: Callable[..., Any], *others: Float[Array, "balls ..."]) -> Any:
-        """``function`` of each ball and of the corresponding other arguments, on a leading axis."""
-        if self.perturbations is None:
-            return jax.tree.map(lambda x: x[None], function(candidate, *(x[0] for x in others)))
-        system = candidate.system
-
-        def one(errors: Errors, *others: Float[Array, "..."]) -> Any:
-            return function(candidate._replace(system=perturb_system(system, errors)), *others)
-
-        return of_rows(one, self.errors, *others)
+        return self.traced.run(y, adjoint)
 
     def evaluate_run(self, run: Run) -> Evaluation:
         """All objectives and constraints of a run."""
-        return self.evaluate_each(run)[0]
+        return self.traced.evaluate_run(run)
 
-    def evaluate_each(self, run: Run) -> tuple[Evaluation, dict[str, Float[Array, " places"]]]:
-        """The same, and the violations of each constraint."""
-        terms = [one(run) for one in self.objectives.values()]
-        violations = {name: jnp.ravel(one(run)) for name, one in self.constraints.items()}
-        none = jnp.zeros((0,), dtype=run.times.dtype)
-        at = Evaluation(
-            jnp.stack(terms) if terms else none,
-            jnp.concatenate(list(violations.values())) if violations else none,
-            run.status,
-        )
-        return at, violations
+
+def _is_own(part: Any) -> bool:
+    """Whether all classes of an objective or a constraint are jaxball's own, and it has no function of a user."""
+    if not isinstance(part, eqx.Module):
+        return True
+    return (
+        home_of(type(part)) is not None and not isinstance(part, OfFunction) and all(map(_is_own, vars(part).values()))
+    )
 
 
 @programs.filter_jit
