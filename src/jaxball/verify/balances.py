@@ -19,7 +19,6 @@ from ..physics.grounds.ground import Ground
 from ..physics.prescribed.motion import Fixed
 from ..physics.prescribed.schedules import AbstractSchedule
 from ..physics.rolling import AbstractRollingSystem
-from ..physics.state import DiskState
 from ..scenario import Scenario
 from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import always_rolls
@@ -183,7 +182,7 @@ def _why_not(name: str, case: Case) -> str:
         return why_not_routh(system, samples.moments, samples.axis)
     if name == "jellett-rate" and isinstance(system.ground, AbstractSurface):
         return "the ground is no plane"
-    if isinstance(case.state, DiskState):
+    if system.planar:
         return {"norm": NO_VERSOR, "jellett-rate": PLANAR}.get(name, "")
     return ""
 
