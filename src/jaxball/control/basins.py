@@ -13,6 +13,7 @@ from .. import programs
 from ..grid import Grid, grid_of
 from ..interface.arguments import require, whole_number
 from ..interface.printing import Printed
+from ..interface.status import BACK_WITHIN
 from ..numerics.arrays import Numbers, to_numpy
 from ..physics.body import System
 from ..physics.forces.force import AbstractWrench

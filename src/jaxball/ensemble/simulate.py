@@ -207,7 +207,7 @@ def simulate_ensemble(
 def _find_shared(
     in_axes: Any, system: Any, state: Any, contact: Contact | None, events: Any
 ) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
-    """Says of each array of (system, state), and of what is simulated, whether all runs share it."""
+    """Finds which arrays of (system, state), and which of all that is simulated, are shared by all runs."""
     of_both, of_events = (in_axes[:2], in_axes[2]) if _has_three(in_axes) else (in_axes, None)
     own = find_shared_leaves(of_both, (system, state))
     of_contact = tuple(np.ndim(leaf) == 0 for leaf in jax.tree.leaves(contact))

@@ -282,7 +282,7 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
     )
 
 
-def scheduled_accelerations(
+def evaluate_schedules(
     system: AbstractBody, times: Float[Array, " T"]
 ) -> dict[int, tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t"]]]:
     """Evaluates θ̈ of each mass with a schedule, by its index, at ``times`` and on both sides of the kinks between them.
@@ -312,9 +312,7 @@ def _accelerations(schedule, times):
     return jax.vmap(schedule.prepare().derivatives)(times)[2]
 
 
-def driven_accelerations(
-    system: AbstractBody, times: Float[Array, " T"], states: State
-) -> Float[Array, "T coordinates"]:
+def evaluate_law(system: AbstractBody, times: Float[Array, " T"], states: State) -> Float[Array, "T coordinates"]:
     """Evaluates θ̈ of every coordinate in the states' ``theta`` at their times; traceable.
 
     The states may be of any kind; accelerations that no law gives are 0.

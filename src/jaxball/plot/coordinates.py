@@ -11,7 +11,7 @@ from .. import programs
 from ..numerics.arrays import Numbers, to_array
 from ..physics.body import System
 from ..physics.mechanisms import Carriage, Hinge, Slider
-from ..physics.observables import driven_accelerations, scheduled_accelerations
+from ..physics.observables import evaluate_law, evaluate_schedules
 from ..physics.prescribed.rails import AbstractRail, FunctionRail, Tube
 from ..simulation.trajectory import Trajectory, times_looked_at
 from .modes import NO_MODES, draw_modes, modes_of
@@ -190,14 +190,14 @@ def accelerations(source: Trajectory | System, times: Numbers | None = None) -> 
             times = np.linspace(float(source.times[0]), float(source.times[-1]), 2001)
     elif times is None:
         raise ValueError("Argument `times` must be given with a system, because a system has no run to take them from.")
-    for index, (t, thetaddot) in scheduled_accelerations(system, to_array(times)).items():
+    for index, (t, thetaddot) in evaluate_schedules(system, to_array(times)).items():
         curves[index + 1] = t, np.abs(thetaddot)
     return dict(sorted(curves.items()))
 
 
 @programs.filter_jit
 def _accelerations_by_law(system, times, reached, states):
-    return driven_accelerations(system, times_looked_at(system, times, reached), states)
+    return evaluate_law(system, times_looked_at(system, times, reached), states)
 
 
 def _close(a: np.ndarray, b: np.ndarray) -> bool:

@@ -182,12 +182,12 @@ class TracedProblem(eqx.Module):
     @property
     def objectives(self) -> dict[str, AbstractObjective]:
         """The objectives, by name."""
-        return self._named(slice(None, self._first_constraint))
+        return self._take_by_name(slice(None, self._first_constraint))
 
     @property
     def constraints(self) -> dict[str, AbstractConstraint]:
         """The constraints, by name."""
-        return self._named(slice(self._first_constraint, None))
+        return self._take_by_name(slice(self._first_constraint, None))
 
     @property
     def weights(self) -> Float[Array, " objectives"]:
@@ -238,7 +238,7 @@ class TracedProblem(eqx.Module):
     def _first_constraint(self) -> int:
         return len(self.requirements) - len(self.sizes)
 
-    def _named(self, which: slice) -> dict[str, Any]:
+    def _take_by_name(self, which: slice) -> dict[str, Any]:
         return dict(zip(self.names[which], map(reveal, self.requirements[which]), strict=True))
 
 
