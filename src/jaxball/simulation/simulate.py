@@ -171,7 +171,7 @@ class Method(NamedTuple):
         adjoint: diffrax.AbstractAdjoint | None,
         max_steps: int,
         progress: diffrax.AbstractProgressMeter | None = None,
-        **flags: bool,
+        **flags: Any,
     ) -> "Method":
         """Makes the method of arguments of :func:`simulate`, after checks of all but the flags."""
         return cls(

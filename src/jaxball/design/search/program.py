@@ -89,7 +89,7 @@ class AbstractTerms(abc.ABC):
 
     @property
     @abc.abstractmethod
-    def weights(self) -> Float[np.ndarray, " terms"]:
+    def weights(self) -> Float[Array | np.ndarray, " terms"]:
         """The weights of the terms."""
 
     @property
@@ -131,7 +131,7 @@ class AbstractProgram(AbstractTerms):
     def starts(self, settings: Settings) -> Float[np.ndarray, "starts unknowns"]:
         """The starting points; the first is the given design."""
 
-    @property
+    @functools.cached_property
     def traced(self) -> Any:
         """What compiled functions take for it; by default itself, whose numbers they know.
 
