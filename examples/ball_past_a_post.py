@@ -24,7 +24,7 @@ from jaxball import (
     with_angles,
     write_scenario,
 )
-from jaxball.design import control
+from jaxball.design import optimal_control
 from jaxball.physics.body import with_masses
 
 cpu.prepare()
@@ -51,7 +51,7 @@ def problem(place, tracking, avoiding, softness):
         "effort": design.AccelerationEffort(weight=0.01),
         "post": design.AvoidObstacles([POST], [RADIUS], softness=0.05, weight=avoiding),
     }
-    return control.Rolling(ball, (START, END), objectives, place=place, depth=depth, softness=softness)
+    return optimal_control.Rolling(ball, (START, END), objectives, place=place, depth=depth, softness=softness)
 
 
 times = np.linspace(START, END, 401)
@@ -65,37 +65,41 @@ def clearance(path):
 
 def visit(solution):
     """Records a point of the branch."""
-    means, weight = control.means(solution), float(solution.problem.objectives["post"].weight)
-    rows.append((weight, means["post"], means["effort"], clearance(control.places(solution, times))))
+    means, weight = optimal_control.means(solution), float(solution.problem.objectives["post"].weight)
+    rows.append((weight, means["post"], means["effort"], clearance(optimal_control.places(solution, times))))
     print("weight of the post {:8.3g}   penalty {:.3e}   effort {:.4f}   clearance {:+.4f} r".format(*rows[-1]))
 
 
 mesh = np.linspace(START, END, 17)
-solution = control.solve_from_guess(problem((0.0, 0.0), 0.0, 0.0, 1e-2), mesh)
+solution = optimal_control.solve_from_guess(problem((0.0, 0.0), 0.0, 0.0, 1e-2), mesh)
 print("at rest")
 for step in (problem(PLACE, 0.0, 0.0, 1e-2), problem(PLACE, 0.0, 0.0, 0.0), problem(PLACE, 0.01, WEIGHTS[0], 0.0)):
-    branch, solution = control.continue_to(solution, step, tolerance=1e-4)
-    print(f"{len(branch.parameter)} points, {len(branch.folds)} folds, effort {control.means(solution)['effort']:.4f}")
+    branch, solution = optimal_control.continue_to(solution, step, tolerance=1e-4)
+    effort = optimal_control.means(solution)["effort"]
+    print(f"{len(branch.parameter)} points, {len(branch.folds)} folds, effort {effort:.4f}")
 straight = solution
-branch, past = control.continue_to(straight, problem(PLACE, 0.01, WEIGHTS[1], 0.0), tolerance=1e-6, visit=visit)
-curvature = control.least_curvature(past)
+branch, past = optimal_control.continue_to(straight, problem(PLACE, 0.01, WEIGHTS[1], 0.0), tolerance=1e-6, visit=visit)
+curvature = optimal_control.least_curvature(past)
 print(f"the least curvature of the cost is {curvature:.3g}")
 
-Path("ball_past_a_post.toml").write_text(write_scenario(control.scenario_of(past, "The ball past a post")))
-check = control.resimulate(past)
+Path("ball_past_a_post.toml").write_text(write_scenario(optimal_control.scenario_of(past, "The ball past a post")))
+check = optimal_control.resimulate(past)
 print(f"simulated again, the path is {check.apart:.1e} r away; at the end the ball moves at {check.speed:.1e}, and the")
 print(f"centre of mass is {check.below:.4f} r below the geometric centre and {check.away:.1e} r beside it")
 print(f"least normal force {check.margin:.3f} M g, friction needed {check.friction:.3f}")
 assert max(check.speed, check.away, check.missed) < 1e-6
 assert check.below > 0
 assert curvature > 0
-assert clearance(control.places(past, times)) > 0
+assert clearance(optimal_control.places(past, times)) > 0
 
 weights, penalties, efforts, clearances = np.transpose(rows)
 figures = {
     "branch": plot.branch(weights, {"penalty": penalties, "effort": efforts}, "weight of the post"),
     "path": plot.designed_path(
-        control.places(straight, times), control.places(past, times), np.array([[0.0, 0.0], PLACE]), [(POST, RADIUS)]
+        optimal_control.places(straight, times),
+        optimal_control.places(past, times),
+        np.array([[0.0, 0.0], PLACE]),
+        [(POST, RADIUS)],
     ),
     "accelerations": plot.rail_accelerations(times, past.path.inputs(times)),
 }

@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxball import Ball, ConstantRate, OnRail, PointMass, Tube, cpu, design, plot, save
 from jaxball.control import Feedforward, Push
-from jaxball.design import control
+from jaxball.design import optimal_control
 from jaxball.scenario import EstimatorSettings, RegulatorSettings
 from jaxball.scenario.closed_loop import feedback_along, loop_along, nominal_run, with_estimator
 from jaxball.sensors import Encoder, Gyroscope, Position, SensorErrors
@@ -35,9 +35,9 @@ objectives = {
     "near": design.MassesNearCentre(weight=3e-4),
 }
 depth = -sum(places) / float(ball.total_mass)
-problem = control.Rolling(ball, (0.0, END), objectives, place=(0.0, 0.0), depth=depth)
-found = control.solve_from_guess(problem, np.linspace(0.0, END, 61), guess=control.rolling_along)
-designed = control.scenario_of(found, "Six magnets in tubes, a figure eight that is held")
+problem = optimal_control.Rolling(ball, (0.0, END), objectives, place=(0.0, 0.0), depth=depth)
+found = optimal_control.solve_from_guess(problem, np.linspace(0.0, END, 61), guess=optimal_control.rolling_along)
+designed = optimal_control.scenario_of(found, "Six magnets in tubes, a figure eight that is held")
 
 # Its feedback, pushes and sensors, as they could stand in a scenario file.
 pushes = (Push((0.15, 0.1, 0.0), start=12.0, duration=1.0), Push((0.0, -0.2, 0.0), start=35.0, duration=1.0))

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from jaxball import Ball, ConstantRate, OnRail, PointMass, Tube, cpu, design, plot, write_scenario
-from jaxball.design import control
+from jaxball.design import optimal_control
 
 cpu.prepare()
 jax.config.update("jax_enable_x64", True)
@@ -36,7 +36,7 @@ def problem(weight):
         "effort": design.AccelerationEffort(weight=0.01),
         "near": design.MassesNearCentre(weight=3e-4),
     }
-    return control.Rolling(ball, (START, END), objectives, place=(0.0, 0.0), depth=depth)
+    return optimal_control.Rolling(ball, (START, END), objectives, place=(0.0, 0.0), depth=depth)
 
 
 rows = []
@@ -44,26 +44,30 @@ rows = []
 
 def visit(solution):
     """Records a point of the branch."""
-    means, weight = control.means(solution), float(solution.problem.objectives["tracking"].weight)
+    means, weight = optimal_control.means(solution), float(solution.problem.objectives["tracking"].weight)
     rows.append((weight, np.sqrt(means["tracking"]), means["effort"]))
     print("weight {:8.3g}   root mean square error {:.3e} r   effort {:.5f}".format(*rows[-1]), flush=True)
 
 
-tight = control.solve_from_guess(problem(WEIGHTS[0]), np.linspace(START, END, 61), guess=control.rolling_along)
-_, loose = control.continue_to(tight, problem(WEIGHTS[1]), tolerance=1e-4, visit=visit)
+tight = optimal_control.solve_from_guess(
+    problem(WEIGHTS[0]), np.linspace(START, END, 61), guess=optimal_control.rolling_along
+)
+_, loose = optimal_control.continue_to(tight, problem(WEIGHTS[1]), tolerance=1e-4, visit=visit)
 weights, errors, efforts = np.transpose(rows)
-curvature = control.least_curvature(tight)
+curvature = optimal_control.least_curvature(tight)
 print(f"the least curvature of the cost is {curvature:.3g}")
 
 # The schedules are written as a scenario for `jaxball simulate`, and simulated again by a solver of another family.
-Path("six_tubes.toml").write_text(write_scenario(control.scenario_of(tight, "Six masses in tubes, a figure eight")))
-check = control.resimulate(tight)
+Path("six_tubes.toml").write_text(
+    write_scenario(optimal_control.scenario_of(tight, "Six masses in tubes, a figure eight"))
+)
+check = optimal_control.resimulate(tight)
 print(f"simulated again, the path is {check.apart:.1e} r away; at the end the ball moves at {check.speed:.1e}, and the")
 print(f"centre of mass is {check.below:.4f} r below the geometric centre and {check.away:.1e} r beside it")
 print(f"least normal force {check.margin:.3f} M g, friction needed {check.friction:.3f}")
 
 times = np.linspace(START, END, 601)
-theta = np.stack([jax.vmap(schedule)(times) for schedule in control.schedules_of(tight)], axis=1)
+theta = np.stack([jax.vmap(schedule)(times) for schedule in optimal_control.schedules_of(tight)], axis=1)
 room = np.sqrt(1 - BESIDE**2)
 print(f"the masses move up to {np.max(np.abs(theta)):.3f} r from the middle of their tubes, which end at {room:.3f} r")
 assert errors[0] < 1e-3
@@ -76,7 +80,7 @@ assert np.max(np.abs(theta)) < room
 figures = {
     "branch": plot.branch(weights, {"root mean square error": errors, "effort": efforts}, "weight of the tracking"),
     "path": plot.designed_path(
-        control.places(loose, times), control.places(tight, times), np.asarray(eight.points(201))
+        optimal_control.places(loose, times), optimal_control.places(tight, times), np.asarray(eight.points(201))
     ),
     "tubes": plot.rail_angles(times, theta),
     "accelerations": plot.rail_accelerations(times, tight.path.inputs(times)),

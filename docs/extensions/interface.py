@@ -89,7 +89,7 @@ PACKAGES = [
     "ensemble",
     "sweep",
     "design",
-    "design.control",
+    "design.optimal_control",
     "chaos",
     "stability",
     "verify",

@@ -3,10 +3,10 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxball.design import control
+from jaxball.design import optimal_control
 
 
-class Timed(control.AbstractControlProblem):
+class Timed(optimal_control.AbstractControlProblem):
     """From ``start`` to ``end`` by one control."""
 
     start: Float[Array, ""]

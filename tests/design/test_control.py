@@ -7,7 +7,7 @@ import pytest
 import scipy.integrate
 from jaxtyping import Array, Float
 
-from jaxball.design import control
+from jaxball.design import optimal_control
 
 from .double_integrator import Double, Timed
 
@@ -55,7 +55,7 @@ def still(collocation):
     """The path that stays at the start."""
     initial = np.asarray(collocation.problem.initial)
     knots, nodes, controls = collocation.shapes[:3]
-    return control.Path(
+    return optimal_control.Path(
         collocation.mesh, np.broadcast_to(initial, knots), np.broadcast_to(initial, nodes), np.zeros(controls)
     )
 
@@ -66,15 +66,15 @@ def double(far=2.0):
 
 def test_the_least_effort_from_rest_to_rest_is_exact():
     """States of degree 3 are what collocation with three nodes has."""
-    collocation = control.Collocation(double(), np.array([0.0, 0.3, 1.0]), 3)
-    found = control.solve_near(collocation, still(collocation))
+    collocation = optimal_control.Collocation(double(), np.array([0.0, 0.3, 1.0]), 3)
+    found = optimal_control.solve_near(collocation, still(collocation))
     t = np.linspace(0.0, 1.0, 41)
     np.testing.assert_allclose(found.path.inputs(t)[:, 0], 2 * (6 - 12 * t), atol=1e-11)
     np.testing.assert_allclose(found.path.states(t)[:, 0], 2 * (3 * t**2 - 2 * t**3), atol=1e-12)
     np.testing.assert_allclose(found.path.rates(t)[:, 0], found.path.states(t)[:, 1], atol=1e-12)
     assert abs(collocation.cost(found.y, 0.0) - 48.0) < 1e-10
     assert np.max(found.errors) < 1e-12
-    assert abs(control.least_curvature(found) - 2.0) < 1e-10
+    assert abs(optimal_control.least_curvature(found) - 2.0) < 1e-10
 
 
 def test_the_regulator_converges_with_order_twice_the_stages():
@@ -82,8 +82,8 @@ def test_the_regulator_converges_with_order_twice_the_stages():
     problem = Regulator(jnp.asarray(0.0), jnp.asarray(T))
     errors = []
     for intervals in (4, 8):
-        collocation = control.Collocation(problem, np.linspace(0.0, T, intervals + 1), 2)
-        found = control.solve_near(collocation, still(collocation), tolerance=np.inf)
+        collocation = optimal_control.Collocation(problem, np.linspace(0.0, T, intervals + 1), 2)
+        found = optimal_control.solve_near(collocation, still(collocation), tolerance=np.inf)
         knots = found.path.knots[:, 0]
         errors.append(np.max(np.abs(knots - np.cosh(T - collocation.mesh) / np.cosh(T))))
         cost = collocation.cost(found.y, 0.0)
@@ -95,8 +95,8 @@ def test_the_regulator_converges_with_order_twice_the_stages():
 def pendulum():
     """A pendulum's mesh refined to 1e-8."""
     problem = Pendulum(jnp.asarray(0.0), jnp.asarray(6.0), jnp.asarray(2.5))
-    collocation = control.Collocation(problem, np.linspace(0.0, 6.0, 7), 3)
-    return control.solve_near(collocation, still(collocation), tolerance=1e-8)
+    collocation = optimal_control.Collocation(problem, np.linspace(0.0, 6.0, 7), 3)
+    return optimal_control.solve_near(collocation, still(collocation), tolerance=1e-8)
 
 
 def test_the_pendulum_obeys_pontryagin(pendulum):
@@ -121,13 +121,13 @@ def test_the_pendulum_obeys_pontryagin(pendulum):
 
 @pytest.mark.thorough
 def test_the_pendulum_is_at_a_minimum(pendulum):
-    assert control.least_curvature(pendulum) > 0.1
+    assert optimal_control.least_curvature(pendulum) > 0.1
 
 
 @pytest.mark.thorough
 def test_derivatives_against_differences():
     problem = Pendulum(jnp.asarray(0.0), jnp.asarray(6.0), jnp.asarray(2.5))
-    collocation = control.Collocation(
+    collocation = optimal_control.Collocation(
         problem, np.array([0.0, 2.0, 6.0]), 2, lambda p, k: eqx.tree_at(lambda p: p.angle, p, k)
     )
     random = np.random.default_rng(0)

@@ -10,7 +10,7 @@ import pytest
 
 import jaxball
 from jaxball import design
-from jaxball.design import control
+from jaxball.design import optimal_control
 from jaxball.design.files import read_control
 
 DISK = """
@@ -133,9 +133,9 @@ def on_rail():
 
 def test_so_does_optimal_control():
     with pytest.raises(design.DesignError, match=r"^`mine` must be within reach .* 0\.841471 off e1"):
-        control.Rolling(on_rail(), (0.0, 1.0), {"mine": design.FollowTrajectory(Circling())})
+        optimal_control.Rolling(on_rail(), (0.0, 1.0), {"mine": design.FollowTrajectory(Circling())})
     with pytest.raises(design.DesignError, match=r"^Argument `place` must be one number, .* it is \[1\.0, 0\.0\]"):
-        control.Rolling(on_rail(), (0.0, 1.0), {}, place=(1.0, 0.0))
+        optimal_control.Rolling(on_rail(), (0.0, 1.0), {}, place=(1.0, 0.0))
     text = DISK.replace('[[variables]]\npath = "initial.phidot"', "[control]\nplace = [1.0, 0.0]")
     with pytest.raises(jaxball.ScenarioError, match=r"^Key `control\.place` must be a finite number, because a disk"):
         read_control(tomllib.loads(text))

@@ -7,7 +7,7 @@ import pytest
 
 import jaxball
 from jaxball import design
-from jaxball.design import control
+from jaxball.design import optimal_control
 from jaxball.simulation.equilibrium import imbalance
 
 END, PLACE = 6.0, -1.0
@@ -24,13 +24,13 @@ def climber(drive):
 def climb(drive, theta, **constraints):
     state = jaxball.DiskState(theta=theta, thetadot=np.zeros(len(theta)))
     objectives = {"effort": design.JointEffort()}
-    return control.Rolling(climber(drive), (0.0, END), objectives, state, place=PLACE, constraints=constraints)
+    return optimal_control.Rolling(climber(drive), (0.0, END), objectives, state, place=PLACE, constraints=constraints)
 
 
 @pytest.fixture(scope="module")
 def driven():
     """Up a slope, by the torque on a pendulum."""
-    return control.solve_from_guess(climb(jaxball.Motor(0.0), [LEAN - SLOPE]), MESH)
+    return optimal_control.solve_from_guess(climb(jaxball.Motor(0.0), [LEAN - SLOPE]), MESH)
 
 
 @pytest.mark.long
@@ -42,7 +42,7 @@ def test_a_pendulum_holds_a_disk_on_a_slope(driven):
     np.testing.assert_allclose(left.beside, 0.0, atol=1e-15)
     torque = MASS * LENGTH * np.sin(LEAN)
     np.testing.assert_allclose(left.efforts, -torque, rtol=1e-14)
-    np.testing.assert_allclose(control.holding(driven), torque, rtol=1e-9)
+    np.testing.assert_allclose(optimal_control.holding(driven), torque, rtol=1e-9)
 
 
 def test_balanced_on_a_slope_is_on_the_vertical_through_the_contact_point():
@@ -70,8 +70,8 @@ def test_a_guess_on_a_slope_begins_and_ends_at_rest():
     target = design.FollowTrajectory(design.Through([[0.0, 0.0], [PLACE, 0.0]]), rest_to_rest=True)
     state = jaxball.DiskState(theta=[LEAN - SLOPE], thetadot=[0.0])
     slow = 20 * END
-    problem = control.Rolling(climber(jaxball.Motor(0.0)), (0.0, slow), {"target": target}, state, place=PLACE)
-    path = control.rolling_along(problem, np.linspace(0.0, slow, 41))
+    problem = optimal_control.Rolling(climber(jaxball.Motor(0.0)), (0.0, slow), {"target": target}, state, place=PLACE)
+    path = optimal_control.rolling_along(problem, np.linspace(0.0, slow, 41))
     ends = jax.vmap(problem.packing.unpack)(jnp.asarray([0.0, slow]), jnp.asarray(path.knots[[0, -1]]))
     np.testing.assert_allclose(ends.z, [0.0, PLACE], atol=1e-12)
     np.testing.assert_allclose(ends.theta[:, 0] - ends.phi, LEAN - SLOPE, atol=1e-6)
@@ -82,27 +82,29 @@ def test_a_guess_on_a_slope_begins_and_ends_at_rest():
 @pytest.mark.long
 def test_motors_take_it_there_and_it_stays(driven):
     """By a simulation that knows of torques and not of controls, for twice as long."""
-    scenario = control.scenario_of(driven)
+    scenario = optimal_control.scenario_of(driven)
     times = np.linspace(0.0, 2 * END, 201)
     run = jaxball.simulate(scenario.system, times, scenario.state, rtol=1e-11, atol=1e-11, throw=True)
     rest = times >= END
     np.testing.assert_allclose(run.state.z[rest], PLACE, atol=1e-5)
     np.testing.assert_allclose(run.state.theta[rest, 0], LEAN - SLOPE + run.state.phi[rest], atol=1e-5)
-    found = control.places(driven, times[~rest])
+    found = optimal_control.places(driven, times[~rest])
     np.testing.assert_allclose(run.state.z[~rest], found, atol=1e-5)
-    seen = control.resimulate(driven)
+    seen = optimal_control.resimulate(driven)
     assert max(seen.apart, seen.speed, seen.away, seen.missed) < 1e-5
 
 
 @pytest.mark.slow
 def test_a_joint_that_is_accelerated_finds_the_same_torque(driven):
     """The same optimum by another control, θ̈ of a joint that has a schedule, and its effort."""
-    other = control.solve_from_guess(climb(jaxball.ConstantRate(LEAN - SLOPE), []), MESH)
+    other = optimal_control.solve_from_guess(climb(jaxball.ConstantRate(LEAN - SLOPE), []), MESH)
     times = np.linspace(0.0, END, 41)
-    np.testing.assert_allclose(control.places(other, times), control.places(driven, times), atol=1e-5)
-    np.testing.assert_allclose(control.means(other)["effort"], control.means(driven)["effort"], rtol=1e-6)
-    run = control.scenario_of(other).simulate(rtol=1e-11, atol=1e-11, throw=True)
-    torque = jax.vmap(control.signals_of(driven)[0])(run.times[:-1])
+    np.testing.assert_allclose(optimal_control.places(other, times), optimal_control.places(driven, times), atol=1e-5)
+    np.testing.assert_allclose(
+        optimal_control.means(other)["effort"], optimal_control.means(driven)["effort"], rtol=1e-6
+    )
+    run = optimal_control.scenario_of(other).simulate(rtol=1e-11, atol=1e-11, throw=True)
+    torque = jax.vmap(optimal_control.signals_of(driven)[0])(run.times[:-1])
     np.testing.assert_allclose(run.observables.joint_efforts[:-1, 0], torque, atol=1e-4)
 
 
@@ -117,11 +119,11 @@ def test_a_rotor_rolls_a_disk_as_a_double_integrator_does():
     rotor = jaxball.ring_rotor(m, size, axis=(0.0, 1.0, 0.0), drive=jaxball.Motor(0.0))
     disk = jaxball.Disk(mass=1.0, inertia=inertia, mechanisms=[rotor])
     start = jaxball.DiskState(theta=[0.0], thetadot=[0.0])
-    problem = control.Rolling(disk, (0.0, END), {"effort": design.JointEffort()}, start, PLACE, softness=1e-7)
-    found = control.solve_from_guess(problem, MESH)
+    problem = optimal_control.Rolling(disk, (0.0, END), {"effort": design.JointEffort()}, start, PLACE, softness=1e-7)
+    found = optimal_control.solve_from_guess(problem, MESH)
     times = np.linspace(0.0, END, 21)[:-1]
     torque = -6 * (inertia + (1.0 + m)) * PLACE * (1 - 2 * times / END) / END**2
-    np.testing.assert_allclose(jax.vmap(control.signals_of(found)[0])(times), torque, atol=1e-8)
+    np.testing.assert_allclose(jax.vmap(optimal_control.signals_of(found)[0])(times), torque, atol=1e-8)
 
 
 @pytest.mark.slow
@@ -130,10 +132,10 @@ def test_a_limit_holds_and_is_kept(driven):
     free = np.max(np.abs(driven.path.controls))
     limit = 0.95 * free
     problem = climb(jaxball.Motor(0.0, limit=limit) + jaxball.Damper(0.0), [LEAN - SLOPE])
-    found = control.sharpen(control.solve_from_guess(problem, MESH))
-    largest = np.max(np.abs(control.system_of(found).mechanisms[0].drives[0].terms[0].signal(jnp.asarray(0.0))))
+    found = optimal_control.sharpen(optimal_control.solve_from_guess(problem, MESH))
+    largest = np.max(np.abs(optimal_control.system_of(found).mechanisms[0].drives[0].terms[0].signal(jnp.asarray(0.0))))
     assert 0.99 * limit < largest < limit
-    seen = control.resimulate(found)
+    seen = optimal_control.resimulate(found)
     assert seen.violations["motor-limits"] < 0
     assert max(seen.apart, seen.speed, seen.away, seen.missed) < 1e-5
 
@@ -154,10 +156,10 @@ def test_what_cannot_be_controlled():
     twice = jaxball.Disk(mass=1.0, inertia=0.5, mechanisms=[hinge])
     state = jaxball.DiskState(theta=[0.0], thetadot=[0.0])
     with pytest.raises(design.DesignError, match=r"mechanisms\[0\]\.joints\[0\] has 2"):
-        control.Rolling(twice, (0.0, 1.0), {}, state)
+        optimal_control.Rolling(twice, (0.0, 1.0), {}, state)
     with pytest.raises(ValueError, match=r"`state` must be given.*mechanisms\[0\]\.joints\[0\]"):
-        control.Rolling(climber(jaxball.Motor(0.0)), (0.0, 1.0), {})
+        optimal_control.Rolling(climber(jaxball.Motor(0.0)), (0.0, 1.0), {})
     table = jaxball.Ground(turntable=jaxball.Turntable(jaxball.ConstantRate(0.0, rate=1.0)))
     ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=table, mechanisms=[jaxball.planar_pendulum(0.5, 0.5)])
     with pytest.raises(design.DesignError, match="turntable"):
-        control.Rolling(ball, (0.0, 1.0), {}, jaxball.BallState(theta=[0.0], thetadot=[0.0]))
+        optimal_control.Rolling(ball, (0.0, 1.0), {}, jaxball.BallState(theta=[0.0], thetadot=[0.0]))

@@ -12,9 +12,9 @@ import pytest
 
 import jaxball
 from jaxball import cli, design
-from jaxball.design import control
-from jaxball.design.control.collocation import multiplier
+from jaxball.design import optimal_control
 from jaxball.design.files import read_control
+from jaxball.design.optimal_control.collocation import multiplier
 
 END, PLACE = 8.0, 1.0
 DOWN = -np.pi / 2
@@ -31,30 +31,30 @@ def problem(weight, **constraints):
     tracking = design.FollowTrajectory(curve, rest_to_rest=True, weight=weight)
     effort = design.AccelerationEffort(weight=0.01)
     objectives = {"follow-trajectory": tracking, "acceleration-effort": effort}
-    return control.Rolling(disk(), (0.0, END), objectives, place=PLACE, constraints=constraints)
+    return optimal_control.Rolling(disk(), (0.0, END), objectives, place=PLACE, constraints=constraints)
 
 
 @pytest.fixture(scope="module")
 def easy():
     """The solution where the tracking hardly counts."""
-    return control.solve_from_guess(problem(0.01), np.linspace(0.0, END, 9), tolerance=1e-6)
+    return optimal_control.solve_from_guess(problem(0.01), np.linspace(0.0, END, 9), tolerance=1e-6)
 
 
 @pytest.fixture(scope="module")
 def run(easy):
     """Its schedules simulated."""
-    return control.scenario_of(easy, saves=2001).simulate(rtol=1e-11, atol=1e-11, throw=True)
+    return optimal_control.scenario_of(easy, saves=2001).simulate(rtol=1e-11, atol=1e-11, throw=True)
 
 
 @pytest.mark.long
 def test_the_schedules_do_what_the_solution_says(easy, run):
     """By a simulation that knows of schedules and not of controls."""
     assert np.max(easy.errors) <= 1e-6
-    found = control.places(easy, np.asarray(run.times))
+    found = optimal_control.places(easy, np.asarray(run.times))
     np.testing.assert_allclose(run.state.z, found, atol=1e-5)
     np.testing.assert_allclose(run.state.z[-1], PLACE, atol=1e-6)
     np.testing.assert_allclose(run.state.phidot[-1], 0.0, atol=1e-6)
-    theta = [schedule.derivatives(jnp.asarray(END)) for schedule in control.schedules_of(easy)]
+    theta = [schedule.derivatives(jnp.asarray(END)) for schedule in optimal_control.schedules_of(easy)]
     np.testing.assert_allclose([rates[1] for rates in theta], 0.0, atol=1e-6)
     # The centre of mass: body angle θ, turned by φ in space.
     angles = np.asarray([rates[0] for rates in theta]) + float(run.state.phi[-1])
@@ -71,23 +71,25 @@ def test_the_costs_are_those_of_the_simulation(easy, run):
     tracking = np.trapezoid((np.asarray(run.state.z) - wanted) ** 2, times) / END
     acceleration = easy.path.inputs(times)
     effort = np.trapezoid(np.sum(acceleration**2, axis=1), times) / END
-    found = control.means(easy)
+    found = optimal_control.means(easy)
     np.testing.assert_allclose(found["follow-trajectory"], tracking, rtol=1e-4)
     np.testing.assert_allclose(found["acceleration-effort"], effort, rtol=1e-4)
 
 
 @pytest.mark.long
 def test_newton_comes_to_the_same_optimum_from_rest_and_from_the_wanted_path(easy):
-    other = control.solve_from_guess(problem(0.01), np.linspace(0.0, END, 9), guess=control.rolling_along)
+    other = optimal_control.solve_from_guess(
+        problem(0.01), np.linspace(0.0, END, 9), guess=optimal_control.rolling_along
+    )
     times = np.linspace(0.0, END, 41)
     np.testing.assert_allclose(other.path.states(times), easy.path.states(times), atol=1e-5)
 
 
 @pytest.mark.thorough
 def test_a_scenario_file_holds_the_schedules(easy):
-    again = jaxball.read_scenario(jaxball.write_scenario(control.scenario_of(easy, "tracking")))
+    again = jaxball.read_scenario(jaxball.write_scenario(optimal_control.scenario_of(easy, "tracking")))
     assert again.title == "tracking"
-    first, second = (jax.tree.leaves(one.system) for one in (control.scenario_of(easy), again))
+    first, second = (jax.tree.leaves(one.system) for one in (optimal_control.scenario_of(easy), again))
     for a, b in zip(first, second, strict=True):
         np.testing.assert_array_equal(a, b)
 
@@ -95,21 +97,23 @@ def test_a_scenario_file_holds_the_schedules(easy):
 @pytest.mark.slow
 def test_the_tracking_error_falls_along_the_branch(easy):
     """To what the same problem has that is solved at once."""
-    branch, hard = control.continue_to(easy, problem(10.0))
+    branch, hard = optimal_control.continue_to(easy, problem(10.0))
     assert branch.ended == "end"
-    assert control.least_curvature(hard) > 0
-    assert control.means(easy)["follow-trajectory"] > 100 * control.means(hard)["follow-trajectory"]
-    at_once = control.solve_from_guess(problem(10.0), np.linspace(0.0, END, 9), guess=control.rolling_along)
-    for name, value in control.means(hard).items():
-        np.testing.assert_allclose(control.means(at_once)[name], value, rtol=1e-4)
-    seen = control.resimulate(hard)
+    assert optimal_control.least_curvature(hard) > 0
+    assert optimal_control.means(easy)["follow-trajectory"] > 100 * optimal_control.means(hard)["follow-trajectory"]
+    at_once = optimal_control.solve_from_guess(
+        problem(10.0), np.linspace(0.0, END, 9), guess=optimal_control.rolling_along
+    )
+    for name, value in optimal_control.means(hard).items():
+        np.testing.assert_allclose(optimal_control.means(at_once)[name], value, rtol=1e-4)
+    seen = optimal_control.resimulate(hard)
     assert max(seen.apart, seen.speed, seen.away, seen.missed) < 1e-5
     assert seen.below > 0
     assert seen.margin > 0
 
 
 def test_a_problem_half_way_between_two():
-    middle = control.between((problem(0.1), problem(10.0)), jnp.asarray(0.5))
+    middle = optimal_control.between((problem(0.1), problem(10.0)), jnp.asarray(0.5))
     np.testing.assert_allclose(middle.objectives["follow-trajectory"].weight, 1.0, rtol=1e-12)
     np.testing.assert_allclose(middle.objectives["acceleration-effort"].weight, 0.01, rtol=1e-12)
 
@@ -190,7 +194,7 @@ def test_the_command_finds_what_python_finds(tmp_path, capsys, easy, monkeypatch
     *numbers, meant = row.split("|")[2:-1]
     numbers = [float(part) for part in numbers]
     assert meant.strip() == f"root mean square distance {np.sqrt(numbers[3]):.4g}"
-    np.testing.assert_allclose(numbers[:3], [0.01, control.means(easy)["follow-trajectory"], 0.02], rtol=1e-5)
+    np.testing.assert_allclose(numbers[:3], [0.01, optimal_control.means(easy)["follow-trajectory"], 0.02], rtol=1e-5)
     assert 0 < numbers[3] < numbers[1]
     for name in ("path", "angles", "accelerations", "branch"):
         assert f"![{name}]({name}.png)" in report
@@ -207,7 +211,7 @@ def interrupted(*arguments, **options):
 def test_ctrl_c_leaves_the_last_motion(tmp_path, capsys, easy, monkeypatch):
     """That of ``easy``, whose compiled programs it shares; stopped before it is looked at as a minimum."""
     monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
-    monkeypatch.setattr("jaxball.design.control.solve.least_curvature", interrupted)
+    monkeypatch.setattr("jaxball.design.optimal_control.solve.least_curvature", interrupted)
     text = PROBLEM.replace("weight = 0.02", "weight = 0.01").replace("first_weights", "# first_weights")
     assert command(tmp_path, text) == 130
     captured = capsys.readouterr()
@@ -215,12 +219,12 @@ def test_ctrl_c_leaves_the_last_motion(tmp_path, capsys, easy, monkeypatch):
     scenario = tmp_path / "out" / "design.toml"
     assert captured.err.endswith(f"jaxball: Stopped; the last motion found is {scenario}.\n")
     run = jaxball.load_scenario(scenario).simulate(throw=True)
-    np.testing.assert_allclose(run.state.z, control.places(easy, np.asarray(run.times)), atol=1e-5)
+    np.testing.assert_allclose(run.state.z, optimal_control.places(easy, np.asarray(run.times)), atol=1e-5)
 
 
 def test_ctrl_c_before_a_motion_is_found(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
-    monkeypatch.setattr("jaxball.design.control.solve.solve_from_guess", interrupted)
+    monkeypatch.setattr("jaxball.design.optimal_control.solve.solve_from_guess", interrupted)
     assert command(tmp_path, PROBLEM) == 130
     assert capsys.readouterr().err == "jaxball: Stopped; no motion was found yet.\n"
     assert not (tmp_path / "out").exists()
@@ -251,7 +255,7 @@ def test_what_cannot_be_a_problem_of_control(tmp_path, capsys, old, new, words):
 
 def test_a_system_without_rails_cannot_be_controlled():
     with pytest.raises(design.DesignError, match="mass on a rail"):
-        control.Rolling(jaxball.Disk(mass=1.0, inertia=1.0), (0.0, 1.0), {})
+        optimal_control.Rolling(jaxball.Disk(mass=1.0, inertia=1.0), (0.0, 1.0), {})
 
 
 LIMITS = (0.149, 0.15, 0.151)
@@ -263,7 +267,7 @@ def limited():
     solutions = []
     for most in LIMITS:
         one = problem(0.01, limit=design.AccelerationLimit(most))
-        solutions.append(control.sharpen(control.solve_from_guess(one, np.linspace(0.0, END, 9))))
+        solutions.append(optimal_control.sharpen(optimal_control.solve_from_guess(one, np.linspace(0.0, END, 9))))
     return solutions
 
 
@@ -287,12 +291,12 @@ def test_a_limit_costs_what_its_multipliers_say(limited, easy):
 def test_a_limit_holds_in_the_simulation(limited):
     """Of the accelerations by the schedules, χ̈ = r (θ̈ along the circle, θ̇² to its centre)."""
     t = jnp.linspace(0.0, END, 4001)
-    rates = [jax.vmap(schedule.derivatives)(t) for schedule in control.schedules_of(limited[1])]
+    rates = [jax.vmap(schedule.derivatives)(t) for schedule in optimal_control.schedules_of(limited[1])]
     found = [r * np.hypot(one[2], one[1] ** 2) for r, one in zip((0.9, 0.6), rates, strict=True)]
     assert LIMITS[1] - 1e-4 < np.max(found) < LIMITS[1] + 1e-4
-    seen = control.resimulate(limited[1])
+    seen = optimal_control.resimulate(limited[1])
     np.testing.assert_allclose(seen.violations["limit"], np.max(found) - LIMITS[1], atol=1e-4)
-    assert control.least_curvature(limited[1]) > 0
+    assert optimal_control.least_curvature(limited[1]) > 0
 
 
 @pytest.mark.slow

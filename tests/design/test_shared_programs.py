@@ -3,6 +3,7 @@
 import functools
 import re
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,7 +11,6 @@ import pytest
 import tomli_w
 
 from jaxball import design
-from jaxball.design.problem import shared
 from tests.design.documents import builtin
 
 PROBLEM = {
@@ -49,21 +49,20 @@ def program(different=False):
     return design.Shooting(design.read_problem(tomli_w.dumps(document)).problem, 2)
 
 
-def evaluated(form, content, y):
-    return form(content).evaluate(y)
+def evaluated(terms, y):
+    return terms.evaluate(y)
 
 
 @pytest.mark.thorough
 def test_all_numbers_are_arguments():
     """What is traced for the one has no number of the other: neither a constant nor a literal differs."""
-    (form, one), (other, two) = (program(different).parted for different in (False, True))
-    assert form == other
-    assert hash(form) == hash(other)
+    one, two = (program(different).traced for different in (False, True))
+    assert jax.tree.structure(one) == jax.tree.structure(two)
+    assert hash(jax.tree.structure(one)) == hash(jax.tree.structure(two))
+    assert all(map(eqx.is_array, jax.tree.leaves(one)))
     assert all(not np.array_equal(a, b) for a, b in zip(*map(jax.tree.leaves, (one, two)), strict=True))
     y = jnp.zeros(len(program().names))
-    traced = [
-        jax.make_jaxpr(functools.partial(evaluated, of))(content, y) for of, content in ((form, one), (other, two))
-    ]
+    traced = [jax.make_jaxpr(evaluated)(terms, y) for terms in (one, two)]
     first, second = (re.sub("0x[0-9a-f]+", "", str(each.jaxpr)) for each in traced)
     assert first == second
     for a, b in zip(*(each.consts for each in traced), strict=True):
@@ -75,8 +74,8 @@ def test_what_is_no_number_distinguishes():
     solver = {**PROBLEM, "scenario": {**PROBLEM["scenario"], "solve": {"solver": "tsit5"}}}
     longer = {**PROBLEM, "scenario": {**PROBLEM["scenario"], "time": {"start": 0.0, "end": 2.0, "saves": 7}}}
     fewer = {**PROBLEM, "constraints": PROBLEM["constraints"][:1]}
-    forms = [shared.split_problem(design.read_problem(tomli_w.dumps(d)).problem)[0] for d in (solver, longer, fewer)]
-    assert len({*forms, shared.split_problem(program().problem)[0]}) == 4
+    problems = [design.read_problem(tomli_w.dumps(d)).problem for d in (PROBLEM, solver, longer, fewer)]
+    assert len({(jax.tree.structure(one.traced), *map(np.shape, jax.tree.leaves(one.traced))) for one in problems}) == 4
 
 
 def test_users_objectives_are_not_traced():
@@ -87,6 +86,7 @@ def test_users_objectives_are_not_traced():
             return run.length if float(self.weight) > 0 else -run.length
 
     objectives = {"radius": Radius()}
-    form, content = shared.split_problem(design.Problem(program().problem.space, objectives, {}))
-    assert content == ()
-    assert form(content).objectives["radius"] is objectives["radius"]
+    problem = design.Problem(program().problem.space, objectives, {})
+    assert all(leaf is not objectives["radius"].weight for leaf in jax.tree.leaves(problem.traced))
+    value = eqx.filter_jit(lambda traced, y: traced.evaluate_run(traced.run(y)).terms)(problem.traced, jnp.zeros(2))
+    np.testing.assert_array_equal(value, [1.0])

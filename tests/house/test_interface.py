@@ -104,7 +104,7 @@ def test_a_misspelt_name_is_an_attribute_error_with_a_suggestion():
 def everything():
     """Whatever the interface has, by the name under which a user finds it."""
     packages = [jaxball, *(getattr(jaxball, name) for name in PACKAGES)]
-    for module in [*packages, importlib.import_module("jaxball.design.control")]:
+    for module in [*packages, importlib.import_module("jaxball.design.optimal_control")]:
         for name in module.__all__:
             yield f"{module.__name__}.{name}", getattr(module, name)
 

@@ -16,7 +16,7 @@ from jaxball import BallState, CarriedMass, Disk, DiskState, Hinge, JointFrictio
 from jaxball.chaos import lyapunov_spectrum
 from jaxball.cli import main
 from jaxball.design import DesignError
-from jaxball.design.control.rolling import Rolling
+from jaxball.design.optimal_control.rolling import Rolling
 from jaxball.ensemble import simulate_ensemble
 from jaxball.physics.dynamics.equations import accelerations
 from jaxball.verify import verify

@@ -3,8 +3,8 @@
 ``tvlqr`` linearises the flow of a simulated motion from sample to sample, and gives the feedback with the least
 quadratic cost; ``mpc`` foresees limits of motors and of friction as well. ``closed_loop`` simulates the robot under
 either, and ``basin`` many disturbed starts. The motions themselves
-may be found by :mod:`jaxball.design.control`, which is optimal control by collocation, without feedback. No figures and
-no files: :mod:`jaxball.plot` draws the results.
+may be found by :mod:`jaxball.design.optimal_control`, by collocation and without feedback. No figures and no files:
+:mod:`jaxball.plot` draws the results.
 """
 
 TYPE_CHECKING = False

@@ -13,6 +13,7 @@ from .. import programs
 from ..grid import Grid, grid_of
 from ..interface.arguments import require, whole_number
 from ..interface.printing import Printed
+from ..interface.status import BACK_WITHIN
 from ..numerics.arrays import Numbers, to_numpy
 from ..physics.body import System
 from ..physics.forces.force import AbstractWrench
@@ -24,8 +25,6 @@ from .weights import Weights, weight_matrix
 
 if TYPE_CHECKING:
     import xarray
-
-WITHIN_GOAL = 0.05
 
 
 class Outcome(NamedTuple):
@@ -92,7 +91,7 @@ def basin(
     starts: Mapping[str, Numbers] | Numbers,
     *,
     Q: Weights = 1.0,
-    within: float = WITHIN_GOAL,
+    within: float = BACK_WITHIN,
     friction: float | None = None,
     system: System | None = None,
     limits: Numbers | Mapping[str, Numbers] | None = None,

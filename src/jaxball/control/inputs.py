@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from ..interface.arguments import refusal
 from ..interface.wording import did_you_mean
 from ..numerics.arrays import default_dtype, is_traced
-from ..physics.body import Ball, Disk, System
+from ..physics.body import System
 from ..physics.feedback import AbstractLaw, FollowSchedules
 from ..physics.grounds import TiltingPlane
 from ..physics.grounds.ground import AbstractGround
@@ -57,7 +57,7 @@ def places_of(system: System, names: Sequence[str] | None) -> tuple[Place, ...]:
     **Raises:** ``TypeError`` for anything but a ball or a disk, or names; ``ValueError`` for a name that is not known,
     one that occurs twice, and where nothing moves any mass or joint.
     """
-    if not isinstance(system, Ball | Disk):
+    if not isinstance(system, System):
         raise refusal("system", "a Ball or a Disk", system)
     known = {place.name: place for place in _places(system)}
     if names is None:

@@ -107,7 +107,7 @@ def tvlqr(
     input and gain are held. Where deviations of a symmetry have weight 0, such as those of the place on a level plane,
     they cost nothing and do not act on the inputs: the robot then holds its motion from wherever it is.
 
-    For motions of any shape that are found by optimisation, see :mod:`jaxball.design.control`.
+    For motions of any shape that are found by optimisation, see :mod:`jaxball.design.optimal_control`.
 
     **Arguments:**
 

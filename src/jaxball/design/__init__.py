@@ -1,8 +1,8 @@
 """Design of rails, motions and parameters that make a ball do what is wanted, by gradients through the simulation.
 
 ``problem`` defines what is designed: a scenario with variables, whose runs have ``objectives`` and ``constraints``,
-also for slightly perturbed balls. ``search`` solves it, and verifies the design by other means. ``control`` finds
-motions of any shape, by equations and their ``continuation``. ``files`` reads problems of both kinds, ``report``
+also for slightly perturbed balls. ``search`` solves it, and verifies the design by other means. ``optimal_control``
+finds motions of any shape, by equations and their ``continuation``. ``files`` reads problems of both kinds, ``report``
 describes what was found, and ``result`` loads it. ``identify`` finds a body's parameters from its path. Only the
 command line uses this package.
 """

@@ -12,9 +12,8 @@ import tomli_w
 
 from ..interface.arguments import require_callable
 from ..numerics.arrays import to_array
-from ..physics.body import Ball, Disk
+from ..physics.body import System
 from ..physics.state import BallState, DiskState
-from ..physics.system import AbstractSystem
 from ..scenario import read_document
 from ..scenario.body import rolling_state
 from ..scenario.errors import ScenarioError, each_of, raise_first, try_readers
@@ -38,11 +37,11 @@ from ..scenario.values import (
     unread,
 )
 from . import constraints, objectives
-from .control.collocation import BARRIER
-from .control.guess import rolling_along
-from .control.problem import VIOLATION
-from .control.rolling import Rolling
-from .control.solve import ControlFile, Guess, at_rest
+from .optimal_control.collocation import BARRIER
+from .optimal_control.guess import rolling_along
+from .optimal_control.problem import VIOLATION
+from .optimal_control.rolling import Rolling
+from .optimal_control.solve import ControlFile, Guess, at_rest
 from .problem.plane import FigureEight, Sigmoid, Through
 from .problem.problem import Perturbations, Problem
 from .problem.requirements import (
@@ -96,9 +95,9 @@ PLANE = Plane(Numbers((2,)), Numbers((None, 2)), Key(NUMBER), Numbers((4,), NOT_
 LINE = Plane(OnLine(), OnLine((None,)), Key(Numbers(rule=_FLAT), 0.0), Numbers((4,), _ABOUT_E2))
 
 
-def plane_of(system: AbstractSystem) -> Plane:
+def plane_of(system: System) -> Plane:
     """The kinds of positions of a system."""
-    return LINE if isinstance(system, Disk) else PLANE
+    return LINE if system.planar else PLANE
 
 
 def curves(plane: Plane) -> Family:
@@ -345,7 +344,7 @@ def problem_of(document: dict[str, Any], folder: str | Path = ".") -> ProblemFil
     )
     objectives, constraints = {}, {}
     if given and space:  # which determines the kind of positions
-        (objectives, constraints), later = _requirements(given, space.scenario.system)
+        (objectives, constraints), later = _requirements(given, space.system)
         errors += later
     raise_first(errors)
     settings = Settings(**search)
@@ -362,7 +361,7 @@ def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlF
     with naming_scenario(given["scenario"], "problem", DesignError):
         scenario = read_document(scenario_document(given["scenario"], Path(folder), DesignError))
     system, state = scenario.system, scenario.state
-    if not isinstance(system, Ball | Disk):
+    if not isinstance(system, System):
         raise key_error("scenario.kind", "ball or disk", system.title.lower())
     rolling_state(scenario, "optimal control is", DesignError)
     assert isinstance(state, BallState | DiskState)
@@ -387,7 +386,7 @@ def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlF
     )
 
 
-def _requirements(given: dict[str, Any], system: AbstractSystem) -> tuple[list[Any], list[ScenarioError]]:
+def _requirements(given: dict[str, Any], system: System) -> tuple[list[Any], list[ScenarioError]]:
     """The objectives and the constraints of a problem of either kind, by name, and the errors in them."""
     plane = plane_of(system)
     return try_readers(

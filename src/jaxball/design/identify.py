@@ -15,7 +15,6 @@ from ..interface.arguments import require
 from ..interface.html import repr_html
 from ..numerics.arrays import to_numpy
 from ..numerics.fitting import Residuals, find_determined, fit_unknowns, where_finite
-from ..physics.body import Disk
 from .problem.plane import places
 from .problem.run import Run, Solve, run_of
 from .problem.space import DesignError, DesignSpace
@@ -119,11 +118,11 @@ def identify(
 
 def _require_positions(space: DesignSpace, path: np.ndarray) -> None:
     times = space.scenario.times
-    flat = isinstance(space.scenario.system, Disk)
-    if path.shape != (times.size, 2)[: 1 if flat else 2]:
+    place = np.shape(space.state.z)
+    if path.shape != (times.size, *place):
         raise DesignError(
             f"Argument `path` must be a position for each of the {times.size} save times, "
-            f"{'one number' if flat else 'two numbers'} each, but its shape is {path.shape}."
+            f"{'two numbers' if place else 'one number'} each, but its shape is {path.shape}."
         )
 
 

@@ -22,11 +22,11 @@ from ..scenario import Scenario, ScenarioError, Units, write_scenario
 from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import Trajectory
 from .constraints import discs_to_avoid
-from .control.rolling import rolling
-from .control.schedules import holding, places, scenario_of, schedules_of
-from .control.solution import POINTS_OF_INTERVAL, Solution, means
-from .control.solve import Controlled
 from .objectives import FollowCurve, FollowTrajectory, LargestDistance, target_path
+from .optimal_control.rolling import rolling
+from .optimal_control.schedules import holding, places, scenario_of, schedules_of
+from .optimal_control.solution import POINTS_OF_INTERVAL, Solution, means
+from .optimal_control.solve import Controlled
 from .problem.problem import worst
 from .problem.requirements import Requirement
 from .problem.run import Run

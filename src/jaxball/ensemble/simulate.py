@@ -21,10 +21,6 @@ from ..physics.system import AbstractState, AbstractSystem
 from ..programs.operation import in_threads
 from ..simulation.arguments import (
     DEFAULT_TOLERANCE,
-    NO_PROGRESS,
-    check_adjoint,
-    check_solver,
-    check_steps,
     check_tolerances,
     require_dae,
     require_kind_of_state,
@@ -149,28 +145,23 @@ def simulate_ensemble(
     - ``times``: of shape (runs, T), or (T,) for all runs.
     - ``events``: as for one run, the same for all unless ``in_axes`` says otherwise. Reductions go on to the end of the
       step within which the first terminal event ends the run.
-    - ``contact``: a :class:`~jaxball.Contact`, as for one run: each run may roll, slide and fly, and
-      ``trajectory.contact`` has its modes. Each of its numbers is for all runs or, made by ``jax.vmap``, of shape
-      (runs,). ``state`` may then be a :class:`~jaxball.ReleasedState`. Its ``capacity`` is the same for every run.
-    - ``solver``, ``step_to_times``, ``dae``, ``project``, ``inside``, ``max_steps``: as for one run.
+    - ``contact``: as for one run. Each of its numbers is for all runs or, made by ``jax.vmap``, of shape (runs,); its
+      ``capacity`` is the same for every run.
+    - ``solver``, ``step_to_times``, ``dae``, ``project``, ``inside``, ``adjoint``, ``max_steps``: as for one run.
     - ``rtol``, ``atol``: for all runs, or of shape (runs,).
-    - ``adjoint``: as for one run.
     - ``reductions``: results to find in each run while it is computed, by name: some of
       ``jaxball.ensemble.REDUCTIONS``, or any :class:`Maximum`, :class:`Minimum`, :class:`Drift` or :class:`Integral` of
       your own function.
     - ``lanes``: how many runs XLA computes side by side; by default 64 on a CPU, where 512 were no faster, or all on a
-      GPU. Native programs always take 8 runs, or a single one where each step makes matrices for its stages, as with
-      ``RadauIIA``. The next begin when the longest of these has ended: put runs of similar length next to each other.
+      GPU. Native programs always take 8, or a single one with methods such as ``RadauIIA``.
     - ``chunk``: how many runs are in memory at a time while they are computed; by default all.
     - ``threads``: how many threads compute native programs; by default the number of this process's cores. Results do
       not depend on it.
     - ``in_axes``: which arrays of ``(system, state)`` have the runs as leading axis, as ``jax.vmap`` takes it: 0 for
-      those that have, None for those that all runs share, which is cheaper; each for one array or for all of a part, so
-      that ``(None, 0)`` is one system from many states. By default 0. A third entry is for the arrays of ``events``,
-      such as their levels; without it all runs share them.
+      those that have, None for those that all runs share, which is cheaper; ``(None, 0)`` is one system from many
+      states. A third entry is for the arrays of ``events``; without it all runs share them.
 
-    A run that fails has its status and NaN, and does not affect the others. It is ``jax.vmap`` of a run, with
-    reductions and checks of its arguments, and can be differentiated and compiled like it.
+    A run that fails has its status and NaN, and does not affect the others.
 
     **Raises:** ``ValueError`` where leading axes differ or ``in_axes`` is not of this form, and as
     :func:`jaxball.simulate`.
@@ -195,35 +186,33 @@ def simulate_ensemble(
     require_kind_of_state(simulated, state)
     if dae:
         require_dae(simulated, state, solver)
-    events, solver = check_events(simulated, events), check_solver(solver)
+    events = check_events(simulated, events)
     rtol, atol = check_tolerances(rtol, atol, of_many=True)
     given = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
     reductions = _check_reductions(reductions)
-    of_both, of_events = (in_axes[:2], in_axes[2]) if _has_three(in_axes) else (in_axes, None)
-    own_shared = find_shared_leaves(of_both, (system, state))
-    of_contact = tuple(np.ndim(leaf) == 0 for leaf in jax.tree.leaves(contact))
-    of_system = len(jax.tree.leaves(system))
-    shared = (*own_shared[:of_system], *of_contact, *own_shared[of_system:], *find_shared_leaves(of_events, events))
+    own_shared, shared = _find_shared(in_axes, system, state, contact, events)
     parameters = simulated, state, events
     runs = _count(parameters, shared, given, rtol, atol)
     whole = given if given.ndim == 2 else jnp.broadcast_to(given, (runs, given.shape[-1]))
     limits = tuple(x if x.ndim else jnp.broadcast_to(x, (runs,)) for x in (rtol, atol))
-    method = Method(
-        solver=solver,
-        adjoint=check_adjoint(adjoint),
-        progress=NO_PROGRESS,
-        max_steps=check_steps(max_steps),
-        step_to_times=step_to_times,
-        dae=dae,
-        project=project,
-        inside=inside,
-    )
+    method = Method.of(solver, adjoint, max_steps, step_to_times=step_to_times, dae=dae, project=project, inside=inside)
     lanes = lanes or (DEFAULT_LANES if jax.default_backend() == "cpu" else runs)
     settings = Settings(method, tuple(reductions.items()), lanes)
     with in_threads(threads):
         ends, reported, executed = _in_chunks(settings, shared, chunk, parameters, whole, *limits)
     system, state = for_all_rows((system, state), own_shared, runs, jnp if _is_any_traced(system, state) else np)
     return Ensemble(Trajectory(system, whole, **ends._asdict(), start=state), reported, executed)
+
+
+def _find_shared(
+    in_axes: Any, system: Any, state: Any, contact: Contact | None, events: Any
+) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
+    """Finds which arrays of (system, state), and which of all that is simulated, are shared by all runs."""
+    of_both, of_events = (in_axes[:2], in_axes[2]) if _has_three(in_axes) else (in_axes, None)
+    own = find_shared_leaves(of_both, (system, state))
+    of_contact = tuple(np.ndim(leaf) == 0 for leaf in jax.tree.leaves(contact))
+    of_system = len(jax.tree.leaves(system))
+    return own, (*own[:of_system], *of_contact, *own[of_system:], *find_shared_leaves(of_events, events))
 
 
 def _in_chunks(

@@ -18,7 +18,6 @@ from ..physics.body import System
 from ..physics.dynamics.moments import kinematics
 from ..physics.mechanisms import Hinge, Mechanism
 from ..physics.prescribed.motion import Driven
-from ..physics.state import DiskState
 from ..sensors import AbstractSensor
 from ..sensors.base import Measurement, require_sensors
 from ..sensors.errors import key_of
@@ -75,7 +74,7 @@ class ObservedState(AbstractObservation):
         require_flags(attitude=self.attitude, joints=self.joints, masses=self.masses)
 
     def __call__(self, key, moment, memory, sample):
-        state, is_disk = moment.state, isinstance(moment.state, DiskState)
+        state, is_disk = moment.state, moment.system.planar
         parts = [moment.ahead(moment.velocity)]
         if not is_disk:
             parts.append(moment.spin[None])

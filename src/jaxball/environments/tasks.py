@@ -18,7 +18,7 @@ from ..numerics.vectors import dot, root
 from ..physics.body import System
 from ..physics.prescribed.schedules import AbstractSchedule
 from ..physics.prescribed.signals import AbstractSignal, ConstantSignal
-from ..physics.state import DiskState, centre_velocity
+from ..physics.state import centre_velocity
 from .randomisation import AbstractDistribution
 
 UPRIGHT = 1e-12  # the square of the horizontal part of a body axis that has no direction on the plane
@@ -72,7 +72,7 @@ class Moment(NamedTuple):
         return jnp.stack([c * x + s * y, c * y - s * x], axis=-1)
 
     def _in_plane(self, vector: Float[Array, "2"]) -> Float[Array, " d"]:
-        return vector[:1] if isinstance(self.state, DiskState) else vector
+        return vector[:1] if self.system.planar else vector
 
 
 class AbstractGoal(Printed):

@@ -1,4 +1,4 @@
-"""How a solve ended."""
+"""How a solve ended, and when a run under feedback has come back."""
 
 import enum
 
@@ -38,6 +38,7 @@ class Status(enum.IntEnum):
 
 # Of a run that reached its end, or an event that its user asked it to end at.
 SUCCESSES = (Status.SUCCESS, Status.EVENT)
+BACK_WITHIN = 0.05  # of a deviation ξ at the end of a run under feedback: √(ξ·Q ξ / tr Q) of one that comes back
 ADVICE = "jaxball.problems(system, state) says what is impossible about them."
 _SENTENCES = {
     Status.SUCCESS: "The solve reached t = {end:.10g}.",

@@ -319,7 +319,7 @@ def _state(
     """The state of the first keyframe, or at rest where the file has its bodies."""
     placed, radius = frame_of(shell, angles), float(system.radius)
     n = len(joints)
-    if isinstance(system, Disk):
+    if system.planar:
         qpos, qvel = np.zeros(3 + n), np.zeros(3 + n)
     else:
         quat = np.roll(Rotation.from_matrix(placed.turn).as_quat(), 1)
@@ -327,7 +327,7 @@ def _state(
     if key is not None:
         qpos, qvel = numbers(key, "qpos", qpos), numbers(key, "qvel", qvel)
     theta, thetadot = qpos[len(qpos) - n :], qvel[len(qvel) - n :]
-    if isinstance(system, Disk):
+    if system.planar:
         x, height = placed.shift[0] + qpos[0], placed.shift[2] + qpos[1] - radius
         disk = DiskState(phi=qpos[2], phidot=qvel[2], z=x, theta=theta, thetadot=thetadot)
         return ReleasedState(disk, V=(qvel[0], 0.0, qvel[1]), height=height)

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from ..interface.arguments import describe, require, require_flags
 from ..numerics.arrays import to_array
-from ..physics.body import Ball, Disk, System
+from ..physics.body import System
 from ..physics.contact.released import ReleasedState, release
 from ..physics.forces.resistance import Resistance
 from ..physics.grounds import AbstractSurface
@@ -85,7 +85,7 @@ def to_mjcf(scenario: Scenario, *, timestep: float = TIMESTEP, any_units: bool =
     """
     require("scenario", scenario, Scenario, "a Scenario, such as load_scenario returns")
     system = scenario.system
-    if not isinstance(system, Ball | Disk):
+    if not isinstance(system, System):
         raise MJCFError(
             f"Key `kind` must be a ball or a disk to be written as MJCF, but the system is a {type(system).__name__}."
         )
@@ -228,7 +228,7 @@ def _add_plane(world: ET.Element, system: System, surface: dict[str, Any]) -> No
 def _add_shell(world: ET.Element, system: System, surface: dict[str, Any]) -> ET.Element:
     r = float(system.radius)
     shell = add(world, "body", name="shell", pos=(0.0, 0.0, r))
-    if isinstance(system, Disk):
+    if system.planar:
         for name, attributes in ROOT.items():
             add(shell, "joint", name=name, **attributes)
         inertia = (float(system.inertia),) * 3

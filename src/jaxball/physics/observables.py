@@ -3,12 +3,16 @@
 import functools
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .. import programs
 from ..interface.arguments import refusal
 from ..interface.printing import Printed, in_short
+from ..numerics.arrays import to_array
+from ..numerics.kinks import just_before
 from ..numerics.vectors import apply, cross, dot
 from .body import AbstractBody
 from .contact.body_on_plane import BodyOnPlane
@@ -22,7 +26,7 @@ from .dynamics.energy import (
     kinetic_energy,
     potential_energy,
 )
-from .dynamics.equations import accelerations, equations
+from .dynamics.equations import accelerations, angles_in_state, equations
 from .dynamics.load import Load, in_three, load
 from .dynamics.moments import AbstractMoments, joint_motion, kinematics, point_mass_values, principal_inertia
 from .dynamics.momentum import contact_momentum, linear_momentum
@@ -30,7 +34,7 @@ from .dynamics.rails import along_rails
 from .dynamics.reaction import ContactForce, reaction_in_body
 from .grounds.ground import Ground
 from .prescribed.motion import Kinematics
-from .state import BallState, DiskState, Rates, ReducedState, RotationState, centre_velocity
+from .state import BallState, DiskState, Rates, ReducedState, RotationState, State, centre_velocity
 from .system import require_one_state
 
 
@@ -276,3 +280,42 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
         joint_rates=joints.thetadot,
         joint_efforts=joints.effort,
     )
+
+
+def evaluate_schedules(
+    system: AbstractBody, times: Float[Array, " T"]
+) -> dict[int, tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t"]]]:
+    """Evaluates θ̈ of each mass with a schedule, by its index, at ``times`` and on both sides of the kinks between them.
+
+    A jump at the last time is left out: that is evaluated just before it, and its time is the one returned.
+    """
+    evaluated, t = {}, np.asarray(times)
+    for index, mass in enumerate(system.point_masses):
+        if mass.schedule is None:
+            continue
+        kinks, end = map(np.asarray, _kinks_and_end(mass.schedule, times[-1]))
+        kinks = kinks[(kinks > t[0]) & (kinks < end)]
+        # With a time just before each kink, where a schedule has the value of the earlier side.
+        sides = np.unique(np.concatenate([t[:-1], end[None], kinks, np.nextafter(kinks, t.dtype.type(-np.inf))]))
+        evaluated[index] = sides, np.asarray(_accelerations(mass.schedule, to_array(sides)))
+    return evaluated
+
+
+@programs.filter_jit
+def _kinks_and_end(schedule, end):
+    kinks = schedule.kinks().astype(end.dtype)
+    return kinks, just_before(kinks, end)
+
+
+@programs.filter_jit
+def _accelerations(schedule, times):
+    return jax.vmap(schedule.prepare().derivatives)(times)[2]
+
+
+def evaluate_law(system: AbstractBody, times: Float[Array, " T"], states: State) -> Float[Array, "T coordinates"]:
+    """Evaluates θ̈ of every coordinate in the states' ``theta`` at their times; traceable.
+
+    The states may be of any kind; accelerations that no law gives are 0.
+    """
+    prepared = system.prepare()
+    return jax.vmap(lambda t, state: angles_in_state(prepared, t, state)[2])(times, states)

@@ -5,7 +5,7 @@ Times, lengths and masses are in the same consistent units as the parameters.
 
 import abc
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -32,6 +32,7 @@ class AbstractBodyState(AbstractState):
         thetadot: eqx.AbstractVar[Float[Array, "*batch driven"]]
 
     sized = ("theta", "thetadot")
+    rotation_rate: ClassVar[str] = "Omega"  # the field with the angular velocity
 
     def with_Omega(self: AnyState, Omega: Float[Array, "*batch 3"]) -> AnyState:
         """The state with another Ω."""
@@ -261,6 +262,8 @@ class DiskState(AbstractBodyState):
     >>> DiskState(phidot=-1.0).in_space().Omega  # the same motion as that of a ball, towards e1
     Array([0., 1., 0.], dtype=float64)
     """
+
+    rotation_rate: ClassVar[str] = "phidot"
 
     phi: Float[Array, "*batch"]
     phidot: Float[Array, "*batch"]

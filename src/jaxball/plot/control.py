@@ -10,7 +10,6 @@ from matplotlib.patches import Patch
 
 from ..control import Basin, ClosedLoop, Track
 from ..interface.arguments import require
-from ..physics.body import Disk
 from .over_time import Series, over_time
 from .palette import COMPONENTS, DASHED, FAINT, INK, MASSES, mass_look
 from .style import SMALL_FONT, SQUARE, WIDE_FIGURE, label_axes, legend_above, linestyle, mark_ends, plane_axes
@@ -56,7 +55,7 @@ def held_paths(loops: Mapping[str, ClosedLoop], ax: Axes | None = None) -> Axes:
         require(f"loops[{label!r}]", loop, ClosedLoop, "what jaxball.control.closed_loop returns")
     first = next(iter(loops.values()))
     nominal, system = first.feedback.nominal, first.plant.system
-    if isinstance(system, Disk):
+    if system.planar:
         series = [
             Series(np.asarray(loop.states.z), label, COLOURS[k % len(COLOURS)])
             for k, (label, loop) in enumerate(loops.items())

@@ -3,19 +3,16 @@
 from collections.abc import Iterable
 from typing import Any
 
-import jax
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 
 from .. import programs
 from ..numerics.arrays import Numbers, to_array
-from ..numerics.kinks import just_before
 from ..physics.body import System
-from ..physics.dynamics.equations import angles_in_state
 from ..physics.mechanisms import Carriage, Hinge, Slider
+from ..physics.observables import evaluate_law, evaluate_schedules
 from ..physics.prescribed.rails import AbstractRail, FunctionRail, Tube
-from ..physics.prescribed.schedules import AbstractSchedule
 from ..simulation.trajectory import Trajectory, times_looked_at
 from .modes import NO_MODES, draw_modes, modes_of
 from .over_time import Series, over_run, sizes_of, tell_apart
@@ -88,12 +85,6 @@ def joint_units(system: System) -> str:
 def joints_of(system: System) -> list[str]:
     """The joints a = 1 … of the mechanisms j = 1 …, as ``j,a``."""
     return [f"{j},{a}" for j, one in enumerate(system.mechanisms, 1) for a in range(1, one.n_joints + 1)]
-
-
-@programs.filter_jit
-def _derivatives(schedule, times):
-    """θ, θ̇ and θ̈ at each time."""
-    return jax.vmap(schedule.prepare().derivatives)(times)
 
 
 def joint_angles(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -189,48 +180,24 @@ def accelerations(source: Trajectory | System, times: Numbers | None = None) -> 
     system = source.system if isinstance(source, Trajectory) else source
     if isinstance(source, Trajectory):
         require_one(source)
-        if system.driven and system.law is not None:
-            curves |= _feedback_curves(source)
+        rows = finite_rows(source)
+        if rows.size and system.driven and system.law is not None:
+            by_law = _accelerations_by_law(system, to_array(source.times), source.reached, source.state)
+            size = np.abs(np.asarray(by_law))[rows]
+            t = np.asarray(source.times)[rows]
+            curves |= {index + 1: (t, size[:, slot]) for slot, index in enumerate(system.driven)}
         if times is None:
             times = np.linspace(float(source.times[0]), float(source.times[-1]), 2001)
     elif times is None:
         raise ValueError("Argument `times` must be given with a system, because a system has no run to take them from.")
-    for i, mass in enumerate(system.point_masses, start=1):
-        if mass.schedule is not None:
-            curves[i] = _schedule_curve(mass.schedule, to_array(times))
+    for index, (t, thetaddot) in evaluate_schedules(system, to_array(times)).items():
+        curves[index + 1] = t, np.abs(thetaddot)
     return dict(sorted(curves.items()))
 
 
-def _schedule_curve(schedule: AbstractSchedule, times: Float[jax.Array, " T"]) -> Curve:
-    t = np.asarray(times)
-    kinks, end = map(np.asarray, _kinks_and_end(schedule, to_array(t[-1])))
-    kinks = kinks[(kinks > t[0]) & (kinks < end)]
-    # With a value just before each kink, a jump is drawn as a jump; a jump at the end is not drawn.
-    t = np.unique(np.concatenate([t[:-1], end[None], kinks, np.nextafter(kinks, t.dtype.type(-np.inf))]))
-    return t, np.abs(np.asarray(_derivatives(schedule, to_array(t))[2]))
-
-
 @programs.filter_jit
-def _kinks_and_end(schedule, end):
-    """The kinks, and the time at which to evaluate the end of the run."""
-    kinks = schedule.kinks().astype(end.dtype)
-    return kinks, just_before(kinks, end)
-
-
-def _feedback_curves(trajectory: Trajectory) -> dict[int, Curve]:
-    rows = finite_rows(trajectory)
-    if rows.size == 0:
-        return {}
-    arguments = trajectory.system, to_array(trajectory.times), trajectory.reached, trajectory.state
-    size = np.abs(np.asarray(_feedback(*arguments)))[rows]
-    t = np.asarray(trajectory.times)[rows]
-    return {index + 1: (t, size[:, slot]) for slot, index in enumerate(trajectory.system.driven)}
-
-
-@programs.filter_jit
-def _feedback(system, times, reached, states):
-    prepared, times = system.prepare(), times_looked_at(system, times, reached)
-    return jax.vmap(lambda t, state: angles_in_state(prepared, t, state)[2])(times, states)
+def _accelerations_by_law(system, times, reached, states):
+    return evaluate_law(system, times_looked_at(system, times, reached), states)
 
 
 def _close(a: np.ndarray, b: np.ndarray) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..physics.body import AbstractBody, Disk
+from ..physics.body import AbstractBody
 from ..physics.system import AbstractSystem
 from ..sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory
@@ -140,10 +140,9 @@ def overview(trajectory: Trajectory, title: str = "") -> Figure:
 
     **Raises:** ``ValueError`` for a reduced trajectory or a batch.
     """
-    planar = isinstance(trajectory.system, Disk)
     of_modes = of_contact(trajectory)
     more = (*of_modes, contact_force) if of_modes else ()
-    in_space = {} if planar else {"projection": "3d", "computed_zorder": False}
+    in_space = {} if trajectory.system.planar else {"projection": "3d", "computed_zorder": False}
     panels: list[tuple[Callable[..., Axes], dict[str, Any]]] = [
         (configuration, in_space),
         (space_paths, in_space),

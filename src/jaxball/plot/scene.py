@@ -14,7 +14,6 @@ from matplotlib.transforms import ScaledTranslation
 from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from ..physics.body import Disk
 from ..physics.grounds import AbstractSurface
 from ..physics.state import DiskState
 from ..simulation.trajectory import Trajectory
@@ -110,7 +109,7 @@ class Scene(NamedTuple):
 
 def scene(trajectory: Trajectory, run: Record) -> Scene:
     """The scene of a ball in space, or of a disk in its plane; gravity points down."""
-    make = _disk_scene if isinstance(trajectory.system, Disk) else _ball_scene
+    make = _disk_scene if trajectory.system.planar else _ball_scene
     return make(trajectory, run, place(trajectory, run))
 
 

@@ -16,7 +16,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from .. import programs
 from ..interface.wording import number_of
 from ..numerics.arrays import Numbers, to_array
-from ..physics.body import Disk, System
+from ..physics.body import System
 from ..physics.dynamics.moments import kinematics, moments
 from ..simulation.trajectory import Trajectory
 from .labels import name_points
@@ -87,7 +87,7 @@ def configuration(
         system = source
     positions = _positions(system, t, theta)
     r = float(system.radius)
-    if isinstance(system, Disk):
+    if system.planar:
         ax = plane_axes(ax, SQUARE, system)
         ax.add_patch(Ring((0.0, 0.0), r, facecolor="none", edgecolor=SHELL, linewidth=1.2))
         _draw(ax, system, positions, columns=[0, 2])
@@ -212,7 +212,7 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """
     times, observables = record(trajectory)
     z = observables.geometric_centre
-    if isinstance(trajectory.system, Disk):
+    if trajectory.system.planar:
         ax = plane_axes(ax, system=trajectory.system)
         ax.plot(times, z[:, 0], color=TRAIL, linewidth=1.2)
         draw_modes(ax, modes_of(trajectory))
@@ -289,7 +289,7 @@ def _paths(
         curves.append((masses[:, i - 1], mass_line(look.number, **label, **shared)))
     curves.append((centre, {"color": INK, "linestyle": "-", "linewidth": 1.6, "label": "CM"}))
     over_time = False
-    if not isinstance(system, Disk):
+    if not system.planar:
         ax, columns = space_axes(ax, system=system), [0, 1, 2]
         cube(ax, r, frame)
         ax.plot(*outline(r, view(ax)).T, color=SHELL, linewidth=0.8, zorder=1)

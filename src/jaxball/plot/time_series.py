@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 
 from .. import programs
 from ..numerics.arrays import to_array
-from ..physics.body import Disk
 from ..physics.contact.modes import Mode
 from ..physics.dynamics.footing import footing
 from ..physics.grounds import AbstractSurface
@@ -45,7 +44,7 @@ def angular_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """
     run = with_jumps(trajectory)
     Omega, size = record(run).observables.angular_velocity_body, 1 / sizes_of(run.system).time
-    if isinstance(run.system, Disk):
+    if run.system.planar:
         return over_run(run, [Series(-Omega[:, 1], "", COMPONENTS[0])], r"$\dot{\phi}$", ax, size=size)
     return over_run(run, components(Omega, r"\Omega"), r"$\Omega_i$", ax, size=size)
 
@@ -224,8 +223,7 @@ def centre_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         if isinstance(system.ground, Ground) and system.ground.turntable is not None:
             V[:, :2] += np.asarray(_drift(system, to_array(np.asarray(run.times)), run.state))[rows]
     rises = bool(np.any(without_rounding(V[:, 2], speed)))
-    planar = isinstance(run.system, Disk)
-    columns = [j for j in range(3) if (j != 1 or not planar) and (j != 2 or rises)]
+    columns = [j for j in range(3) if (j != 1 or not run.system.planar) and (j != 2 or rises)]
     labels = {j: rf"$V_{j + 1}$" for j in columns} if len(columns) > 1 else {0: ""}
     series = [Series(V[:, j], labels[j], COMPONENTS[j]) for j in columns]
     name = r"$\dot{z}$" if len(columns) == 1 else "$V_i$"
@@ -239,7 +237,7 @@ def attitude(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """
     run = with_jumps(trajectory)
     Gamma, state = record(run).observables.vertical_body, cast(Any, run.state)
-    if isinstance(run.system, Disk):
+    if run.system.planar:
         series = [Series(np.asarray(state.phi)[finite_rows(run)], "", COMPONENTS[0])]
         return over_run(run, series, r"$\phi$ (rad)", ax, size=1.0)
     return over_run(run, components(Gamma, r"\Gamma"), r"$\Gamma_i$", ax, size=1.0)

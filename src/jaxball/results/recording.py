@@ -14,7 +14,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..physics.body import AbstractBody, Disk
+from ..physics.body import AbstractBody
 from ..physics.state import ReducedState
 from ..simulation.trajectory import Trajectory
 from .variables import Variables, labels
@@ -114,7 +114,7 @@ def _shapes(trajectory: Trajectory[Any, Any], rows: np.ndarray) -> Iterator[tupl
     r = float(system.radius)
     size = {"x": 2 * r, "y": 2 * r, "z": 2 * r}
     shell = {"pose": STILL, "size": size, "color": SHELL_COLOUR}
-    if isinstance(system, Disk):  # a cylinder along z, which is turned to E2
+    if system.planar:  # a cylinder along z, which is turned to E2
         quarter = {"x": float(np.sqrt(0.5)), "y": 0.0, "z": 0.0, "w": float(np.sqrt(0.5))}
         pose = {**STILL, "orientation": quarter}
         cylinder = {**shell, "pose": pose, "size": {**size, "z": THIN * r}, "bottom_scale": 1.0, "top_scale": 1.0}

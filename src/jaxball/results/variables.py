@@ -83,7 +83,7 @@ def sensor_values(trajectory: Trajectory[Any, Any], sensors: Mapping[str, Abstra
 
 
 def _of_body_state(name: str, trajectory: Trajectory[Any, Any]) -> Variable:
-    variable = describe(name, isinstance(trajectory.state, DiskState))
+    variable = describe(name, trajectory.system.planar)
     if name == "z" and isinstance(trajectory.system.ground, AbstractSurface):
         return variable._replace(units="", meaning="coordinates of the contact point on the ground")
     return variable

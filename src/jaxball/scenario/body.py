@@ -318,7 +318,7 @@ def write_surroundings(parts: Mapping[str, Any]) -> dict[str, Any]:
 
 def kind_of(system: System) -> str:
     """The name of the kind of body in a file, ``ball`` or ``disk``."""
-    return "ball" if isinstance(system, Ball) else "disk"
+    return next(kind for kind, (body, _) in BODIES.items() if isinstance(system, body))
 
 
 _ON = Key(Text("the name of a part of the body, such as masses[0] or mechanisms[0].joints[0]"))

@@ -13,7 +13,7 @@ import numpy as np
 import tomli_w
 from jaxtyping import Array, Bool, Float
 
-from ..physics.body import Ball, Disk
+from ..physics.body import System
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.prescribed.motion import Driven
@@ -260,7 +260,7 @@ def _contents(
     actuated = apply_actuation(actuation, "actuation", masses, mechanisms, angles, kind)
     driven = sum(isinstance(item.motion, Driven) for item in actuated.masses)
     check_force(surroundings.get("force"), "force", driven + len(joints_in_state(mechanisms)) + len(angles))
-    system = (Disk if kind == "disk" else Ball)(
+    system = BODIES[kind][0](
         **shell,
         **surroundings,
         masses=actuated.masses,
@@ -366,7 +366,7 @@ def with_defaults(document: Mapping[str, Any], scenario: Scenario, paths: Iterab
 
 def _tables(system: AbstractSystem, state: Any) -> dict[str, Any]:
     """The kind of a system, and the tables of its parameters and of its state."""
-    if not isinstance(system, Ball | Disk):
+    if not isinstance(system, System):
         return write_classical(system, state)
     targets = targets_of(system)
     body = write_body(system)

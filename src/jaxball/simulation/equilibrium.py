@@ -198,8 +198,7 @@ def _others(system, free, state, t):
     m = point_mass_values(system)
     held = np.setdiff1d(np.arange(chi.shape[0]), np.asarray(free))
     offset = system.mass * system.offset + jnp.sum(m[held, None] * chi[held], axis=0)
-    space = state.in_space() if isinstance(state, DiskState) else state
-    return offset, m[np.asarray(free)], system.total_mass, space.Lambda
+    return offset, m[np.asarray(free)], system.total_mass, state.Lambda
 
 
 def _starts(rails, radius, guess):

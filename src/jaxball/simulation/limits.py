@@ -18,7 +18,6 @@ from ..physics.contact.released import ReleasedState
 from ..physics.contact.resting import RestingHistory
 from ..physics.contact.slip import Beginning
 from ..physics.hybrid import AbstractHistory
-from ..physics.state import DiskState
 from .trajectory import Trajectory
 
 STILL = 1e-9  # of the speeds of a body: a slower slip is at its beginning or at its end
@@ -146,8 +145,8 @@ def _directions(
 def _is_still(trajectory: Trajectory[Any, Any], sides: _Sides) -> Bool[np.ndarray, " sides"]:
     """Where a body slides but its direction cannot be computed from its velocity."""
     state: Any = sides.states.body
-    of_disk = isinstance(state, DiskState)
-    spin = np.abs(np.asarray(state.phidot)) if of_disk else np.linalg.norm(np.asarray(state.Omega), axis=1)
+    rates = np.asarray(getattr(state, state.rotation_rate))
+    spin = np.linalg.norm(rates.reshape(len(rates), -1), axis=1)
     speed = np.linalg.norm(np.asarray(sides.states.V), axis=1) + float(trajectory.system.radius) * spin
     slow = ~(np.linalg.norm(sides.slip[:, :2], axis=1) > STILL * speed)
     return (sides.modes == Mode.SLIDING) & slow

@@ -88,8 +88,7 @@ def simulate(
     **Arguments:**
 
     - ``system``: a :class:`~jaxball.Ball`, a :class:`~jaxball.Disk`, one of :mod:`jaxball.classical`, or any other
-      :class:`~jaxball.AbstractSystem`. Where that is hybrid, with guards that end a mode, ``trajectory.switches`` has
-      the events.
+      :class:`~jaxball.AbstractSystem`. Of a hybrid one, ``trajectory.switches`` has the ends of modes.
     - ``times``: increasing, two or more. The solver chooses its own steps, and ends steps exactly at the kinks of
       actuation and force.
     - ``state``: the state at ``times[0]``; if not given, at rest at the origin with θ of free joints 0. Its kind
@@ -98,34 +97,25 @@ def simulate(
     - ``solver``: any adaptive diffrax solver; ``diffrax.Dopri8()`` if not given.
     - ``rtol``, ``atol``: tolerances of the step-size control. Changing them compiles nothing again.
     - ``dense``: whether the trajectory can be evaluated at any time, ``trajectory.at(t)``.
-    - ``step_to_times``: whether the solver steps exactly to each of ``times``. Otherwise the states there come from a
-      polynomial within the step; in the paper's runs its error was at most three times that of the steps.
-    - ``dae``: whether to solve the differential-algebraic form of the paper, in which |q|² = 1 determines a
-      component of q, the largest at the start of each step (module ``dae``), with a solver that knows mass
-      matrices, such as :class:`jaxball.solvers.RadauIIA`.
-    - ``project``: whether each step ends with q normalised (Γ, or Λ, in states that have these instead), or, of a
+    - ``step_to_times``: whether the solver steps exactly to each of ``times``; otherwise the states there come from a
+      polynomial within the step.
+    - ``dae``: whether to solve the differential-algebraic form of the paper, in which |q|² = 1 determines a component
+      of q, with a solver that knows mass matrices, such as :class:`jaxball.solvers.RadauIIA`.
+    - ``project``: whether each step ends with q, Γ or Λ normalised, or, of a
       :class:`~jaxball.classical.LagrangianSystem`, on its constraints; with holonomic ones it always does.
-    - ``events``: the events to detect, by name: :class:`~jaxball.Detachment`, :class:`~jaxball.Slip` or any
-      :class:`~jaxball.Event`; ``trajectory.events[name]`` says when each happened. One that ends the run sets its
-      status, and the states saved after that are NaN.
-    - ``contact``: a :class:`~jaxball.Contact`, the law of friction and impact by which a ball or a disk may slip, leave
-      the ground and land on it. ``state`` may then be a :class:`~jaxball.ReleasedState`, and ``trajectory.contact`` has
-      the modes and when each of them began. If not given, the body always rolls.
-    - ``adjoint``: the mode of differentiation. If not given, both modes in any order, as ``jax.grad``, ``jax.jacfwd``
-      and ``jax.hessian`` ask for them; of events and hybrid systems, first derivatives.
-      ``diffrax.RecursiveCheckpointAdjoint()`` for reverse mode alone, ``diffrax.ForwardMode()`` for forward mode alone.
-      ``diffrax.DirectAdjoint()`` is refused, because its reverse-mode derivatives were wrong.
+    - ``events``: the events to detect, by name, such as an :class:`~jaxball.Event`; ``trajectory.events[name]`` says
+      when each happened. One that ends the run sets its status, and the states saved after that are NaN.
+    - ``contact``: a :class:`~jaxball.Contact`, by which a body may slip, leave the ground and land on it, also from a
+      :class:`~jaxball.ReleasedState`; ``trajectory.contact`` has the modes. If not given, it always rolls.
+    - ``adjoint``: the mode of differentiation: ``diffrax.RecursiveCheckpointAdjoint()`` for reverse mode alone,
+      ``diffrax.ForwardMode()`` for forward mode alone; both in any order if not given, and first derivatives of events
+      and hybrid systems. ``diffrax.DirectAdjoint()`` is refused.
     - ``max_steps``: the most steps, accepted and rejected, that the solve may take.
     - ``progress``: a diffrax progress meter.
-    - ``inside``: whether rails and masses must be in the body (module ``confinement``): where a rail or an initial
-      position is not, the run is ``IMPOSSIBLE``, and one in which a mass leaves the shell has the status ``LEFT_SHELL``
-      and the time ``reached`` at which it does so. Mechanisms of hinges alone are checked at
-      ``times`` only. The equations themselves do not depend on the shell; False is for searches that pass through such
-      bodies.
+    - ``inside``: whether a run is ``IMPOSSIBLE`` that starts with rails or masses outside the body, and ends as
+      ``LEFT_SHELL`` when a mass leaves the shell; mechanisms of hinges alone are checked at ``times`` only. The
+      equations do not depend on the shell; False is for searches that pass through such bodies.
     - ``throw``: whether a failed solve raises; otherwise it is a status on the trajectory.
-
-    Internally, the solver advances the locked angular velocity instead of Ω, so that derivatives with respect to the
-    times of kinks are right; the module ``locked`` explains why.
 
     **Raises:** :class:`PrecisionError` when float32 cannot reach the tolerances, ``ValueError`` or ``TypeError`` for
     arguments of the wrong kind, ``TypeError`` where an ``adjoint`` is differentiated in the other mode, and
@@ -141,12 +131,6 @@ def simulate(
     [0. 1. 2.]
     >>> run.message
     'The solve reached t = 2.'
-    >>> from jaxball import Contact, ReleasedState
-    >>> thrown = ReleasedState(DiskState(), V=(1.0, 0.0, 0.0))
-    >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], thrown, contact=Contact(friction=0.25))
-    >>> run.contact.switches
-    Switches
-      t = 1.333333333: from sliding to rolling, as the slip ended
     """
     require_flags(dense=dense, step_to_times=step_to_times, dae=dae, project=project, inside=inside, throw=throw)
     times = check_times(times)
@@ -157,17 +141,8 @@ def simulate(
     if dae:
         require_dae(moving, state, solver)
     events = check_events(moving, events)
-    method = Method(
-        solver=check_solver(solver),
-        adjoint=check_adjoint(adjoint),
-        progress=check_progress(progress),
-        max_steps=check_steps(max_steps),
-        dense=dense,
-        step_to_times=step_to_times,
-        dae=dae,
-        project=project,
-        inside=inside,
-    )
+    flags = {"dense": dense, "step_to_times": step_to_times, "dae": dae, "project": project, "inside": inside}
+    method = Method.of(solver, adjoint, max_steps, progress, **flags)
     trajectory = _run(method, moving, times, state, rtol, atol, events)
     if throw:
         _check_untraced(trajectory)
@@ -188,6 +163,20 @@ class Method(NamedTuple):
     project: bool = False
     inside: bool = True
     observation: Observation | None = None
+
+    @classmethod
+    def of(
+        cls,
+        solver: diffrax.AbstractAdaptiveSolver | None,
+        adjoint: diffrax.AbstractAdjoint | None,
+        max_steps: int,
+        progress: diffrax.AbstractProgressMeter | None = None,
+        **flags: Any,
+    ) -> "Method":
+        """Makes the method of arguments of :func:`simulate`, after checks of all but the flags."""
+        return cls(
+            check_solver(solver), check_adjoint(adjoint), check_progress(progress), check_steps(max_steps), **flags
+        )
 
 
 def _run(

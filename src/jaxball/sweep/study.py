@@ -16,6 +16,7 @@ from jaxtyping import Float, Int
 from ..ensemble import REDUCTIONS, AbstractReduction, Drift, Integral, Maximum, Minimum
 from ..ensemble.reductions import reductions_of
 from ..interface.html import repr_html
+from ..interface.status import BACK_WITHIN
 from ..interface.wording import did_you_mean, number_of
 from ..physics.rolling import AbstractRollingSystem
 from ..scenario import Scenario, ScenarioError, read_document
@@ -89,7 +90,6 @@ def _read_find(value: Any, path: str, template: Scenario) -> Find:
 
 
 FORMAT = 1
-RETURN_WITHIN = 0.05
 LARGEST_CHUNK = 8192
 MOST_NUMBERS_OF_CHUNK = 2**24  # in the states of a chunk
 NUMBERS_OF_A_STATE = 16  # about as many as for a ball with a few driven masses
@@ -104,7 +104,7 @@ KEYS = {
     "contact": Key(Flag(), False),
     "detachment": Key(Flag(), False),
     "readings": Key(Flag(), False),
-    "within": Key(Numbers(rule=POSITIVE), RETURN_WITHIN),
+    "within": Key(Numbers(rule=POSITIVE), BACK_WITHIN),
     "find": Key(unread("a list of names and tables", FINDS), []),
     "chunk": Key(Integer(1, 2**20), None),
 }
@@ -137,7 +137,7 @@ class Study:
     finds: tuple[Find, ...] = ()
     chunk: int = 1
     readings: bool = False
-    within: float = RETURN_WITHIN
+    within: float = BACK_WITHIN
 
     _repr_html_ = repr_html
 

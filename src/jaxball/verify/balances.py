@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..classical import HeavyTop
-from ..physics.body import AbstractBody, Disk
+from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import ContactHistory
 from ..physics.contact.modes import Mode
 from ..physics.dynamics.moments import Moments
@@ -19,7 +19,6 @@ from ..physics.grounds.ground import Ground
 from ..physics.prescribed.motion import Fixed
 from ..physics.prescribed.schedules import AbstractSchedule
 from ..physics.rolling import AbstractRollingSystem
-from ..physics.state import DiskState
 from ..scenario import Scenario
 from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import always_rolls
@@ -61,7 +60,7 @@ def why_not_routh(system: AbstractBody, at: Moments, axis: Float[np.ndarray, "st
     They are constant where no force acts, no mass moves, and the ball with its masses is a body of revolution about the
     axis through the geometric centre and the centre of mass: with d1 = d2 and every mass on E3, or so in other axes.
     """
-    if isinstance(system, Disk):
+    if system.planar:
         return PLANAR
     if reason := _what_acts(system):
         return reason
@@ -183,7 +182,7 @@ def _why_not(name: str, case: Case) -> str:
         return why_not_routh(system, samples.moments, samples.axis)
     if name == "jellett-rate" and isinstance(system.ground, AbstractSurface):
         return "the ground is no plane"
-    if isinstance(case.state, DiskState):
+    if system.planar:
         return {"norm": NO_VERSOR, "jellett-rate": PLANAR}.get(name, "")
     return ""
 
@@ -194,7 +193,7 @@ def _why_not_with_contact(name: str, case: Case) -> str:
     assert isinstance(system, AbstractBody)
     assert isinstance(history, ContactHistory)
     if name == "norm":
-        return NO_VERSOR if isinstance(system, Disk) else ""
+        return NO_VERSOR if system.planar else ""
     strikes = bool(np.any(np.asarray(history.switches.lost) != 0))
     moved = any(not isinstance(group.motion, Fixed) for group in system.groups) or bool(system.accelerated)
     scheduled = any(isinstance(drive, AbstractSchedule) for m in system.mechanisms for drive in m.drives)

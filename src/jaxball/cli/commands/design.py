@@ -46,8 +46,8 @@ def _progress(options: argparse.Namespace, line: Line) -> Callable[[str], None]:
 
 
 def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int:
-    from ...design.control.solution import means
-    from ...design.control.solve import solve_control
+    from ...design.optimal_control.solution import means
+    from ...design.optimal_control.solve import solve_control
     from ...design.report import objectives_in_units, violation, write_control_report, write_design
     from ...design.search.design import SCENARIO
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...interface.output import check_destination
+from ...interface.status import BACK_WITHIN
 from ...results.files import READ_BACK
 from ...scenario.errors import ScenarioError
 from ..input import add_scenario, scenario_document, scenario_of
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
     from ...scenario import Scenario
     from ...scenario.feedback import RegulatorSettings
 
-WITHIN_BASIN = 0.05
 ON_RATES = 0.1  # of the default disturbance, rad/time
 WITHOUT, HELD, SEEING = "without feedback", "with feedback", "from sensors"
 BASINS = {HELD: "basin", SEEING: "basin_from_sensors"}  # the names of figures, and in the summary
@@ -83,7 +83,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         "estimator also which do from sensors",
     )
     parser.add_argument(
-        "--within", type=positive, metavar="D", help=f"how close a start must come back (default: {WITHIN_BASIN})"
+        "--within", type=positive, metavar="D", help=f"how close a start must come back (default: {BACK_WITHIN})"
     )
     parser.add_argument("--out", type=Path, metavar="FILE", help="save the run of the first start: .nc or .npz")
     parser.add_argument("--plot", type=Path, metavar="FOLDER", help="draw paths, inputs, gains and so on")
@@ -162,7 +162,6 @@ def _disturb(options: argparse.Namespace, scenario: "Scenario") -> "list[Scenari
     """Returns the scenario from each disturbed start: those of --disturb, its own, or else another angular velocity."""
     from ...control import SampledSystem
     from ...control.weights import by_name
-    from ...physics.body import Disk
     from ...scenario.closed_loop import robot_of, settings_of
 
     settings = settings_of(scenario)
@@ -173,7 +172,7 @@ def _disturb(options: argparse.Namespace, scenario: "Scenario") -> "list[Scenari
         except ValueError as error:
             raise BadInputError(str(error)) from None
     if starts == [{}] and not settings.pushes:
-        starts = [{"phidot" if isinstance(scenario.system, Disk) else "Omega": ON_RATES}]
+        starts = [{robot_of(scenario).state_type.rotation_rate: ON_RATES}]
     return [dataclasses.replace(scenario, feedback=dataclasses.replace(settings, start=start)) for start in starts]
 
 
@@ -216,7 +215,7 @@ def _basins(
                 kind,
                 starts,
                 Q=settings.Q,
-                within=options.within or WITHIN_BASIN,
+                within=options.within or BACK_WITHIN,
                 system=robot_of(scenario),
                 limits=settings.limits,
                 delay=settings.delay,

@@ -14,12 +14,13 @@ from jaxtyping import Array, Float, Int
 
 from ... import programs
 from ...numerics.arrays import to_array
-from ...physics.body import Ball, Disk, System
+from ...physics.body import System
 from ...physics.state import BallState, DiskState
 from ...programs.batches import of_rows
-from .requirements import AbstractConstraint, AbstractObjective, require_reachable
+from ...programs.identity.names import home_of
+from .requirements import AbstractConstraint, AbstractObjective, OfFunction, require_reachable
 from .run import RAIL_SAMPLES, Run, Solve, run_of
-from .space import Candidate, DesignError, DesignSpace
+from .space import Candidate, DesignError, DesignSpace, Parametrisation
 
 
 class Errors(NamedTuple):
@@ -61,7 +62,7 @@ class Perturbations:
         random, count = np.random.default_rng(self.seed), self.count
         groups = [random.uniform(-1, 1, (count, *group.mass.shape)) for group in system.groups]
         shell, offset = random.uniform(-1, 1, count), random.uniform(-1, 1, (count, 3))
-        if isinstance(system, Disk):
+        if system.planar:
             offset[:, 1] = 0.0
         return Errors(
             jnp.asarray(self.masses * shell),
@@ -139,63 +140,68 @@ class ConstraintLayout:
         return sum(self.sizes.values())
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Problem:
-    """Minimise Σ weight · objective over the designs of ``space`` that fulfil all ``constraints``.
+class Known:
+    """A value whose numbers programs know while they are traced: to a PyTree it has none."""
 
-    Objectives and constraints are evaluated only at the scenario's save times, not between them.
+    def __init__(self, value: Any):
+        self.value = value
 
-    With ``perturbations`` the problem is robust: its objectives are means over the perturbed balls, and its constraints
-    must hold for each of them.
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Known) and self.value is other.value
 
-    **Arguments:**
+    def __hash__(self) -> int:
+        return hash((Known, id(self.value)))
 
-    - ``objectives``, ``constraints``: by name.
 
-    **Raises:** :class:`DesignError` for an objective or a constraint that a disk cannot meet.
+def reveal(value: Any) -> Any:
+    """Returns the value itself, known or traced."""
+    return value.value if isinstance(value, Known) else value
+
+
+class TracedProblem(eqx.Module):
+    """A :class:`Problem` as a PyTree of its numbers; those that differ in numbers alone share compiled programs.
+
+    Requirements of users' classes are :class:`Known`: such classes may need to know their numbers.
+
+    - ``space``: the scenario as a function of the variables.
+    - ``requirements``: the objectives, and then the constraints, each with its name in ``names``.
+    - ``errors``: of the balls of a robust problem, or None.
+    - ``method``: how the scenario is solved.
+    - ``sizes``: at how many points each constraint is evaluated, for one ball.
+    - ``balls``: how many balls there are.
     """
 
-    space: DesignSpace
-    objectives: Mapping[str, AbstractObjective]
-    constraints: Mapping[str, AbstractConstraint]
-    perturbations: Perturbations | None = None
-
-    def __post_init__(self):
-        require_reachable(self.space.scenario.system, {**self.objectives, **self.constraints})
-
-    @functools.cached_property
-    def weights(self) -> Float[np.ndarray, " objectives"]:
-        """The weights of the objectives."""
-        return np.asarray([float(objective.weight) for objective in self.objectives.values()])
-
-    @functools.cached_property
-    def layout(self) -> ConstraintLayout:
-        """Where the constraints are evaluated."""
-        scenario, constraints = self.space.scenario, dict(self.constraints)
-        system, state = scenario.system, scenario.state
-        assert isinstance(system, Ball | Disk)
-        assert isinstance(state, BallState | DiskState)
-        sizes = _sizes(constraints, system, state, to_array(scenario.times))
-        return ConstraintLayout({name: int(size) for name, size in sizes.items()}, self.balls)
-
-    @functools.cached_property
-    def errors(self) -> Errors | None:
-        """Those of the balls of a robust problem."""
-        if self.perturbations is None:
-            return None
-        system = self.space.scenario.system
-        assert isinstance(system, Ball | Disk)
-        with jax.ensure_compile_time_eval():  # kept, also if it is first needed within a trace
-            return self.perturbations.errors(system)
+    space: Parametrisation
+    requirements: tuple[Any, ...]
+    errors: Errors | None
+    names: tuple[str, ...] = eqx.field(static=True)
+    method: Solve = eqx.field(static=True)
+    sizes: tuple[int, ...] = eqx.field(static=True)
+    balls: int = eqx.field(static=True)
 
     @property
-    def balls(self) -> int:
-        """How many balls there are: one, or those of a robust problem."""
-        return 1 if self.perturbations is None else self.perturbations.count
+    def objectives(self) -> dict[str, AbstractObjective]:
+        """The objectives, by name."""
+        return self._take_by_name(slice(None, self._first_constraint))
+
+    @property
+    def constraints(self) -> dict[str, AbstractConstraint]:
+        """The constraints, by name."""
+        return self._take_by_name(slice(self._first_constraint, None))
+
+    @property
+    def weights(self) -> Float[Array, " objectives"]:
+        """The weights of the objectives."""
+        return jnp.asarray([objective.weight for objective in self.objectives.values()])
+
+    @property
+    def layout(self) -> ConstraintLayout:
+        """Where the constraints are evaluated."""
+        return ConstraintLayout(dict(zip(self.constraints, self.sizes, strict=True)), self.balls)
 
     def solve(self, adjoint: diffrax.AbstractAdjoint | None = None) -> Solve:
-        """How the scenario is solved."""
-        return Solve.of(self.space.scenario, adjoint)
+        """How the scenario is solved, and how that is differentiated."""
+        return self.method._replace(adjoint=adjoint)
 
     def run(self, y: Float[Array, " n"], adjoint: diffrax.AbstractAdjoint | None = None) -> Run:
         """The run of a design, by its unknowns."""
@@ -203,7 +209,7 @@ class Problem:
 
     def of_each(self, candidate: Candidate, function: Callable[..., Any], *others: Float[Array, "balls ..."]) -> Any:
         """``function`` of each ball and of the corresponding other arguments, on a leading axis."""
-        if self.perturbations is None:
+        if self.errors is None:
             return jax.tree.map(lambda x: x[None], function(candidate, *(x[0] for x in others)))
         system = candidate.system
 
@@ -227,6 +233,94 @@ class Problem:
             run.status,
         )
         return at, violations
+
+    @property
+    def _first_constraint(self) -> int:
+        return len(self.requirements) - len(self.sizes)
+
+    def _take_by_name(self, which: slice) -> dict[str, Any]:
+        return dict(zip(self.names[which], map(reveal, self.requirements[which]), strict=True))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Problem:
+    """Minimise Σ weight · objective over the designs of ``space`` that fulfil all ``constraints``.
+
+    Objectives and constraints are evaluated only at the scenario's save times, not between them.
+
+    With ``perturbations`` the problem is robust: its objectives are means over the perturbed balls, and its constraints
+    must hold for each of them.
+
+    **Arguments:**
+
+    - ``objectives``, ``constraints``: by name.
+
+    **Raises:** :class:`DesignError` for an objective or a constraint that a disk cannot meet.
+    """
+
+    space: DesignSpace
+    objectives: Mapping[str, AbstractObjective]
+    constraints: Mapping[str, AbstractConstraint]
+    perturbations: Perturbations | None = None
+
+    def __post_init__(self):
+        require_reachable(self.space.system, {**self.objectives, **self.constraints})
+
+    @functools.cached_property
+    def weights(self) -> Float[np.ndarray, " objectives"]:
+        """The weights of the objectives."""
+        return np.asarray([float(objective.weight) for objective in self.objectives.values()])
+
+    @functools.cached_property
+    def layout(self) -> ConstraintLayout:
+        """Where the constraints are evaluated."""
+        scenario, constraints = self.space.scenario, dict(self.constraints)
+        sizes = _sizes(constraints, self.space.system, self.space.state, to_array(scenario.times))
+        return ConstraintLayout({name: int(size) for name, size in sizes.items()}, self.balls)
+
+    @functools.cached_property
+    def errors(self) -> Errors | None:
+        """Those of the balls of a robust problem."""
+        if self.perturbations is None:
+            return None
+        with jax.ensure_compile_time_eval():  # kept, also if it is first needed within a trace
+            return self.perturbations.errors(self.space.system)
+
+    @property
+    def balls(self) -> int:
+        """How many balls there are: one, or those of a robust problem."""
+        return 1 if self.perturbations is None else self.perturbations.count
+
+    @functools.cached_property
+    def traced(self) -> TracedProblem:
+        """The problem as compiled programs take it."""
+        requirements = {**self.objectives}, {**self.constraints}
+        return TracedProblem(
+            space=self.space.parametrisation,
+            requirements=tuple(one if _is_own(one) else Known(one) for part in requirements for one in part.values()),
+            errors=self.errors,
+            names=tuple(name for part in requirements for name in part),
+            method=Solve.of(self.space.scenario),
+            sizes=tuple(self.layout.sizes.values()),
+            balls=self.balls,
+        )
+
+    def run(self, y: Float[Array, " n"], adjoint: diffrax.AbstractAdjoint | None = None) -> Run:
+        """The run of a design, by its unknowns."""
+        return self.traced.run(y, adjoint)
+
+    def evaluate_run(self, run: Run) -> Evaluation:
+        """All objectives and constraints of a run."""
+        return self.traced.evaluate_run(run)
+
+
+def _is_own(part: Any) -> bool:
+    """Whether all classes of an objective or a constraint are jaxball's own, and it has no function of a user."""
+    if not isinstance(part, eqx.Module):
+        return True
+    return (
+        home_of(type(part)) is not None and not isinstance(part, OfFunction) and all(map(_is_own, vars(part).values()))
+    )
 
 
 @programs.filter_jit

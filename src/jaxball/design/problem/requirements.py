@@ -9,8 +9,7 @@ from jaxtyping import Array, Float, PyTree
 
 from ...interface.arguments import require_callable
 from ...numerics.arrays import numbers
-from ...physics.body import Disk
-from ...physics.system import AbstractSystem
+from ...physics.body import System
 from .run import Run
 from .space import DesignError
 
@@ -95,12 +94,12 @@ class AbstractRunningConstraint(AbstractConstraint):
         return -self(run)
 
 
-def require_reachable(system: AbstractSystem, requirements: Mapping[str, Requirement]) -> None:
+def require_reachable(system: System, requirements: Mapping[str, Requirement]) -> None:
     """Refuses objectives and constraints that no disk can meet.
 
     **Raises:** :class:`DesignError`, with the name of the first one, where the system is a disk.
     """
-    for name, requirement in requirements.items() if isinstance(system, Disk) else ():
+    for name, requirement in requirements.items() if system.planar else ():
         beyond = requirement.unreachable_by_disk()
         if beyond:
             raise DesignError(

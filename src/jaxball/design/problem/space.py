@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,7 +16,7 @@ from jaxtyping import Array, Float
 
 from ... import programs
 from ...numerics.arrays import to_array
-from ...physics.body import Ball, Disk, System
+from ...physics.body import System
 from ...physics.prescribed.frames import principal_angles
 from ...physics.state import BallState, DiskState
 from ...scenario import Scenario, ScenarioError, read_document
@@ -187,12 +188,58 @@ class Candidate(NamedTuple):
     times: Float[Array, " T"]
 
 
+class Parametrisation(eqx.Module):
+    """The system, the state and the times of a scenario as functions of its variables: a PyTree of numbers.
+
+    Those that differ in numbers alone share compiled programs.
+
+    - ``bounds``: of the variables; ``factors``: of each variable at each of its paths.
+    - ``values_of_others``: the numbers of the document that the variables do not set.
+    - ``times``: the save times, shape (T,), where no variable moves them.
+    - ``outline``: the document without these numbers; the paths of the variables come first.
+    - ``counts``: how many paths each variable has.
+    """
+
+    bounds: Bounds
+    factors: Float[Array, " paths"]
+    values_of_others: Float[Array, " others"]
+    times: Float[Array, " T"]
+    outline: Outline = eqx.field(static=True)
+    counts: tuple[int, ...] = eqx.field(static=True)
+
+    @property
+    def size(self) -> int:
+        """How many variables there are."""
+        return len(self.counts)
+
+    @property
+    def moves_times(self) -> bool:
+        """Whether a variable is a time."""
+        return any(path.startswith("time") for path in self.outline.paths[: sum(self.counts)])
+
+    def numbers(self, z: Float[Array, " n"]) -> Float[Array, " n"]:
+        """The values of the variables, within their bounds."""
+        return self.bounds.numbers(z)
+
+    def candidate(self, z: Float[Array, " n"]) -> Candidate:
+        """The system, the state and the times of z."""
+        return self.candidate_of(self.numbers(z))
+
+    def candidate_of(self, x: Float[Array, " n"]) -> Candidate:
+        """The system, the state and the times for values ``x`` of the variables."""
+        column = np.repeat(np.arange(self.size), self.counts)
+        parts = self.outline.build(jnp.concatenate([x[column] * self.factors, self.values_of_others]))
+        times = parts.times.array(self.times.size) if self.moves_times else self.times
+        return Candidate(parts.system, parts.state, times)  # pyright: ignore[reportArgumentType]
+
+
 class DesignSpace:
     """The scenarios that a design may choose from: a document with ``variables`` in place of some of its numbers.
 
     - ``document``: a scenario, as the TOML document of its file.
-    - ``scenario``: what it describes.
+    - ``scenario``: what it describes, with the body ``system`` and its ``state`` at the start.
     - ``variables``: the design variables, one for each entry of z; paths with ``[*]`` expanded.
+    - ``parametrisation``: what it describes as a function of z, for compiled programs.
     - ``unit_of``: the unit of each by its name, after a space; empty where that is not known or stated.
 
     **Raises:** :class:`DesignError` where a number cannot be a variable, because it is in two variables, has no
@@ -205,24 +252,31 @@ class DesignSpace:
             self.scenario = read_document(self.document)
             numbers = (path.replace("*", "0") for variable in variables for path in variable.paths)
             self.document = with_defaults(self.document, self.scenario, numbers)  # which reads what it adds
-        if not isinstance(self.scenario.system, Ball | Disk):
-            raise DesignError(
-                f"Key `kind` must be ball or disk to be designed, but it is {self.scenario.system.title.lower()}."
-            )
-        rolling_state(self.scenario, "a design is", DesignError)
+        system = self.scenario.system
+        if not isinstance(system, System):
+            raise DesignError(f"Key `kind` must be ball or disk to be designed, but it is {system.title.lower()}.")
+        state = rolling_state(self.scenario, "a design is", DesignError)
+        assert isinstance(state, BallState | DiskState)
+        self.system, self.state = system, state
         expand = functools.partial(expand_variable, document=self.document)
         places = enumerate(variables)
         expansions = each_of(*(functools.partial(expand, one, key=f"variables[{k}].path") for k, one in places))
         self.variables = tuple(itertools.chain.from_iterable(expansions))
         self._paths = tuple(path for variable in self.variables for path in variable.paths)
         _check_paths(self._paths, self.document)
-        self.outline = _outline(self.document, self._paths, kinds)
-        others = self.outline.paths[len(self._paths) :]
-        self.values_of_others = to_array([float(value_at(self.document, path)) for path in others])
-        self.factors = to_array([factor for variable in self.variables for factor in variable.factors])
-        self.times = to_array(self.scenario.times)
         x = [self._start_of(variable) for variable in self.variables]
         self.bounds = self._bounds(x, kinds)
+        outline = _outline(self.document, self._paths, kinds)
+        self.parametrisation = Parametrisation(
+            bounds=Bounds(*map(jnp.asarray, self.bounds)),
+            factors=to_array([factor for variable in self.variables for factor in variable.factors]),
+            values_of_others=to_array(
+                [float(value_at(self.document, path)) for path in outline.paths[len(self._paths) :]]
+            ),
+            times=to_array(self.scenario.times),
+            outline=outline,
+            counts=tuple(len(variable.paths) for variable in self.variables),
+        )
         self.unit_of = {name: self._unit_of(name, kinds) for name in self.names}
         self.start = self.bounds.variables(np.asarray(x))
 
@@ -246,23 +300,16 @@ class DesignSpace:
 
     def units(self, x: Float[np.ndarray, " n"]) -> tuple[float, float]:
         """The radius and the gravity for values ``x`` of the variables."""
-        radius, gravity = programs.jit(functools.partial(_units, self.outline))(self._at_paths(jnp.asarray(x)))
+        radius, gravity = _units(self.parametrisation, jnp.asarray(x))
         return float(radius), float(gravity)
 
     def candidate(self, z: Float[Array, " n"]) -> Candidate:
         """The system, the state and the times of z; traceable."""
-        return self.candidate_of(self.numbers(z))
+        return self.parametrisation.candidate(z)
 
     def candidate_of(self, x: Float[Array, " n"]) -> Candidate:
         """The system, the state and the times for values ``x`` of the variables."""
-        parts = self.outline.build(self._at_paths(x))
-        times = parts.times.array(self.times.size) if self._moves("time") else self.times
-        return Candidate(parts.system, parts.state, times)  # pyright: ignore[reportArgumentType]
-
-    def _at_paths(self, x: Float[Array, " n"]) -> Float[Array, " paths"]:
-        """The numbers at the paths of the outline."""
-        column = np.repeat(np.arange(self.size), [len(variable.paths) for variable in self.variables])
-        return jnp.concatenate([x[column] * self.factors, self.values_of_others])
+        return self.parametrisation.candidate_of(x)
 
     def document_of(self, x: Float[np.ndarray, " n"]) -> dict[str, Any]:
         """The scenario's document with values ``x`` of the variables."""
@@ -304,11 +351,9 @@ class DesignSpace:
         return f" {unit}" if unit not in ("", "1") else ""
 
     def _bounds(self, x: list[float], kinds: Mapping[str, Numbers]) -> Bounds:
-        system = self.scenario.system
-        assert isinstance(system, Ball | Disk)
         dimensions = [kinds[key_of(variable.name)].dimension for variable in self.variables]
         scale = [
-            default_scale(dimension, value, system) if variable.scale is None else variable.scale
+            default_scale(dimension, value, self.system) if variable.scale is None else variable.scale
             for variable, value, dimension in zip(self.variables, x, dimensions, strict=True)
         ]
         lower, upper = ([getattr(v, side) for v in self.variables] for side in ("lower", "upper"))
@@ -320,9 +365,9 @@ def _numbers(bounds: Bounds, z: Float[Array, " n"]) -> Float[Array, " n"]:
     return bounds.numbers(z)
 
 
-def _units(outline: Outline, values: Float[Array, " paths"]) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    system = outline.build(values).system
-    assert isinstance(system, Ball | Disk)
+@programs.filter_jit
+def _units(parametrisation: Parametrisation, x: Float[Array, " n"]) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    system = parametrisation.candidate_of(x).system
     return system.radius, system.gravity
 
 

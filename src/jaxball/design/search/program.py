@@ -8,7 +8,6 @@ such unknowns.
 """
 
 import abc
-import copy
 import dataclasses
 import functools
 from collections.abc import Callable
@@ -22,12 +21,13 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
-from ...physics.body import Ball, Disk, System
+from ... import programs
+from ...physics.body import System
 from ...physics.state import BallState, DiskState
 from ...programs.batches import of_rows
+from ...scenario.body import kind_of
 from ...scenario.initial import INITIAL
-from ..problem import shared
-from ..problem.problem import ConstraintLayout, Evaluation, Problem, merge
+from ..problem.problem import ConstraintLayout, Evaluation, Known, Problem, TracedProblem, merge, reveal
 from ..problem.run import Run, Solve, run_of
 from ..problem.space import Candidate, DesignError, DesignSpace, default_scale
 
@@ -84,20 +84,12 @@ class Settings:
         return self.starts * self.steps + polished * self.rounds * self.evaluations
 
 
-class AbstractProgram(abc.ABC):
-    """Minimise Σ weight · term over the unknowns y, unbounded and of order one, where all constraints hold.
-
-    Programs of equal form share compiled functions.
-    """
-
-    @functools.cached_property
-    def parted(self) -> tuple[Callable[[Any], "AbstractProgram"], Any]:
-        """Its form, and the numbers, which may be traced, of which that makes it; by default it has none."""
-        return shared.Alone(self), ()
+class AbstractTerms(abc.ABC):
+    """Terms with weights, and constraints, as functions of the unknowns y."""
 
     @property
     @abc.abstractmethod
-    def weights(self) -> Float[np.ndarray, " terms"]:
+    def weights(self) -> Float[Array | np.ndarray, " terms"]:
         """The weights of the terms."""
 
     @property
@@ -109,15 +101,6 @@ class AbstractProgram(abc.ABC):
     @abc.abstractmethod
     def equal(self) -> Bool[np.ndarray, " places"]:
         """Which constraints are equalities c = 0; the others are c ≤ 0."""
-
-    @property
-    @abc.abstractmethod
-    def names(self) -> tuple[str, ...]:
-        """The names of the unknowns."""
-
-    @abc.abstractmethod
-    def starts(self, settings: Settings) -> Float[np.ndarray, "starts unknowns"]:
-        """The starting points; the first is the given design."""
 
     @abc.abstractmethod
     def numbers(self, y: Float[Array, " unknowns"]) -> Float[Array, " numbers"]:
@@ -134,6 +117,27 @@ class AbstractProgram(abc.ABC):
     def evaluate(self, y: Float[Array, " unknowns"], adjoint: diffrax.AbstractAdjoint | None = None) -> Evaluation:
         """All terms and constraints; traceable, differentiable and vectorisable by JAX."""
         return self.assess(self.simulate(self.numbers(y), adjoint))
+
+
+class AbstractProgram(AbstractTerms):
+    """Minimise Σ weight · term over the unknowns y, unbounded and of order one, where all constraints hold."""
+
+    @property
+    @abc.abstractmethod
+    def names(self) -> tuple[str, ...]:
+        """The names of the unknowns."""
+
+    @abc.abstractmethod
+    def starts(self, settings: Settings) -> Float[np.ndarray, "starts unknowns"]:
+        """The starting points; the first is the given design."""
+
+    @functools.cached_property
+    def traced(self) -> Any:
+        """What compiled functions take for it; by default itself, whose numbers they know.
+
+        A PyTree with the same terms is traced, so that programs that differ in numbers alone share these functions.
+        """
+        return Known(self)
 
 
 class Multipliers(NamedTuple):
@@ -172,27 +176,26 @@ class Lagrangians(NamedTuple):
         return np.argmax(self.violations, axis=1) if places else np.full(points, -1)
 
 
-def augmented_lagrangian(program: AbstractProgram, at: Evaluation, multipliers: Multipliers) -> Float[Array, ""]:
+def augmented_lagrangian(terms: AbstractTerms, at: Evaluation, multipliers: Multipliers) -> Float[Array, ""]:
     """f + Σ w (p² − λ²) / 2ρ, where p is the next λ and w the weight of a point in its constraint.
 
     Nocedal & Wright, Numerical Optimization, section 17.3.
     """
-    objective = jnp.sum(jnp.asarray(program.weights, dtype=at.terms.dtype) * at.terms)
-    following = next_multipliers(program, at, multipliers)
-    shares = jnp.asarray(program.layout.shares, dtype=at.terms.dtype)
+    objective = jnp.sum(jnp.asarray(terms.weights, dtype=at.terms.dtype) * at.terms)
+    following = next_multipliers(terms, at, multipliers)
+    shares = jnp.asarray(terms.layout.shares, dtype=at.terms.dtype)
     return objective + jnp.sum(shares * (following**2 - multipliers.value**2)) / (2 * multipliers.penalty)
 
 
-def next_multipliers(program: AbstractProgram, at: Evaluation, multipliers: Multipliers) -> Float[Array, " places"]:
+def next_multipliers(terms: AbstractTerms, at: Evaluation, multipliers: Multipliers) -> Float[Array, " places"]:
     """λ + ρ c of an equality c = 0, and max(0, λ + ρ c) of an inequality c ≤ 0; c = violation + margin."""
     following = multipliers.value + multipliers.penalty * (at.violations + multipliers.margin)
-    return jnp.where(jnp.asarray(program.equal), following, jnp.maximum(0.0, following))
+    return jnp.where(jnp.asarray(terms.equal), following, jnp.maximum(0.0, following))
 
 
 def by_reverse_mode(program: AbstractProgram) -> Callable[..., Lagrangians]:
-    """The augmented Lagrangian and its gradient at many points, compiled once for a form of programs."""
-    form, content = program.parted
-    return functools.partial(shared.program(_of_points_by_reverse_mode, form), content)
+    """The augmented Lagrangian and its gradient at many points."""
+    return functools.partial(_of_points_by_reverse_mode, program.traced)
 
 
 def by_gauss_newton(program: AbstractProgram) -> Callable[..., Lagrangians]:
@@ -201,32 +204,33 @@ def by_gauss_newton(program: AbstractProgram) -> Callable[..., Lagrangians]:
     Terms and constraints as functions of a run enter with all second derivatives, and so do bounds. For a sum of
     squares this is JᵀJ, but no term needs to be written as one.
     """
-    form, content = program.parted
-    return functools.partial(shared.program(_of_points_by_gauss_newton, form), content)
+    return functools.partial(_of_points_by_gauss_newton, program.traced)
 
 
-def _of_points_by_reverse_mode(program: AbstractProgram, y: Float[Array, "points n"], multipliers: Multipliers):
-    return of_rows(functools.partial(_by_reverse_mode, program), y, multipliers)
+@programs.filter_jit
+def _of_points_by_reverse_mode(terms: AbstractTerms | Known, y: Float[Array, "points n"], multipliers: Multipliers):
+    return of_rows(functools.partial(_by_reverse_mode, reveal(terms)), y, multipliers)
 
 
-def _of_points_by_gauss_newton(program: AbstractProgram, y: Float[Array, "points n"], multipliers: Multipliers):
-    return of_rows(functools.partial(_by_gauss_newton, program), y, multipliers)
+@programs.filter_jit
+def _of_points_by_gauss_newton(terms: AbstractTerms | Known, y: Float[Array, "points n"], multipliers: Multipliers):
+    return of_rows(functools.partial(_by_gauss_newton, reveal(terms)), y, multipliers)
 
 
-def _by_reverse_mode(program: AbstractProgram, y: Float[Array, " n"], multipliers: Multipliers) -> Lagrangians:
+def _by_reverse_mode(terms: AbstractTerms, y: Float[Array, " n"], multipliers: Multipliers) -> Lagrangians:
     def lagrangian(y: Float[Array, " n"]) -> tuple[Float[Array, ""], Evaluation]:
-        at = program.evaluate(y)
-        return augmented_lagrangian(program, at, multipliers), at
+        at = terms.evaluate(y)
+        return augmented_lagrangian(terms, at, multipliers), at
 
     (value, at), gradient = jax.value_and_grad(lagrangian, has_aux=True)(y)
-    return _lagrangians(program, value, gradient, at, multipliers)
+    return _lagrangians(terms, value, gradient, at, multipliers)
 
 
-def _by_gauss_newton(program: AbstractProgram, y: Float[Array, " n"], multipliers: Multipliers) -> Lagrangians:
-    x = program.numbers(y)
+def _by_gauss_newton(terms: AbstractTerms, y: Float[Array, " n"], multipliers: Multipliers) -> Lagrangians:
+    x = terms.numbers(y)
 
     def simulate_arrays(x: Float[Array, " numbers"]) -> tuple[Any, Any]:
-        return eqx.partition(program.simulate(x, diffrax.ForwardMode()), eqx.is_inexact_array)
+        return eqx.partition(terms.simulate(x, diffrax.ForwardMode()), eqx.is_inexact_array)
 
     def along(direction: Float[Array, " numbers"]) -> tuple[Any, Any, Any]:
         return jax.jvp(simulate_arrays, (x,), (direction,), has_aux=True)
@@ -235,10 +239,10 @@ def _by_gauss_newton(program: AbstractProgram, y: Float[Array, " n"], multiplier
     runs, rest = jax.tree.map(lambda leaf: leaf[0], (runs, rest))
 
     def lagrangian(y: Float[Array, " n"]) -> tuple[Float[Array, ""], Evaluation]:
-        change = program.numbers(y) - x
+        change = terms.numbers(y) - x
         moved = jax.tree.map(lambda run, slope: run + jnp.tensordot(change, slope, 1), runs, slopes)
-        at = program.assess(eqx.combine(moved, rest))
-        return augmented_lagrangian(program, at, multipliers), at
+        at = terms.assess(eqx.combine(moved, rest))
+        return augmented_lagrangian(terms, at, multipliers), at
 
     def gradient(y: Float[Array, " n"]) -> tuple[Any, Any]:
         (value, at), slope = jax.value_and_grad(lagrangian, has_aux=True)(y)
@@ -246,32 +250,34 @@ def _by_gauss_newton(program: AbstractProgram, y: Float[Array, " n"], multiplier
 
     columns, found = of_rows(lambda v: jax.jvp(gradient, (y,), (v,), has_aux=True)[1:], jnp.eye(y.size, dtype=y.dtype))
     value, slope, at = jax.tree.map(lambda leaf: leaf[0], found)
-    return _lagrangians(program, value, slope, at, multipliers)._replace(hessian=columns.T)
+    return _lagrangians(terms, value, slope, at, multipliers)._replace(hessian=columns.T)
 
 
-def _lagrangians(program: AbstractProgram, value, gradient, at: Evaluation, multipliers: Multipliers) -> Lagrangians:
+def _lagrangians(terms: AbstractTerms, value, gradient, at: Evaluation, multipliers: Multipliers) -> Lagrangians:
     """For one point; an inequality is violated by c, and an equality by a thousand times |c|."""
     c = at.violations + multipliers.margin
-    violations = jnp.where(jnp.asarray(program.equal), STRICTER * jnp.abs(c), c)
-    return Lagrangians(value, gradient, at, next_multipliers(program, at, multipliers), violations)
+    violations = jnp.where(jnp.asarray(terms.equal), STRICTER * jnp.abs(c), c)
+    return Lagrangians(value, gradient, at, next_multipliers(terms, at, multipliers), violations)
 
 
 CONTINUITY = "continuity"
 
 
-class Components:
-    """States of the kind of ``state`` as vectors of order one: each component, a versor's four too, over its scale."""
+class Components(eqx.Module):
+    """States of one kind as vectors of order one: each component, a versor's four too, over its scale."""
 
-    def __init__(self, system: System, state: BallState | DiskState):
-        kinds = {name: key.kind for name, key in INITIAL["disk" if isinstance(state, DiskState) else "ball"].items()}
+    scale: Float[Array, " components"]
+
+    @classmethod
+    def of(cls, system: System, state: BallState | DiskState) -> "Components":
+        """Those of states such as this one."""
+        kinds = {name: key.kind for name, key in INITIAL[kind_of(system)].items()}
         scales = []
         for field in dataclasses.fields(state):
             dimension = getattr(kinds.get(field.name), "dimension", None)
             size = np.size(getattr(state, field.name))
             scales.append(np.full(size, default_scale(dimension, 1.0, system)))
-        self.scale: Float[Array | np.ndarray, " components"] = np.concatenate(scales)
-        with jax.ensure_compile_time_eval():  # only its structure is needed within a trace
-            self._unravel = ravel_pytree(state)[1]
+        return cls(jnp.asarray(np.concatenate(scales)))
 
     @property
     def size(self) -> int:
@@ -281,11 +287,11 @@ class Components:
     def pack(self, state: Any) -> Float[Array, " components"]:
         """The components of a state."""
         x = ravel_pytree(state)[0]
-        return x / jnp.asarray(self.scale, dtype=x.dtype)
+        return x / self.scale.astype(x.dtype)
 
-    def unpack(self, components: Float[Array, " components"]) -> Any:
-        """The state of the components, its versor normalised."""
-        return self._unravel(components * jnp.asarray(self.scale, dtype=components.dtype)).projected()
+    def unpack(self, components: Float[Array, " components"], like: Any) -> Any:
+        """The state of the components, of the kind of another, its versor normalised."""
+        return ravel_pytree(like)[1](components * self.scale.astype(components.dtype)).projected()
 
 
 def starting_points(space: DesignSpace, settings: Settings) -> Float[np.ndarray, "starts n"]:
@@ -300,46 +306,12 @@ def starting_points(space: DesignSpace, settings: Settings) -> Float[np.ndarray,
     return np.stack([space.start, *others])
 
 
-@dataclasses.dataclass(frozen=True)
-class _FormOfShooting:
-    """The form of a :class:`Shooting`, by that of its problem; its numbers have the scales of the components too."""
+class Pieces(eqx.Module, AbstractTerms):
+    """The terms of a :class:`Shooting`: a PyTree of the numbers of its problem and the scales of its components."""
 
-    problem: Callable[[Any], Problem]
-    intervals: int
-
-    def __call__(self, content: tuple[Any, Float[Array, " components"]]) -> "Shooting":
-        of_problem, scale = content
-        made = Shooting(self.problem(of_problem), self.intervals)
-        components = copy.copy(made.components)
-        components.scale = scale
-        vars(made)["components"] = components
-        return made
-
-
-@dataclasses.dataclass(frozen=True)
-class Shooting(AbstractProgram):
-    """A ``problem`` whose runs are simulated in ``intervals`` pieces with equal numbers of samples.
-
-    The unknowns y are those of the design space and, ball by ball, the components of the state at each joint, where a
-    piece after the first starts. Continuity is the last constraint.
-
-    **Raises:** :class:`DesignError` where the steps between save times cannot be divided equally.
-    """
-
-    problem: Problem
-    intervals: int = 1
-
-    def __post_init__(self):
-        if self.intervals < 1 or self._steps % self.intervals:
-            raise DesignError(
-                f"Key `search.intervals` must divide the number of steps between save times, {self._steps}, but it is "
-                f"{self.intervals}; choose another number, or another number of save times."
-            )
-
-    @functools.cached_property
-    def parted(self):
-        form, content = shared.split_problem(self.problem)
-        return _FormOfShooting(form, self.intervals), (content, jnp.asarray(self.components.scale))
+    problem: TracedProblem
+    components: Components
+    intervals: int = eqx.field(static=True)
 
     @property
     def weights(self):
@@ -355,43 +327,15 @@ class Shooting(AbstractProgram):
         return self.layout.spread({CONTINUITY: 1.0}) > 0
 
     @property
-    def names(self):
-        states = np.repeat(np.arange(1, self.intervals), self.components.size)
-        return (*self.problem.space.names, *(f"the state at joint {k}" for k in np.tile(states, self.problem.balls)))
-
-    @property
     def joints(self) -> int:
         """How many joints there are between the pieces."""
         return self.intervals - 1
 
-    @functools.cached_property
-    def components(self) -> Components:
-        """The unknowns of the states."""
-        system, state = self.problem.space.scenario.system, self.problem.space.scenario.state
-        assert isinstance(system, Ball | Disk)
-        assert isinstance(state, BallState | DiskState)
-        return Components(system, state)
-
-    def starts(self, settings):
-        return self.append_joints(starting_points(self.problem.space, settings))
-
-    def append_joints(self, y: Float[np.ndarray, "starts n"]) -> Float[np.ndarray, "starts unknowns"]:
-        """Appends to the unknowns of designs the states of their runs where the pieces join.
-
-        Where a run failed before a joint, it is the last state that it reached.
-        """
-        if not self.joints:
-            return y
-        form, content = self.parted
-        saved = np.asarray(shared.program(_states_along, form)(content, jnp.asarray(y)))
-        finite = np.all(np.isfinite(saved), axis=-1)
-        last = np.max(np.where(finite, np.arange(self._steps + 1), 0), axis=-1)
-        rows = np.minimum(self._rows[1:, 0], last[..., None])
-        return np.concatenate([y, np.reshape(np.take_along_axis(saved, rows[..., None], axis=2), (len(y), -1))], axis=1)
-
-    def design(self, y: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " n"]:
-        """The unknowns of the design space among them."""
-        return y[: self.problem.space.size]
+    @property
+    def rows(self) -> Int[np.ndarray, "intervals samples"]:
+        """The samples of each piece; its last is the first of the next."""
+        each = (self.problem.space.times.size - 1) // self.intervals
+        return np.arange(self.intervals)[:, None] * each + np.arange(each + 1)[None]
 
     def numbers(self, y):
         n = self.problem.space.size
@@ -419,31 +363,94 @@ class Shooting(AbstractProgram):
             run = run_of(candidate._replace(times=times, state=state), solve)
             return run.state, run.status
 
-        later = jax.vmap(self.components.unpack)(states)
+        later = jax.vmap(lambda components: self.components.unpack(components, candidate.state))(states)
         begin = jax.tree.map(lambda x, others: jnp.concatenate([x[None], others]), candidate.state, later)
-        pieces, status = jax.vmap(piece)(candidate.times[self._rows], begin)
+        pieces, status = jax.vmap(piece)(candidate.times[self.rows], begin)
         whole = jax.tree.map(lambda x: jnp.concatenate([*x[:, :-1], x[-1, -1:]]), pieces)
         ends = jax.tree.map(lambda x: x[:-1, -1], pieces)
         pack = jax.vmap(self.components.pack)
         return Run(candidate.system, candidate.times, whole, jnp.max(status)), pack(ends) - pack(later)
 
-    @property
-    def _steps(self) -> int:
-        return self.problem.space.scenario.times.size - 1
-
-    @property
-    def _rows(self) -> np.ndarray:
-        """The samples of each piece; its last is the first of the next."""
-        each = self._steps // self.intervals
-        return np.arange(self.intervals)[:, None] * each + np.arange(each + 1)[None]
-
-
-def _states_along(program: Shooting, y: Float[Array, "starts n"]) -> Float[Array, "starts balls t components"]:
-    """The components of the states of designs' runs, simulated in one piece."""
-    problem, pack = program.problem, jax.vmap(program.components.pack)
-    solve = problem.solve()
-
-    def states(y: Float[Array, " n"]) -> Float[Array, "balls t components"]:
+    def states_along(self, y: Float[Array, " n"]) -> Float[Array, "balls t components"]:
+        """The components of the states of a design's run, simulated in one piece."""
+        problem, pack, solve = self.problem, jax.vmap(self.components.pack), self.problem.solve()
         return problem.of_each(problem.space.candidate(y), lambda one: pack(run_of(one, solve).state))
 
-    return of_rows(states, y)
+
+@dataclasses.dataclass(frozen=True)
+class Shooting(AbstractProgram):
+    """A ``problem`` whose runs are simulated in ``intervals`` pieces with equal numbers of samples.
+
+    The unknowns y are those of the design space and, ball by ball, the components of the state at each joint, where a
+    piece after the first starts. Continuity is the last constraint.
+
+    **Raises:** :class:`DesignError` where the steps between save times cannot be divided equally.
+    """
+
+    problem: Problem
+    intervals: int = 1
+
+    def __post_init__(self):
+        steps = self.problem.space.scenario.times.size - 1
+        if self.intervals < 1 or steps % self.intervals:
+            raise DesignError(
+                f"Key `search.intervals` must divide the number of steps between save times, {steps}, but it is "
+                f"{self.intervals}; choose another number, or another number of save times."
+            )
+
+    @functools.cached_property
+    def traced(self) -> Pieces:
+        """Its terms, which compiled functions take."""
+        space = self.problem.space
+        return Pieces(self.problem.traced, Components.of(space.system, space.state), self.intervals)
+
+    @property
+    def weights(self):
+        return self.problem.weights
+
+    @property
+    def layout(self):
+        return self.traced.layout
+
+    @property
+    def equal(self):
+        return self.traced.equal
+
+    @property
+    def names(self):
+        states = np.repeat(np.arange(1, self.intervals), self.traced.components.size)
+        return (*self.problem.space.names, *(f"the state at joint {k}" for k in np.tile(states, self.problem.balls)))
+
+    def starts(self, settings):
+        return self.append_joints(starting_points(self.problem.space, settings))
+
+    def append_joints(self, y: Float[np.ndarray, "starts n"]) -> Float[np.ndarray, "starts unknowns"]:
+        """Appends to the unknowns of designs the states of their runs where the pieces join.
+
+        Where a run failed before a joint, it is the last state that it reached.
+        """
+        if self.intervals == 1:
+            return y
+        saved = np.asarray(_states_along(self.traced, jnp.asarray(y)))
+        finite = np.all(np.isfinite(saved), axis=-1)
+        last = np.max(np.where(finite, np.arange(saved.shape[-2]), 0), axis=-1)
+        rows = np.minimum(self.traced.rows[1:, 0], last[..., None])
+        return np.concatenate([y, np.reshape(np.take_along_axis(saved, rows[..., None], axis=2), (len(y), -1))], axis=1)
+
+    def design(self, y: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " n"]:
+        """The unknowns of the design space among them."""
+        return y[: self.problem.space.size]
+
+    def numbers(self, y):
+        return self.traced.numbers(y)
+
+    def simulate(self, numbers, adjoint=None):
+        return self.traced.simulate(numbers, adjoint)
+
+    def assess(self, runs):
+        return self.traced.assess(runs)
+
+
+@programs.filter_jit
+def _states_along(pieces: Pieces, y: Float[Array, "starts n"]) -> Float[Array, "starts balls t components"]:
+    return of_rows(pieces.states_along, y)

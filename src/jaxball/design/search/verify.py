@@ -9,17 +9,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ... import programs
 from ...interface.html import repr_html
 from ...programs.program import compile_quickly
 from ...scenario.solvers import SOLVERS
 from ..constraints import NormalForce
 from ..objectives import FollowCurve, FollowTrajectory, ReachPlace
-from ..problem import shared
-from ..problem.problem import Evaluation, Perturbations, Problem, merge, worst
+from ..problem.problem import Evaluation, Known, Perturbations, Problem, TracedProblem, merge, reveal, worst
 from ..problem.run import RAIL_SAMPLES, Solve, run_of
 from ..problem.space import Candidate, DesignError
 from .optimise import Optimiser
-from .program import AbstractProgram, Multipliers, augmented_lagrangian
+from .program import AbstractTerms, Multipliers, augmented_lagrangian
 
 FINER = 10
 RECHECK_RATIO, TIGHTEST = 1e-2, 1e-13
@@ -63,8 +63,7 @@ def verify(problem: Problem, y: Float[np.ndarray, " n"]) -> Verified:
     They are a solver of another family and samples ten times as fine.
     """
     other, solver = _other_solve(problem)
-    form, content = shared.split_problem(problem)
-    designed, finer, most = jax.tree.map(np.asarray, shared.program(_compare, form)(content, jnp.asarray(y)))
+    designed, finer, most = jax.tree.map(np.asarray, _compare(problem.traced, other, jnp.asarray(y)))
     return Verified(
         designed=designed,
         finer=finer,
@@ -85,9 +84,11 @@ def _other_solve(problem: Problem) -> tuple[Solve, str]:
     return Solve(SOLVERS[solver](), rtol, atol, 16 * scenario.max_steps), solver
 
 
-def _compare(problem: Problem, y: Float[Array, " n"]) -> tuple[Evaluation, Evaluation, dict[str, Any]]:
-    """Computes what :func:`verify` finds."""
-    other, _ = _other_solve(problem)
+@programs.filter_jit
+def _compare(
+    problem: TracedProblem, other: Solve, y: Float[Array, " n"]
+) -> tuple[Evaluation, Evaluation, dict[str, Any]]:
+    """Computes what :func:`verify` finds; ``other`` is the second way to solve."""
 
     def of_ball(candidate: Candidate):
         run = run_of(candidate, problem.solve())
@@ -129,11 +130,12 @@ def perturbed(problem: Problem, y: Float[np.ndarray, " n"], perturbations: Pertu
     - ``y``: the unknowns of the design, shape (n,).
     - ``perturbations``: how the balls differ.
     """
-    form, content = shared.split_problem(dataclasses.replace(problem, perturbations=perturbations))
-    return jax.tree.map(np.asarray, shared.program(_each, form)(content, jnp.asarray(y)))
+    problem = dataclasses.replace(problem, perturbations=perturbations)
+    return jax.tree.map(np.asarray, _each(problem.traced, jnp.asarray(y)))
 
 
-def _each(problem: Problem, y: Float[Array, " n"]) -> Evaluation:
+@programs.filter_jit
+def _each(problem: TracedProblem, y: Float[Array, " n"]) -> Evaluation:
     """The evaluations of all balls of a robust problem."""
     solve = problem.solve()
     return problem.of_each(problem.space.candidate(y), lambda one: problem.evaluate_run(run_of(one, solve)))
@@ -242,14 +244,15 @@ def require_good(check: GradientCheck) -> None:
 def _forward(
     optimiser: Optimiser, y: Float[Array, " n"], direction: Float[Array, " n"], multipliers: Multipliers
 ) -> float:
-    form, content = optimiser.program.parted
-    return float(shared.program(_slope, form)(content, y, direction, multipliers))
+    return float(_slope(optimiser.program.traced, y, direction, multipliers))
 
 
-def _slope(program: AbstractProgram, y, direction, multipliers: Multipliers) -> Float[Array, ""]:
+@programs.filter_jit
+def _slope(terms: AbstractTerms | Known, y, direction, multipliers: Multipliers) -> Float[Array, ""]:
     """The derivative of the augmented Lagrangian along a direction, in forward mode."""
+    opened = reveal(terms)
 
     def value(y: Float[Array, " n"]) -> Float[Array, ""]:
-        return augmented_lagrangian(program, program.evaluate(y, diffrax.ForwardMode()), multipliers)
+        return augmented_lagrangian(opened, opened.evaluate(y, diffrax.ForwardMode()), multipliers)
 
     return jax.jvp(value, (y,), (direction,))[1]

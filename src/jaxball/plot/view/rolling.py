@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from ...physics.body import Disk, System
+from ...physics.body import System
 from ...physics.grounds import AbstractSurface
 from ...physics.state import ReducedState
 from ...simulation.trajectory import Trajectory
@@ -84,7 +84,7 @@ def prepare_view(trajectory: Trajectory[Any, Any]) -> Shown:
 def body_document(one: Shown) -> dict[str, Any]:
     """The parts of the body."""
     system = one.system
-    kind = "disk" if isinstance(system, Disk) else "ball"
+    kind = "disk" if system.planar else "ball"
     parts = make_body(kind, one.trajectory, one.radius, len(one.run.times)) | {
         "shell": {"mass": float(system.mass), "centre_of_mass": np.asarray(system.offset).tolist()},
         "masses": _masses(system),
@@ -129,7 +129,7 @@ def body_numbers(one: Shown, plane: float, grid: Float[np.ndarray, "rows columns
         "friction": Numbers(seen.friction),
         "energies": Numbers(np.stack([seen.kinetic_energy, seen.potential_energy], axis=1)),
     }
-    if isinstance(system, Disk):
+    if system.planar:
         numbers["turning"] = Numbers(-seen.angular_velocity_body[:, 1])
     known = one.trajectory.history.over_time
     if "height" in known:
@@ -209,7 +209,7 @@ Stand = tuple[dict[str, Any], Float[np.ndarray, "k 3"] | None, Float[np.ndarray,
 
 def _on_plane(bodies: Sequence[Shown], wanted: Float[np.ndarray, "k 2"] | None, discs: Discs) -> Stand:
     """The stand of bodies on a plane, and the desired path, axes of the page."""
-    first, setting, planar = bodies[0], bodies[0].placed.setting, isinstance(bodies[0].system, Disk)
+    first, setting, planar = bodies[0], bodies[0].placed.setting, bodies[0].system.planar
     # On the plane a disk's line is at e2 = 0.
     goal = None if wanted is None else np.column_stack([wanted, np.full(len(wanted), -first.radius)])
     corners = [[*(np.asarray(centre) + side * r), -first.radius] for centre, r in discs for side in (-1, 1)]
@@ -246,7 +246,7 @@ def _on_surface(bodies: Sequence[Shown], wanted: Float[np.ndarray, "k 2"] | None
         "axes": np.eye(3).tolist(),
         "floor": {"height": 0.0, "mesh": list(grid.shape[:2]), "corners": corners.tolist()},
         "obstacles": [ring.points.ravel().tolist() for ring in rings],
-        "camera": {"elevation": ELEVATION_ON_SURFACES, "azimuth": AZIMUTH[isinstance(first.system, Disk)]},
+        "camera": {"elevation": ELEVATION_ON_SURFACES, "azimuth": AZIMUTH[first.system.planar]},
     }
     return stand, goal, grid
 
@@ -277,7 +277,7 @@ def _floor(bodies: Sequence[Shown], setting: Setting, drawn: Sequence[Float[np.n
 def _graphs(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
     """The graphs of bodies; each is drawn if its numbers exist."""
     count, sizes = len(bodies), sizes_of(bodies[0].system)
-    several, planar = count > PAIR, isinstance(bodies[0].system, Disk)
+    several, planar = count > PAIR, bodies[0].system.planar
     ratio = series("|f| / N", None if several else RED, "friction", [0, 1], norm=True) | {"over": "normal_force"}
     levels = _levels(bodies)
     needed = graph("Friction" if levels else "Friction needed", [ratio], 1.0, gaps=True) | {"level": "μ"}

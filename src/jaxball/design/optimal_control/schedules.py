@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ... import programs
-from ...physics.body import Ball, Disk, System
+from ...physics.body import System
 from ...physics.prescribed.schedules import PiecewiseAcceleration
 from ...physics.prescribed.signals import PiecewiseSignal
 from ...programs.batches import map_rows
@@ -130,9 +130,8 @@ def resimulate(solution: Solution, solver: str = "gauss16", tolerance: float = 1
     problem, scenario = rolling(solution.problem), scenario_of(solution)
     if problem.constraints:
         scenario = dataclasses.replace(scenario, times=np.unique(solution.path.within(POINTS_OF_INTERVAL)))
-    system = scenario.system
-    assert isinstance(system, Ball | Disk)
     run = scenario.simulate(solver=solver, rtol=tolerance, atol=tolerance, throw=True)
+    system = run.system
     seen, M, r = run.observables, float(problem.system.total_mass), float(problem.system.radius)
     gap = np.asarray(run.state.z) - places(solution, np.asarray(run.times))
     schedules = schedules_of(solution)

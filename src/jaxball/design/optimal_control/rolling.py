@@ -153,15 +153,15 @@ class Rolling(AbstractControlProblem):
         return jnp.concatenate([super().inequalities(t, x, u), *parts])
 
     def conditions(self, x):
-        packing, r = self.packing, self.system.radius
+        packing, system, r = self.packing, self.system, self.system.radius
         state, left = packing.unpack(self.end, x), self.imbalance_at_end(x)
-        flat = isinstance(state, DiskState)
+        flat = system.planar
         beside = left.beside[:1] if flat else left.beside
-        parts = [state.thetadot, state.phidot[None] if flat else state.Omega, beside / r]
-        ground, force = self.system.ground, self.system.force
+        parts = [state.thetadot, jnp.atleast_1d(getattr(state, state.rotation_rate)), beside / r]
+        ground, force = system.ground, system.force
         if not flat and force is not None and (ground is not None or not isinstance(force, AbstractForce)):
-            parts.append(left.torque[2:] / (left.M * r * self.system.gravity))  # else 0 where the others are
-        parts.append(left.efforts[self._without_motor] / (left.M * r * self.system.gravity))
+            parts.append(left.torque[2:] / (left.M * r * system.gravity))  # else 0 where the others are
+        parts.append(left.efforts[self._without_motor] / (left.M * r * system.gravity))
         if self.depth is not None:
             parts.append((self.depth - left.below / r)[None])
         if self.place is not None:
