@@ -32,6 +32,7 @@ from ..conditions import Condition, ExplainedCondition, Problem
 from ..dynamics.load import Load
 from ..grounds import AbstractSurface
 from ..hybrid import NONE, WINDOW, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
+from ..rolling import Reaction
 from ..state import ReducedState
 from ..system import AbstractSystem
 from . import friction, over_surface as over, slip as slips
@@ -203,6 +204,11 @@ class BodyOnPlane(AbstractSystem[ContactState]):
             return jnp.where(state.is_in(Mode.ROLLING), each[0], jnp.where(state.is_in(Mode.SLIDING), *each[1:]))
 
         return jax.tree.map(choose, rolling, sliding, flying)
+
+    def plane_reaction(self, t: Float[Array, ""], state: ContactState) -> Reaction:
+        """The normal force and the friction, in the mode that the state is in."""
+        R = self.interaction(t, state, self.response(t, state)).R
+        return Reaction(R[2], jnp.sum(R[:2] ** 2))
 
     def dry_torque(
         self, t: Float[Array, ""], state: ContactState, interaction: friction.Interaction, acting: Load
