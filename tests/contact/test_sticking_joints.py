@@ -144,6 +144,17 @@ def test_a_joint_that_never_lets_go_is_a_rigid_body(V, Omega, height, modes):
 
 
 @pytest.mark.thorough
+def test_friction_that_always_holds_in_a_bowl_is_no_law_at_all():
+    pendulum = jaxball.planar_pendulum(BOB, L, drive=JointFriction(0.1, 0.15))
+    ball = Ball(mass=M, inertia=(SOLID,) * 3, radius=R, gravity=G, ground=jaxball.Bowl(2.0), mechanisms=[pendulum])
+    state = BallState(z=(0.3, 0.2), Omega=(2.0, 5.0, 1.0), theta=[0.4], thetadot=[3.0])
+    alone = jaxball.simulate(ball, TIMES, state, **FINE)
+    ruled = jaxball.simulate(ball, TIMES, state, contact=Contact(100.0), **FINE)
+    assert int(ruled.contact.switches.count) == int(alone.switches.count) > 1
+    assert_equal(ruled, alone, 1e-9)
+
+
+@pytest.mark.thorough
 def test_the_energy_is_accounted_for():
     """By friction of joints, which is in the power, and by that of the ground and impacts, which is in the loss."""
     state = ReleasedState(

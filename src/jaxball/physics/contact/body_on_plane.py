@@ -213,7 +213,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
 
         return jax.tree.map(choose, rolling, sliding, flying)
 
-    def plane_reaction(self, t: Float[Array, ""], state: ContactState) -> Reaction:
+    def plane_reaction(self, t: Float[Array, ""], state: Any) -> Reaction:
         """The normal force and the friction, in the mode that the state is in."""
         R = self.interaction(t, state, self.response(t, state)).R
         return Reaction(R[2], jnp.sum(R[:2] ** 2))

@@ -133,14 +133,15 @@ class StickingOnPlane(BodyOnPlane):
 
     def history(self, times: Float[Array, " T"], states: Any, record: Any) -> StickingHistory:
         of_contact = super().history(times, states, record)
+        fields: dict[str, Any]
         fields, switches = (
             {field.name: getattr(each, field.name) for field in dataclasses.fields(each)}
             for each in (of_contact, of_contact.switches)
         )
-        own = StickingSwitches(
+        fields["switches"] = StickingSwitches(
             **switches,
             directions_before=record.before.slips,
             directions_after=record.after.slips,
             joints=self.body.sticking,
         )
-        return StickingHistory(**fields | {"switches": own}, directions=states.slips)
+        return StickingHistory(**fields, directions=states.slips)
