@@ -49,6 +49,14 @@ def test_a_run_that_slides(capsys):
     assert again.contact.mode.tolist() == [1, 1, 1, 0, 0]
 
 
+@pytest.mark.thorough
+def test_a_run_ends_where_it_slips_by_its_law(capsys):
+    """A disk that slips from the start, which a law with less friction than is asked for lets it do."""
+    assert main(["simulate", "thrown.toml", "--contact", "0.25", "--friction", "0.25"]) == 3
+    assert "The run ended at t = 0 before t = 2, because rolling needed all the friction" in capsys.readouterr().err
+    assert main(["simulate", "thrown.toml", "--contact", "0.25", "--friction", "0.26", "--detachment"]) == 0
+
+
 def test_keys_of_the_law(monkeypatch):
     """They are those of [contact], all of which they replace."""
     seen = []
@@ -78,10 +86,6 @@ REFUSED = {
         ["heavy-top", "--contact", "0.3"],
         "Argument `--contact` must be left out for a system that is no ball or disk, such as a scenario of the kind "
         '"heavy-top".',
-    ),
-    "an end besides": (
-        ["thrown.toml", "--contact", "0.3", "--friction", "0.2"],
-        "Arguments `--friction` and `--detachment` must be left out where the scenario has a law of contact",
     ),
 }
 

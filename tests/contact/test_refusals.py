@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import pytest
 
 import jaxball
-from jaxball import Ball, BallState, Contact, Detachment, Disk, DiskState, ReducedState, ReleasedState, Status, simulate
+from jaxball import Ball, BallState, Contact, Disk, DiskState, ReducedState, ReleasedState, Status, simulate
 from jaxball.ensemble import simulate_ensemble
 
 TIMES = [0.0, 1.0]
@@ -69,11 +69,6 @@ SENTENCES = {
         lambda: simulate(BALL, TIMES, BallState(), contact=LAW, dae=True, solver=jaxball.solvers.RadauIIA()),
         "Argument `dae` must be False for a body with a law of contact, whose modes are differential equations, but it "
         "is True.",
-    ),
-    "an event that the law decides": (
-        lambda: simulate(BALL, TIMES, BallState(), contact=LAW, events={"end": Detachment()}),
-        'Argument `events` must hold no Detachment with `contact`, which says what happens then, but "end" is one; '
-        "`trajectory.contact.switches` has the times.",
     ),
     "a rotor": (
         lambda: simulate(

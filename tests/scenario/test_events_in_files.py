@@ -122,6 +122,16 @@ def test_a_thrown_ball_passes_a_height_twice():
 
 
 @pytest.mark.thorough
+def test_a_thrown_ball_slips_when_it_comes_down():
+    """At 1 + √2, with 1/2 + t − t²/2 = 0; the flight before, from the start, counts as having left the plane."""
+    lift = '[events.lift]\nkind = "detachment"\nterminal = false\n'
+    slide = '[events.slide]\nkind = "slip"\nfriction = 0.3\nterminal = false\n'
+    run = simulated(THROWN.replace("[0.3, 0.0, 2.0]", "[3.0, 0.0, 1.0]"), lift + slide)
+    np.testing.assert_allclose(run.events["slide"].times[0], 1 + math.sqrt(2), rtol=1e-10)
+    assert run.events["lift"].times[0] == 0.0
+
+
+@pytest.mark.thorough
 def test_a_classical_system_has_events_of_its_coordinates():
     run = simulated(PARTICLE, '[events.post]\nof = "x"\nlevel = 1.0')
     np.testing.assert_allclose(run.events["post"].times[0], 2.0, rtol=1e-10)  # straight along x, where y is 0
@@ -316,10 +326,6 @@ ERRORS = {
     "no tables": (
         ROLLING + "[[events]]",
         "Key `events` must be a table of tables, each under the heading [events.name], but it is [{}].",
-    ),
-    "a detachment with a law of contact": (
-        THROWN + '[events.lift]\nkind = "detachment"',
-        "Key `events` must hold no Detachment with `contact`, which says what happens then, but ",
     ),
     "a slip of what does not roll": (
         PARTICLE + '[events.slide]\nkind = "slip"\nfriction = 0.1',

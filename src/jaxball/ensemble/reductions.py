@@ -15,10 +15,10 @@ from ..physics.body import AbstractBody, System
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.modes import ContactState, Mode
 from ..physics.contact.over_surface import has_surface
-from ..physics.contact.released import energy_of_released
+from ..physics.contact.released import energy_of_released, slip_velocity
 from ..physics.dynamics.footing import footing
 from ..physics.observables import observe
-from ..physics.rolling import AbstractRollingSystem, Reaction
+from ..physics.rolling import AbstractRollingSystem
 from ..physics.state import BallState, DiskState, State
 from ..physics.system import AbstractState
 
@@ -137,24 +137,29 @@ class Integral(AbstractReduction):
 
 def normal_force(system: Held, t: Float[Array, ""], state: AbstractState) -> Float[Array, ""]:
     """N, the normal force; with a law of contact, in the mode that the body is in."""
-    return _reaction(system, t, state).normal
+    return system.plane_reaction(t, state).normal
 
 
 def friction(system: Held, t: Float[Array, ""], state: AbstractState) -> Float[Array, ""]:
     """|f|, the friction."""
-    return _reaction(system, t, state).friction
+    return system.plane_reaction(t, state).friction
 
 
 def half_tangent(system: Held, t: Float[Array, ""], state: AbstractState) -> Float[Array, ""]:
     """tan(α/2) for the angle α of the reaction from the vertical, which grows with |f| / N, smoothly past N = 0.
 
-    This avoids the arctangent, which takes as long as half of the equations of motion. 0 in flight.
+    This avoids the arctangent, which takes as long as half of the equations of motion. With a law of contact, 0 in
+    flight, and that of the coefficient of friction while the body slides.
     """
-    R = _reaction(system, t, state)
+    R = system.plane_reaction(t, state)
     whole = R.normal + jnp.sqrt(R.normal**2 + R.friction_squared)
-    if isinstance(state, ContactState):
-        return jnp.where(state.is_in(Mode.FLIGHT), 0.0, R.friction / jnp.where(state.is_in(Mode.FLIGHT), 1.0, whole))
-    return R.friction / whole
+    if not isinstance(state, ContactState):
+        return R.friction / whole
+    # Where a sliding body lifts, N is the error of that time, of either sign, and the ratio of both forces is lost.
+    mu = system.coefficient(slip_velocity(system.body, t, state.released))  # pyright: ignore
+    slides, flies = state.is_in(Mode.SLIDING), state.is_in(Mode.FLIGHT)
+    held = R.friction / jnp.where(slides | flies, 1.0, whole)
+    return jnp.where(slides, mu / (1 + jnp.sqrt(1 + mu**2)), jnp.where(flies, 0.0, held))
 
 
 def tangent(half: Float[Array, "*runs"]) -> Float[Array, "*runs"]:
@@ -190,13 +195,6 @@ def energy(
     if isinstance(system, BodyOnPlane) or isinstance(state, ContactState):
         return energy_of_released(system.body, t, state.released) + state.friction_loss + state.impact_loss  # pyright: ignore
     return observe(system, t, state).energy
-
-
-def _reaction(system: Any, t: Float[Array, ""], state: Any) -> Reaction:
-    if isinstance(state, ContactState):
-        R = system.interaction(t, state, system.response(t, state)).R
-        return Reaction(R[2], jnp.sum(R[:2] ** 2))
-    return system.plane_reaction(t, state)
 
 
 def values(

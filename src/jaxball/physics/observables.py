@@ -190,7 +190,7 @@ def _of_rolling(system: AbstractBody, t: Float[Array, ""], state: Any) -> Moveme
 def _of_hybrid(plane: BodyOnPlane, t: Float[Array, ""], state: Any) -> Movement:
     response = plane.response(t, state)
     force = plane.interaction(t, state, response)
-    system, body = plane.body, state.body
+    system, body = plane.moving(state), state.body
     touching = ~state.is_in(Mode.FLIGHT)
     acting, slip = load_of_released(system, t, state.released, touching, response.footing)
     Omegadot, thetaddot = response.accelerations(force.slip_acceleration, force.normal)

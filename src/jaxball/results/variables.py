@@ -16,6 +16,7 @@ from ..physics.contact.law import COEFFICIENTS, AbstractFriction, Contact
 from ..physics.contact.modes import ContactSwitches, Mode, SwitchCause
 from ..physics.contact.released import ReleasedState
 from ..physics.contact.resting import RestingHistory
+from ..physics.contact.sticking import StickingHistory
 from ..physics.grounds import AbstractSurface
 from ..physics.hybrid import NO_HISTORY, AbstractHistory, History, Switches
 from ..physics.state import AbstractBodyState, DiskState, ReducedState
@@ -27,6 +28,7 @@ from ..simulation.variables import (
     CLASSICAL_STATE,
     EVENTS,
     HISTORY,
+    HISTORY_OF_JOINTS,
     HISTORY_OF_REST,
     LAGRANGIAN_STATE,
     LAWS,
@@ -140,6 +142,8 @@ def labels(system: Any, sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
         coordinates["driven"] = np.asarray(
             system.driven if len(system.driven) == len(system.coordinates) else system.coordinates
         )
+    if "sticking" in sizes:
+        coordinates["sticking"] = np.asarray(system.sticking)
     if "rail" in sizes:
         coordinates["rail"] = np.asarray([f"masses[{index}]" for index in system.on_rails])
     if "joint" in sizes:
@@ -173,7 +177,7 @@ RELEASED = {name: HISTORY[name] for name in ("V", "height")}
 def history_values(history: AbstractHistory, states: Any) -> Variables:
     """The variables over time of a history, besides the ``states``."""
     over_time = history.over_time.items()
-    known = HISTORY | HISTORY_OF_REST
+    known = HISTORY | HISTORY_OF_REST | HISTORY_OF_JOINTS
     return {name: (known.get(name) or describe_unknown(name, leaf.ndim - 1), _plain(leaf)) for name, leaf in over_time}
 
 
@@ -317,6 +321,9 @@ def _read_contact(
         for name, variable in HISTORY.items()
     }
     switches = _read_switches(arrays, attribute("contact_switches", int), law.capacity, vars(states), type(states))
+    if all(name in arrays for name in HISTORY_OF_JOINTS):
+        directions = to_array(arrays["directions"])
+        return StickingHistory(law=law, **over_time, switches=switches, directions=directions)
     if not all(name in arrays for name in HISTORY_OF_REST):
         return ContactHistory(law=law, **over_time, switches=switches)
     rests, spin, rolling = (jnp.asarray(arrays[name]) for name in HISTORY_OF_REST)

@@ -173,12 +173,13 @@ def read_contact(values: Any, path: str) -> Contact:
 
 
 def check_modes(system: AbstractBody, contact: Contact | None) -> None:
-    """Raises a :class:`ScenarioError` for joints that stick with a law of contact."""
-    if contact is not None and system.sticking:
+    """Raises a :class:`ScenarioError` for joints that stick with a law of contact and exact dry resistance."""
+    if contact is not None and system.sticking and system.is_held:
         have = "has" if len(system.sticking) == 1 else "have"
         raise ScenarioError(
-            "Key `contact` must be left out where joints stick, because both have modes, which are not combined, but "
-            f"{all_of(system.sticking)} {have} a force of the kind joint-friction; give that `smoothing`."
+            "Key `contact` must be left out where joints stick and dry resistance is exact, because the modes of all "
+            f"three are not combined, but {all_of(system.sticking)} {have} a force of the kind joint-friction; give "
+            "that `smoothing`, or the resistance."
         )
 
 

@@ -16,6 +16,7 @@ from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.law import COEFFICIENTS, Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.contact.resting import RestingOnPlane
+from ..physics.contact.sticking import StickingOnPlane
 from ..physics.dae import WITH_UNIT
 from ..physics.modes.dry_rolling import DryRolling
 from ..physics.modes.dry_stick_slip import DryStickSlip
@@ -250,10 +251,13 @@ def system_to_solve(system: AbstractSystem, contact: Contact | None) -> Abstract
             f"Argument `contact` must be None for a {type(system).__name__}, which is neither a Ball nor a Disk, but "
             f"it is {describe(contact)}."
         )
-    if system.sticking:
+    if system.sticking and system.is_held:
         have = "has" if len(system.sticking) == 1 else "have"
         raise TypeError(
-            "Argument `contact` must be None for a body with joints that stick, because both have modes, which are not "
-            f"combined, but {all_of(system.sticking)} {have} a JointFriction; give that `smoothing`."
+            "Argument `contact` must be None for a body with joints that stick and exact dry resistance, because the "
+            f"modes of all three are not combined, but {all_of(system.sticking)} {have} a JointFriction; give that "
+            "`smoothing`, or the resistance."
         )
+    if system.sticking:
+        return StickingOnPlane(system, contact)
     return RestingOnPlane(system, contact) if system.is_held else BodyOnPlane(system, contact)

@@ -15,7 +15,8 @@ from ..interface.printing import Printed, format_value, is_single
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, is_traced, numbers
 from ..physics.contact.body_on_plane import BodyOnPlane
-from ..physics.rolling import AbstractRollingSystem
+from ..physics.contact.modes import Mode
+from ..physics.rolling import AbstractRollingSystem, Reaction
 from ..physics.system import AbstractSystem
 from .quantities import observables_of, quantity
 
@@ -181,6 +182,9 @@ class Event(AbstractEvent):
 class Detachment(AbstractEvent):
     """The normal force N falls to zero, and the ball would leave the plane. Ends the run.
 
+    With a law of contact it does leave it then. The function of the event is −1 in flight: a run that begins in flight
+    has happened to leave the plane at its start, and a bounce is no such event.
+
     **Arguments:**
 
     - ``terminal``: whether it ends the run.
@@ -204,9 +208,19 @@ class Detachment(AbstractEvent):
     def value(self, system, t, state):
         return system.plane_reaction(t, state).normal
 
+    def value_in_solve(self, system, t, state):
+        if not isinstance(system, BodyOnPlane):
+            return super().value_in_solve(system, t, state)
+        # What N is below 0 is the error of the time at which a mode ends: the event is the switch to flight itself.
+        N = jnp.maximum(system.plane_reaction(t, state).normal, 0.0)
+        return jnp.where(state.is_in(Mode.FLIGHT), -1.0, N)
+
 
 class Slip(AbstractEvent):
     """The friction |f| rises to μN, the most that a plane with the coefficient of friction μ can give. Ends the run.
+
+    With a law of contact the body also slips, or lands with a slip, by that law: this is the event, too, where μ is not
+    more than the ``static_friction`` of the law. Its function is then −1, and in flight 1.
 
     **Arguments:**
 
@@ -241,8 +255,19 @@ class Slip(AbstractEvent):
             raise ValueError(f"Argument `friction` must be a positive number, but it is {float(self.friction):g}.")
 
     def value(self, system, t, state):
-        """μ²N|N| − |f|², which is smooth where f is zero, as μN − |f| is not."""
-        force = system.plane_reaction(t, state)
+        return self._spare(system.plane_reaction(t, state))
+
+    def value_in_solve(self, system, t, state):
+        if not isinstance(system, BodyOnPlane):
+            return super().value_in_solve(system, t, state)
+        spare, static = self._spare(system.plane_reaction(t, state)), system.contact.static_friction
+        # As with the error of the normal force: what is below 0 is that of the time at which rolling ends.
+        held = jnp.where(self.friction < static, spare, jnp.maximum(spare, 0.0))
+        slides, flies = state.is_in(Mode.SLIDING), state.is_in(Mode.FLIGHT)
+        return jnp.where(flies, 1.0, jnp.where(slides & (self.friction <= static), -1.0, held))
+
+    def _spare(self, force: Reaction) -> Float[Array, ""]:
+        """Computes μ²N|N| − |f|², which is smooth where f is zero, as μN − |f| is not."""
         return self.friction**2 * force.normal * jnp.abs(force.normal) - force.friction_squared
 
 
@@ -282,10 +307,5 @@ def check_events(system: AbstractSystem, events: Mapping[str, AbstractEvent] | N
         raise TypeError(
             f"Argument `events` must not hold a Detachment or a Slip for a {type(system.shown).__name__}, which "
             f'does not roll on a plane, but "{touching[0]}" is one.'
-        )
-    if touching and isinstance(system, BodyOnPlane):
-        raise TypeError(
-            f"Argument `events` must hold no {type(events[touching[0]]).__name__} with `contact`, which says what "
-            f'happens then, but "{touching[0]}" is one; `trajectory.contact.switches` has the times.'
         )
     return dict(events)

@@ -17,6 +17,7 @@ from ..physics.contact.over_surface import near_to
 from ..physics.contact.released import ReleasedState
 from ..physics.contact.resting import RestingHistory
 from ..physics.contact.slip import Beginning
+from ..physics.contact.sticking import StickingHistory
 from ..physics.hybrid import AbstractHistory
 from .trajectory import Trajectory
 
@@ -43,9 +44,10 @@ def _with_limits(history: AbstractHistory, trajectory: Trajectory[Any, Any]) -> 
     return trajectory
 
 
-@_with_limits.register
-def _of_rest(history: RestingHistory, trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
-    return trajectory  # its switches do not tell what dry resistance holds on either side
+@_with_limits.register(RestingHistory)
+@_with_limits.register(StickingHistory)
+def _of_held(history: Any, trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
+    return trajectory  # the switches of a file do not tell what dry friction holds on either side
 
 
 @_with_limits.register

@@ -129,6 +129,11 @@ HISTORY_OF_REST = {
     "rolling": Variable(("direction",), "1", "direction of rolling, 0 where dry resistance holds the body"),
 }
 
+# The same of a body with joints that dry friction may hold.
+HISTORY_OF_JOINTS = {
+    "directions": Variable(("sticking",), "1", "direction in which a joint with dry friction slips, 0 where it sticks"),
+}
+
 # By the names of the fields of ContactSwitches. Those of the states before and after come with the kind of the state.
 SWITCHES = {
     "times": Variable((), "time", "time of a change of mode"),

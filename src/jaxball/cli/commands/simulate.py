@@ -216,11 +216,6 @@ def _events(options: argparse.Namespace, scenario: "Scenario") -> "dict[str, Abs
             "Arguments `--friction` and `--detachment` must be left out for a system that does not roll on a plane, "
             f"such as the {scenario.system.title} of this scenario."
         )
-    if scenario.may_slip and events:
-        raise ScenarioError(
-            "Arguments `--friction` and `--detachment` must be left out where the scenario has a law of contact, with "
-            "which the body slips and flies instead of the run ending."
-        )
     if scenario.feedback is not None and events:
         raise ScenarioError(
             "Arguments `--friction` and `--detachment` must be left out where the scenario has feedback, whose samples "

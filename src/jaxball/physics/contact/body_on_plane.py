@@ -32,6 +32,7 @@ from ..conditions import Condition, ExplainedCondition, Problem
 from ..dynamics.load import Load
 from ..grounds import AbstractSurface
 from ..hybrid import NONE, WINDOW, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
+from ..rolling import Reaction
 from ..state import ReducedState
 from ..system import AbstractSystem
 from . import friction, over_surface as over, slip as slips
@@ -48,7 +49,7 @@ from .released import (
     rolling_contact,
     slip_velocity,
 )
-from .transition import transition
+from .transition import response_on_plane, transition
 
 ROUNDING_OF_VELOCITY = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none
 FORCES = 32  # of the reaction, in units of rounding of a force that compares with it: what is smaller is none
@@ -171,7 +172,15 @@ class BodyOnPlane(AbstractSystem[ContactState]):
 
     def response(self, t: Float[Array, ""], state: ContactState) -> Response:
         """How the body moves under each reaction."""
-        return response(self.body, t, state.released, touching=~state.is_in(Mode.FLIGHT))
+        return response(self.moving(state), t, state.released, touching=~state.is_in(Mode.FLIGHT))
+
+    def moving(self, state: ContactState) -> AbstractBody:
+        """The body in the mode of its joints."""
+        return self.body
+
+    def response_to_impulse(self, t: Float[Array, ""], state: ContactState) -> Response:
+        """How the body moves under each impulse of the ground, by the rates of its response."""
+        return response_on_plane(self, t, state)
 
     def coefficient(self, slip: Float[Array, "3"], share: float = 1.0) -> Float[Array, ""]:
         """The kinetic friction coefficient at a share of the speed of a slip."""
@@ -203,6 +212,11 @@ class BodyOnPlane(AbstractSystem[ContactState]):
             return jnp.where(state.is_in(Mode.ROLLING), each[0], jnp.where(state.is_in(Mode.SLIDING), *each[1:]))
 
         return jax.tree.map(choose, rolling, sliding, flying)
+
+    def plane_reaction(self, t: Float[Array, ""], state: Any) -> Reaction:
+        """The normal force and the friction, in the mode that the state is in."""
+        R = self.interaction(t, state, self.response(t, state)).R
+        return Reaction(R[2], jnp.sum(R[:2] ** 2))
 
     def dry_torque(
         self, t: Float[Array, ""], state: ContactState, interaction: friction.Interaction, acting: Load
@@ -293,7 +307,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         least = ROUNDING_OF_VELOCITY * float(jnp.finfo(slip.dtype).eps) * self.speed_of(state)
         return root(jnp.sum(slip[:2] ** 2)) <= least
 
-    def rounding_of_force(self, state: ContactState, found: Response) -> Float[Array, ""]:
+    def rounding_of_force(self, state: ContactState | ReleasedState, found: Response) -> Float[Array, ""]:
         """What rounding may make of N and |f|, with which a body still rolls where friction just holds it.
 
         Nor does it leave a plane on which nothing presses it. It grows with the weight and with the rotation.
@@ -395,6 +409,7 @@ class ContactHistory(AbstractHistory):
     """
 
     described: ClassVar[str] = "a law of contact"
+    changing: ClassVar[str] = "the mode of contact"
 
     switches: ContactSwitches
     law: Contact
@@ -425,7 +440,7 @@ class ContactHistory(AbstractHistory):
             float(np.asarray(taken)[last]) for taken in (self.friction_loss, self.impact_loss)
         )
         taken = f"sliding friction dissipated the energy {friction_loss:.10g}, and impacts {impact_loss:.10g}"
-        return [f"the mode of contact {changed}, and {end}", *self.switches.first_lines, taken]
+        return [f"{self.changing} {changed}, and {end}", *self.switches.first_lines, taken]
 
     @property
     def over_time(self) -> dict[str, Array]:

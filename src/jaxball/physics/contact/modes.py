@@ -38,7 +38,8 @@ class SwitchCause(enum.IntEnum):
     """Why a mode ends: friction gives way, a slip ends, the normal force falls to zero, the body lands.
 
     ``JAMS``: friction is so large that the normal force of a sliding body has no solution. Under exact dry resistance,
-    also: rolling or spinning ends, or the friction against one of them gives way.
+    also: rolling or spinning ends, or the friction against one of them gives way. Where dry friction may hold joints,
+    also: one of them comes to rest, or breaks loose.
 
     **Example:**
 
@@ -56,6 +57,8 @@ class SwitchCause(enum.IntEnum):
     BREAKS_LOOSE = 7
     SPINNING_ENDS = 8
     BEGINS_TO_SPIN = 9
+    JOINT_STOPS = 10
+    JOINT_BREAKS_LOOSE = 11
 
     @property
     def sentence(self) -> str:
@@ -73,6 +76,8 @@ _CLAUSES = {
     SwitchCause.BREAKS_LOOSE: "rolling friction gave way",
     SwitchCause.SPINNING_ENDS: "its spinning ended",
     SwitchCause.BEGINS_TO_SPIN: "the friction against spinning gave way",
+    SwitchCause.JOINT_STOPS: "a joint came to rest",
+    SwitchCause.JOINT_BREAKS_LOOSE: "a joint broke loose",
 }
 
 

@@ -40,6 +40,7 @@ from ..dynamics.footing import footing_of_released, locate_surface
 from ..dynamics.load import Load, in_three, load, place, table_under
 from ..dynamics.moments import kinematics, point_mass_values, principal_inertia
 from ..dynamics.reaction import reaction_in_body
+from ..dynamics.sticking import of_sticking
 from ..grounds import Footing
 from ..prescribed.motion import Kinematics
 from ..state import DiskState, PlacedState, centre_velocity
@@ -127,12 +128,14 @@ def with_rise(
 class Motion(NamedTuple):
     """Ω̇ in body axes and θ̈ of all that a state's ``theta`` holds, with the reaction R of the ground, contact axes.
 
-    It may have a leading axis, of several motions.
+    ``holding`` is the friction in joints that stick, as in ``Accelerations``; None without such joints. It may have a
+    leading axis, of several motions.
     """
 
     Omegadot: Float[Array, "*rows 3"]
     thetaddot: Float[Array, "*rows coordinates"]
     reaction: Float[Array, "*rows 3"]
+    holding: Float[Array, "*rows sticking"] | None = None
 
 
 class Response(NamedTuple):
@@ -180,11 +183,15 @@ class Response(NamedTuple):
         self, slip_acceleration: Float[Array, "3"], N: Float[Array, ""]
     ) -> tuple[Float[Array, "3"], Float[Array, " coordinates"]]:
         """Ω̇ in body axes and θ̈ of all that a state's ``theta`` holds."""
-        found = []
-        for part in ("Omegadot", "thetaddot"):
-            value = getattr(self.rolling, part) + combine_rows(slip_acceleration, getattr(self.yielding, part))
-            found.append(value if self.rubbing is None else value + N * getattr(self.rubbing, part))
-        return found[0], found[1]
+        return self._part("Omegadot", slip_acceleration, N), self._part("thetaddot", slip_acceleration, N)
+
+    def holding(self, slip_acceleration: Float[Array, "3"], N: Float[Array, ""]) -> Float[Array, " sticking"]:
+        """The friction in the joints that stick."""
+        return self._part("holding", slip_acceleration, N)
+
+    def _part(self, name: str, slip_acceleration: Float[Array, "3"], N: Float[Array, ""]) -> Array:
+        value = getattr(self.rolling, name) + combine_rows(slip_acceleration, getattr(self.yielding, name))
+        return value if self.rubbing is None else value + N * getattr(self.rubbing, name)
 
 
 @jax.jit
@@ -210,18 +217,21 @@ def response(
     still = jnp.zeros_like(body.theta)
 
     def motion(
-        Omegadot: Float[Array, "3"], thetaddot: Float[Array, " coordinates"], force: Float[Array, "3"]
+        Omegadot: Float[Array, "3"], thetaddot: Float[Array, " coordinates"], force: Float[Array, "3"], holding: Joints
     ) -> Motion:
         force = apply(Lambda, force)
         if system.planar:
             force, Omegadot = force.at[1].set(0.0), jnp.zeros_like(Omegadot).at[1].set(Omegadot[1])
-        return Motion(Omegadot, thetaddot, force)
+        sticks = any(which is not None for which in found.held)
+        return Motion(Omegadot, thetaddot, force, of_sticking(system, holding) if sticks else None)
 
     def change(torque: Float[Array, "3"], efforts: Joints, force: Float[Array, "3"]) -> Motion:
-        Omegadot, thetaddot = found.matrix.solve(torque, efforts)
+        Omegadot, thetaddot = found.matrix.solve(torque, found.without_held(efforts))
         for weights, rate in zip(p, thetaddot, strict=True):
             force = force + jnp.sum(rate[..., None] * weights, axis=(0, 1))
-        return motion(Omegadot, join_coordinates(still, found.links, thetaddot), force + cross(Omegadot, lever))
+        force = force + cross(Omegadot, lever)
+        holding = found.lacking(efforts, Omegadot, thetaddot)
+        return motion(Omegadot, join_coordinates(still, found.links, thetaddot), force, holding)
 
     def yielding(axis: Float[Array, "3"]) -> Motion:
         efforts = [-jnp.sum(weights * axis[None, None], axis=-1) for weights in p]
@@ -239,8 +249,9 @@ def response(
     table = table_under(system, t, body, slip)
     if table is not None:
         convected = in_three(table.acceleration)
+    coordinates = join_coordinates(found.angles[2], found.links, thetaddot)
     return Response(
-        rolling=motion(Omegadot, join_coordinates(found.angles[2], found.links, thetaddot), R),
+        rolling=motion(Omegadot, coordinates, R, found.holding(t, body, acting, Omegadot, thetaddot)),
         yielding=of_slip,
         delassus=inverse(of_slip.reaction),
         rubbing=None if dry is None else change(dry, idle, jnp.zeros_like(dry)),

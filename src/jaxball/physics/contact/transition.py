@@ -72,7 +72,7 @@ def _next_mode(
     done = only_if(cause == int(SwitchCause.STOPS), end_slip, plane, done, tolerance)
     done = only_if(lands, strike, plane, done)
     done = only_if(done.decides, _decide, plane, done, cause)
-    return done._replace(state=_begin(plane, done))
+    return done._replace(state=begin_slip(plane, done))
 
 
 def only_if(happens: Bool[Array, ""], stage: Callable[..., "Progress"], plane: Any, done: "Progress", *others: Any):
@@ -119,7 +119,7 @@ def _slow(
 def strike(plane: "BodyOnPlane", done: "Progress") -> "Progress":
     """After an impact. A rebound that is too slow is treated as none."""
     t, state, contact = done.t, done.state, plane.contact
-    found, slip = response_on_plane(plane, t, state), slip_velocity(plane.body, t, state.released)
+    found, slip = plane.response_to_impulse(t, state), slip_velocity(plane.body, t, state.released)
     rebounds = contact.restitution * -slip[2] > contact.slowest * plane.unit_of_speed(found)
     e = jnp.where(rebounds, contact.restitution, 0.0)
     after = impact(plane.body, t, state.released, found, plane.coefficient(slip), e)
@@ -159,18 +159,18 @@ def _decide(plane: "BodyOnPlane", done: "Progress", cause: Int[Array, ""]) -> "P
     return done._replace(state=after, begins=begins)
 
 
-def _begin(plane: "BodyOnPlane", done: "Progress") -> ContactState:
+def begin_slip(plane: "BodyOnPlane", done: "Progress") -> ContactState:
     """With the direction of a slip that begins, for as long as it is computed in advance."""
     t, state = done.t, done.state
     begins = done.begins & plane.slips_end
     longest = slips.longest_window(t, plane.driving_kinks(), slips.unit_of_time(plane.body))
-    sigma = state.begun.sigma
+    sigma, slipping = state.begun.sigma, slips.OnPlane(plane.moving(state), plane.coefficient)
     if plane.body.planar:
         begun = slips.Beginning.along(t + longest, sigma)
     else:
         begun = jax.lax.cond(
             begins,
-            lambda: slips.beginning(slips.OnPlane(plane.body, plane.coefficient), t, state.released, sigma, longest),
+            lambda: slips.beginning(slipping, t, state.released, sigma, longest),
             lambda: slips.Beginning.along(t + longest, sigma),
         )
     return eqx.tree_at(lambda x: x.begun, state, select_tree(begins, begun, slips.Beginning.none(t)))

@@ -77,11 +77,15 @@ class Equations(NamedTuple):
         Omega, Gamma, at = self.Omega, self.Gamma, self.at
         turning = cross(Omega, apply(at.J, Omega) + at.l) + apply(at.Jdot, Omega) + at.ldot
         inertial = turning + cross(r * Gamma, self.apparent)
-        efforts = [
-            effort if which is None else jnp.where(which, 0.0, effort)
-            for effort, which in zip(self.efforts(t, state, acting), self.held, strict=True)
-        ]
+        efforts = self.without_held(self.efforts(t, state, acting))
         return self.matrix.solve(acting.about_contact(at, r) - inertial, efforts)
+
+    def without_held(self, efforts: Joints) -> Joints:
+        """Sets the efforts of joints that stick to 0, so that they have no accelerations."""
+        return [
+            effort if which is None else jnp.where(which, 0.0, effort)
+            for effort, which in zip(efforts, self.held, strict=True)
+        ]
 
     def efforts(self, t: Float[Array, ""], state: State, acting: Load) -> Joints:
         """Q of the free joints, without what holds those that stick, less their inertial efforts."""
@@ -92,8 +96,12 @@ class Equations(NamedTuple):
         self, t: Float[Array, ""], state: State, acting: Load, Omegadot: Float[Array, "3"], thetaddot: Joints
     ) -> Joints:
         """What Q lacks of the effort that these accelerations need: the friction in joints that stick."""
+        return self.lacking(self.efforts(t, state, acting), Omegadot, thetaddot)
+
+    def lacking(self, efforts: Joints, Omegadot: Float[Array, "3"], thetaddot: Joints) -> Joints:
+        """Computes what these efforts lack of those that these accelerations need."""
         _, needed = self.inertia.times(Omegadot, thetaddot)
-        return [x - y for x, y in zip(needed, self.efforts(t, state, acting), strict=True)]
+        return [x - y for x, y in zip(needed, efforts, strict=True)]
 
     def reaction_without_motion(self, acting: Load) -> Float[Array, "3"]:
         """What the reaction R̃ of the plane would be if Ω̇ and θ̈ were 0."""
