@@ -20,7 +20,6 @@ from jaxball import (
     problems,
     simulate,
 )
-from jaxball.environments import Environment, ReachPoint
 
 SHELL = {"mass": 1.0, "inertia": (0.4, 0.4, 0.4)}
 
@@ -63,7 +62,6 @@ def test_ground_that_folds_on_the_way():
     [
         (lambda: HeightField(lambda x, y: x), TypeError, "a function of (t, x, y, parameters)"),
         (lambda: ParametricSurface(lambda t, u1, u2, _: u1), TypeError, "an array of shape (3,)"),
-        (lambda: Environment(rolling(), ReachPoint((1.0, 0.0)), sample=0.1), ValueError, "for an environment"),
     ],
 )
 def test_refused(make, error, says):

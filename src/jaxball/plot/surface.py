@@ -218,8 +218,8 @@ def _close_gaps(points: Float[np.ndarray, "rows columns 3"]) -> Float[np.ndarray
     missing = ~np.all(np.isfinite(points), axis=-1)
     if not np.any(missing) or np.all(missing):
         return points
-    rows, columns = distance_transform_edt(missing, return_distances=False, return_indices=True)
-    return points[rows, columns]
+    nearest = np.asarray(distance_transform_edt(missing, return_distances=False, return_indices=True))
+    return points[nearest[0], nearest[1]]
 
 
 @programs.filter_jit

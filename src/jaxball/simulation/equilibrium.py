@@ -4,7 +4,7 @@ It rests where its centre of mass is on the vertical through the contact point, 
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -185,7 +185,7 @@ def _free_rails(system, free, state, t):
     return rails, np.asarray(angles)
 
 
-def _default_state(system: System) -> State:
+def _default_state(system: System) -> Any:
     nothing = jnp.zeros(len(system.coordinates))
     return system.state_type(theta=nothing, thetadot=nothing)
 

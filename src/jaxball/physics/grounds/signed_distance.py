@@ -12,12 +12,15 @@ from ...interface.arguments import require_function
 from ...numerics.arrays import a_number, join_arrays, namespace_of, number_or_none, numbers
 from ...numerics.functions import OfKinkedFunctionOfState
 from ...numerics.roots import find_rising_root, with_derivatives_of_root
-from ...numerics.vectors import dot
+from ...numerics.vectors import cross, dot
 from ..conditions import Condition, ExplainedCondition, Problem, positive
 from .moving_frame import MovingFrame
 from .stereographic import coordinates_along, direction_at, share_to_pole
 from .surface import AbstractSurface, Coordinate, Time
 
+# The sine of the angle between the normal and the way to a point above which a piece is not the nearest to that, in
+# units of the square root of the rounding.
+OFF_NORMAL = 100.0
 NOT_MET = Problem(
     "ground.function",
     "rise through zero along e3 above the coordinates at which the body starts or, with a centre, have opposite signs "
@@ -38,7 +41,8 @@ class SignedDistance(OfKinkedFunctionOfState, AbstractSurface):
     positive at the centre, or from the outside. The coordinates are then those of a :class:`Bowl` or a
     :class:`SphereOutside`, u = 2 R tan(φ/2) (cos β, sin β) at the angle φ of the ray from straight down, or from
     straight up outside, with ``guess`` for R. Each ray should meet the ground once; of more places the one next to the
-    guess is sought. A run ends with the status ``LEFT_SURFACE`` where the ground is along the ray.
+    guess is sought. A run ends with the status ``LEFT_SURFACE`` where the ground is along the ray, and in flight with
+    ``NOT_FINITE`` where the nearest piece is not on one.
 
     A piece of the ground's matter keeps its coordinates: where the function depends on the time, it moves along e3 or
     along its ray. ``motion`` moves it otherwise.
@@ -106,6 +110,15 @@ class SignedDistance(OfKinkedFunctionOfState, AbstractSurface):
     def reach(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, ""]:
         """The component of the normal along e3 or the ray, with a centre times the height below the unreached pole."""
         return self.at(t, u1, u2).reach(t, u1, u2)
+
+    def nearest(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
+        """The piece that is nearest to ``x``; NaN where no line or ray meets it, because it is behind others."""
+        u = AbstractSurface.nearest(self, t, x, near)
+        p = self.point(t, u[0], u[1])
+        slope = self.gradient_at(t, p)
+        beside = cross(x - p, slope)
+        most = OFF_NORMAL**2 * float(jnp.finfo(x.dtype).eps) * dot(x - p, x - p) * dot(slope, slope)
+        return jnp.where(jax.lax.stop_gradient(dot(beside, beside) <= most), u, jnp.nan)
 
     def over(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
         """The coordinates of the foot as far as the function is linear, which for a distance is the nearest piece."""
