@@ -114,6 +114,7 @@ def test_the_nearest_piece_of_an_ellipsoid(inside):
         normal = p / axes**2
         np.testing.assert_allclose((p / axes) @ (p / axes), 1.0, atol=1e-13)
         np.testing.assert_allclose(np.cross(x - p, normal), 0.0, atol=1e-12)
+        np.testing.assert_allclose(foot(jnp.asarray(p)), p, atol=1e-14)
         best = np.linalg.norm(x - e * axes, axis=1).min()
         assert best - 2e-3 < np.linalg.norm(x - p) < best + 1e-12
 

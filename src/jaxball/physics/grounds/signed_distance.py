@@ -116,8 +116,9 @@ class SignedDistance(OfKinkedFunctionOfState, AbstractSurface):
         u = AbstractSurface.nearest(self, t, x, near)
         p = self.point(t, u[0], u[1])
         slope = self.gradient_at(t, p)
-        beside = cross(x - p, slope)
-        most = OFF_NORMAL**2 * float(jnp.finfo(x.dtype).eps) * dot(x - p, x - p) * dot(slope, slope)
+        beside, rounding = cross(x - p, slope), float(jnp.finfo(x.dtype).eps)
+        square = dot(x - p, x - p) + rounding * dot(p, p)  # a point of the ground itself is not off its normal
+        most = OFF_NORMAL**2 * rounding * square * dot(slope, slope)
         return jnp.where(jax.lax.stop_gradient(dot(beside, beside) <= most), u, jnp.nan)
 
     def over(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
