@@ -96,6 +96,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         MovingFrame as MovingFrame,
         Paraboloid as Paraboloid,
         ParametricSurface as ParametricSurface,
+        SignedDistance as SignedDistance,
         SphereOutside as SphereOutside,
         TiltingPlane as TiltingPlane,
         Turn as Turn,

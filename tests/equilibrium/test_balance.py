@@ -8,18 +8,26 @@ import jaxball
 from jaxball import (
     Ball,
     BallState,
+    Bowl,
     Circle,
     ConstantRate,
+    Cylinder,
     Disk,
+    DiskState,
     Driven,
     Fixed,
     FunctionLaw,
     Ground,
     HarmonicSeries,
+    HeightField,
+    MovingFrame,
     OnRail,
     Oscillating,
     PointMass,
+    SphereOutside,
+    TiltingPlane,
     Tube,
+    Turn,
     Turntable,
     balance,
 )
@@ -99,12 +107,12 @@ def test_the_angle_of_a_driven_mass():
     assert float(found.theta[0]) == pytest.approx(-np.pi / 2, abs=1e-12)
 
 
-def disk_on_a_slope(angle, mass=0.5):
+def disk_on_a_slope(angle, mass=0.5, ground=None):
     """A disk with one mass on a circle of radius 0.6."""
     return Disk(
         mass=1.0,
         inertia=0.5,
-        ground=Ground(angle),
+        ground=Ground(angle) if ground is None else ground,
         masses=[PointMass(mass, OnRail(Circle(0.6), ConstantRate(-1.0, rate=0.0)))],
     )
 
@@ -174,3 +182,61 @@ def test_nothing_rests_on_a_plane_that_moves(ground, part):
 def test_wrong_arguments(free, guess, sentence):
     with pytest.raises(ValueError, match=sentence):
         balance(paper_ball(), free=free, guess=guess)
+
+
+def in_a_pipe(angle):
+    """A disk of radius 1 in a pipe of radius 5, at an angle from the lowest line, as `disk_on_a_slope` otherwise."""
+    pipe = Cylinder(5.0, axis=(0.0, 1.0, 0.0), centre=(0.0, 0.0, 5.0))
+    return disk_on_a_slope(angle, ground=pipe), DiskState(z=5.0 * angle)
+
+
+@pytest.mark.parametrize("angle", [0.1, -0.15])
+def test_on_a_curve_the_mass_takes_up_the_moment_of_the_weight(angle):
+    """The centre of mass is over the contact point, which is r sin φ beside the centre: m ρ cos θ = M r sin φ.
+
+    An angle of a Circle is from e1 to e3, and so it is in space, where the disk is not turned.
+    """
+    disk, state = in_a_pipe(angle)
+    answer = balance(disk, [0], above=False, state=state)
+    away = np.arccos(1.5 * np.sin(angle) / 0.3)
+    np.testing.assert_allclose(answer.theta, [-away], atol=1e-12)
+    assert "on the vertical through the contact point, lower than the centre" in answer.message
+    moved = jaxball.with_angles(disk, [0], answer.theta)
+    np.testing.assert_allclose(jaxball.vector_field(moved, jnp.array(0.0), state).phidot, 0.0, atol=1e-12)
+
+
+@pytest.mark.thorough
+def test_a_balanced_ball_on_a_hill_has_no_acceleration():
+    """By the equations of motion; at the lowest point of a bowl the centre of mass is exactly below the centre."""
+    still = ConstantRate(0.4, rate=0.0)
+    frame = jaxball.SphericalFrame(1.4, 0.2)
+    masses = [PointMass(0.7, OnRail(Circle(0.9), still)), PointMass(0.8, OnRail(Circle(0.8, frame=frame), still))]
+    state = BallState(q=np.array([0.9, 0.3, 0.3, -0.1]), z=(0.4, -0.2))
+    shell = {"mass": 1.0, "inertia": (0.9, 1.0, 1.1), "offset": (0.05, -0.02, 0.1), "masses": masses}
+    ball = Ball(**shell, ground=SphereOutside(4.0))
+    answer = balance(ball, [0, 1], state=state)
+    assert len(answer.solutions) >= 2
+    for theta in np.asarray(answer.solutions):
+        moved = jaxball.with_angles(ball, [0, 1], theta)
+        np.testing.assert_allclose(jaxball.vector_field(moved, jnp.array(0.0), state).Omega, 0.0, atol=1e-12)
+    bottom = balance(Ball(**shell, ground=Bowl(4.0)), [0, 1], above=False)
+    assert "exactly below the geometric centre" in bottom.message
+
+
+@pytest.mark.parametrize(
+    ("ground", "says"),
+    [
+        (TiltingPlane(about_e2=ConstantRate(0.1, rate=0.2)), "at rest, .* moves there at t = 0"),
+        (
+            Bowl(3.0, motion=MovingFrame([Turn((0.0, 0.0, 1.0), ConstantRate(0.0, rate=1.0))])),
+            "at rest, .* moves there",
+        ),
+        (HeightField(lambda t, x, y, _: 2.0 + 0.0 * x + 0.1 * t**2), "at rest, .* moves there"),
+        (HeightField(lambda t, x, y, _: jnp.sqrt(x - 1.0)), "coordinates of a place on the ground"),
+    ],
+)
+def test_nothing_rests_on_a_surface_that_moves_or_ends(ground, says):
+    masses = [PointMass(0.5, OnRail(Circle(0.5), ConstantRate(0.0)))]
+    ball = Ball(mass=1.0, inertia=(1.0, 1.0, 1.0), masses=masses, ground=ground)
+    with pytest.raises(ValueError, match=says):
+        balance(ball, [0])

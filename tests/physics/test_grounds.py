@@ -27,6 +27,7 @@ from jaxball import (
     PointMass,
     Pulse,
     Resistance,
+    SignedDistance,
     SphereOutside,
     Spring,
     TiltingPlane,
@@ -176,6 +177,32 @@ def twisted(t, u1, u2, _):
     return jnp.stack([u1 + 0.1 * u2**2, u2 * jnp.cos(0.2 * u1), u2 * jnp.sin(0.2 * u1) + 0.05 * jnp.sin(u2 + t)])
 
 
+EGG = np.array([3.0, 2.5, 4.0])  # the half axes of an ellipsoid whose third one changes
+
+
+def breathing(t, x, y, z, axes):
+    """Positive inside the ellipsoid about (0.2, −0.1, 4), and no distance."""
+    c = jnp.stack([x - 0.2, y + 0.1, z - 4.0]) / (axes * (1.0 + jnp.array([0.0, 0.0, 0.1]) * jnp.sin(t)))
+    return 1.0 - c @ c
+
+
+def along_rays(outside):
+    """The same ellipsoid, or the one with sin t = 0 seen from outside, by the length of each ray from its middle."""
+
+    def place(t, u1, u2):
+        rho = jnp.sqrt(u1**2 + u2**2)
+        phi, up = 2 * jnp.arctan(rho / 6.0), 1.0 if outside else -1.0  # the scale of the coordinates is 3
+        e = jnp.stack([u1 / rho * jnp.sin(phi), u2 / rho * jnp.sin(phi), up * jnp.cos(phi)])
+        axes = EGG * (1.0 + jnp.array([0.0, 0.0, 0.0 if outside else 0.1]) * jnp.sin(t))
+        return jnp.array([0.2, -0.1, 4.0]) + e / jnp.linalg.norm(e / axes)
+
+    return place
+
+
+def above_hills(t, x, y, z, _):
+    return jnp.sinh(z - hills(t, x, y, None)) * (2.0 + jnp.cos(x + 2.0 * z + t))
+
+
 TUBE = {"axis": (0.0, 3.0, 4.0), "start": (5.0, 0.6, 0.8), "centre": (1.0, 2.0, 3.0)}
 SHAPES = {
     "bowl": (Bowl(3.0), sphere(1.0)),
@@ -187,6 +214,15 @@ SHAPES = {
         Washboard(0.1, wavelength=4.0, phase=0.3, heading=0.5),
         lambda t, x, y: jnp.stack([x, y, 0.1 * jnp.sin(jnp.pi / 2 * (x * jnp.cos(0.5) + y * jnp.sin(0.5)) + 0.3)]),
     ),
+    "inside an ellipsoid": (
+        SignedDistance(breathing, EGG, centre=(0.2, -0.1, 4.0), guess=3.0),
+        along_rays(outside=False),
+    ),
+    "outside an ellipsoid": (
+        SignedDistance(lambda t, *c: -breathing(0.0 * t, *c), EGG, centre=(0.2, -0.1, 4.0), guess=3.0),
+        along_rays(outside=True),
+    ),
+    "signed distance": (SignedDistance(above_hills), lambda t, x, y: jnp.stack([x, y, hills(t, x, y, None)])),
     "parametric": (ParametricSurface(twisted), lambda t, u1, u2: twisted(t, u1, u2, None)),
     "tilting plane": (
         TiltingPlane(*TILT, pivot=(0.0, 0.0, 0.0), displacement=SHAKEN),

@@ -16,12 +16,10 @@ from jaxball import (
     SphereOutside,
     Status,
     Turn,
-    balance,
     plot,
     problems,
     simulate,
 )
-from jaxball.environments import Environment, ReachPoint
 
 SHELL = {"mass": 1.0, "inertia": (0.4, 0.4, 0.4)}
 
@@ -62,10 +60,8 @@ def test_ground_that_folds_on_the_way():
 @pytest.mark.parametrize(
     ("make", "error", "says"),
     [
-        (lambda: balance(rolling(), []), ValueError, "for `balance`"),
         (lambda: HeightField(lambda x, y: x), TypeError, "a function of (t, x, y, parameters)"),
         (lambda: ParametricSurface(lambda t, u1, u2, _: u1), TypeError, "an array of shape (3,)"),
-        (lambda: Environment(rolling(), ReachPoint((1.0, 0.0)), sample=0.1), ValueError, "for an environment"),
     ],
 )
 def test_refused(make, error, says):

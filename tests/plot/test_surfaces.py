@@ -18,6 +18,7 @@ from jaxball import (
     HeightField,
     Mode,
     MovingFrame,
+    SignedDistance,
     SphereOutside,
     TiltingPlane,
     Turn,
@@ -33,6 +34,7 @@ from jaxball.plot.surface import curve_under, mesh_under
 from jaxball.plot.view.document import view_document
 from tests.plot.geometry import overlaps
 from tests.support.pages import arrays_of, unpacked
+from tests.support.signed_distances import inside_ellipsoid, inside_sphere
 
 r, R = 0.1, 1.0
 FACET = 0.04 * r  # twice what a line of a mesh may be off the surface: along a diagonal of a cell
@@ -51,12 +53,18 @@ def waves(t, x, y, height):
     return height * jnp.sin(3.0 * x - 2.0 * t) * jnp.cos(2.0 * y)
 
 
+EGG = (1.0, 1.2, 1.5)
 RUNS = {
     "bowl": (Bowl(R), BallState(z=(1.0, 0.0), Omega=(8.0, 0.0, 0.0))),
     "hill": (SphereOutside(R), BallState(z=(0.3, 0.1))),
     "well": (Cylinder(R, axis=(0.0, 0.0, 1.0), start=(1.0, 0.0, 0.0)), BallState(Omega=(0.0, 0.0, 80.0))),
     "plate": (TiltingPlane(about_e1=FunctionSchedule(swing)), BallState(z=(0.2, 0.1))),
     "waves": (HeightField(waves, 0.1), BallState(Omega=(0.0, 10.0, 0.0))),
+    "egg": (
+        SignedDistance(inside_ellipsoid, np.array(EGG), centre=(0.0, 0.0, 0.0), guess=1.0),
+        BallState(z=(1.0, 0.0), Omega=(8.0, 0.0, 0.0)),
+    ),
+    "rim": (SignedDistance(inside_sphere, R, guess=0.1), BallState(z=(0.9, 0.0), Omega=(8.0, 0.0, 0.0))),
 }
 # How far points are from each surface at a time.
 DISTANCES = {
@@ -65,6 +73,8 @@ DISTANCES = {
     "well": lambda t, p: np.linalg.norm(p[..., :2], axis=-1) - R,
     "plate": lambda t, p: Rotation.from_rotvec([0.3 * np.sin(2 * t), 0.0, 0.0]).inv().apply(p.reshape(-1, 3))[:, 2],
     "waves": lambda t, p: p[..., 2] - 0.1 * np.sin(3 * p[..., 0] - 2 * t) * np.cos(2 * p[..., 1]),
+    "egg": lambda t, p: np.linalg.norm(p / EGG, axis=-1) - 1.0,
+    "rim": lambda t, p: np.linalg.norm(p - [0.0, 0.0, R], axis=-1) - R,
 }
 
 

@@ -122,6 +122,15 @@ def test_function_in_a_file():
         ('kind = "bowl"', "`ground.radius` must be a positive number, but it is missing"),
         ('kind = "bowl"\nradius = -1.0', "`ground.radius` must be a positive number"),
         ('kind = "bowel"\nradius = 1.0', 'did you mean "bowl"'),
+        (
+            'kind = "signed-distance"\nfunction = "tests.support.signed_distances:inside_sphere"\nparameters = 1.0\n'
+            "centre = [0.0, 0.0, 1.0]",
+            "`ground.guess` must be a positive number",
+        ),
+        (
+            'kind = "signed-distance"\nfunction = "tests.support.signed_distances:outside_sphere"\nparameters = 0.1',
+            "`ground.function` must rise through zero along e3",
+        ),
         ('kind = "bowl"\nradius = 1.0\nangle = 0.1', "`ground.angle` is not known"),
         ('kind = "cylinder"\nradius = 1.0\naxis = [0.0, 0.0, 1.0]', "`ground.start` must be a direction"),
         (

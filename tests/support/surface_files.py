@@ -62,6 +62,10 @@ ON_SURFACES = {
     "in a pipe": ON_SURFACE
     + 'kind = "cylinder"\nradius = 1.0\naxis = [0.0, 0.0, 1.0]\nstart = [1.0, 0.0, 0.0]\ncentre = [0.0, 0.0, 1.0]\n',
     "outside a pipe": ON_SURFACE + 'kind = "cylinder"\nradius = 1.0\nstart = [0.0, 0.0, 1.0]\noutside = true\n',
+    "in an egg": ON_SURFACE
+    + 'kind = "signed-distance"\nfunction = "tests.support.signed_distances:inside_ellipsoid"\n'
+    + "parameters = [1.0, 1.0, 1.4]\nkink_times = [0.2]\ncentre = [0.0, 0.0, 0.1]\nguess = 1.4\n"
+    + _TURNS,
     "on a saddle": ON_SURFACE + 'kind = "paraboloid"\ncurvatures = [0.5, -0.5]\n',
     "on a washboard": ON_SURFACE
     + 'kind = "washboard"\namplitude = 0.1\nwavelength = 4.0\nphase = 0.1\nheading = 0.2\n',

@@ -18,6 +18,7 @@ from ..interface.printing import Printed
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, is_traced, number_or_none, numbers
 from ..physics.body import System
+from ..physics.grounds import AbstractSurface
 from ..physics.grounds.ground import require_plane
 from ..physics.state import BallState, DiskState, RotationState
 from ..physics.system import require_one_state
@@ -163,7 +164,9 @@ class Environment(Printed):
         adjoint: diffrax.AbstractAdjoint | None = None,
     ):
         require("goal", goal, AbstractGoal, "a goal, such as ReachPoint(...)")
-        require_plane(getattr(system, "ground", None), "an environment")
+        ground = getattr(system, "ground", None)
+        if not isinstance(ground, AbstractSurface):
+            require_plane(ground, "an environment")
         self.sampled = _with_limits(SampledSystem.of(system, sample, inputs, rtol, atol), limits)
         if not is_traced(self.sampled.sample) and not np.asarray(self.sampled.sample) > 0:
             raise ValueError(f"Argument `sample` must be a positive time, but it is {self.sampled.sample:g}.")

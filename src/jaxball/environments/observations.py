@@ -53,12 +53,14 @@ class ObservedState(AbstractObservation):
     - the velocity of the centre, ahead and to the left, and the angular velocity Ω·Γ about the vertical (3); the
       velocity (1);
     - with ``attitude``, the vertical Γ in body axes (3); its first and third component (2);
-    - with ``joints``, of each joint and mass in the state cos θ and sin θ where it turns, or else θ, and θ̇;
+    - with ``joints``, of each joint, mass and angle of a plate in the state cos θ and sin θ where it turns all around,
+      or else θ, and θ̇;
     - with ``masses``, where each mass is, from the centre, and its velocity relative to that: ahead, to the left, and
       up (6); ahead and up (4).
 
     Ahead is the direction in which the body rolls about its axis E2. On a plane that is not level and at rest, a
-    heading matters as well; then observe with sensors, or write an observation of your own.
+    heading matters as well, and on a surface the place, which a goal shows relative to its own; observe there with
+    sensors, or write an observation of your own.
 
     **Arguments:**
 
@@ -107,7 +109,7 @@ def _turns(system: System) -> list[float | None]:
         mechanism = system.mechanisms[index]
         hinge = isinstance(mechanism, Mechanism) and isinstance(mechanism.joints[a], Hinge)
         turns.append(2 * math.pi if hinge else None)
-    return turns
+    return [*turns, *(None for _ in system.driven_ground)]
 
 
 def _masses(moment: Moment) -> Float[Array, "masses 2 3"]:

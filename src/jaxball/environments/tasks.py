@@ -14,8 +14,10 @@ from ..control.sampled import PlacedState
 from ..interface.arguments import require
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, number_or_none, numbers, to_array
-from ..numerics.vectors import dot, root
+from ..numerics.vectors import apply, cross, dot, root
 from ..physics.body import System
+from ..physics.dynamics.footing import locate_surface
+from ..physics.grounds import AbstractSurface
 from ..physics.prescribed.schedules import AbstractSchedule
 from ..physics.prescribed.signals import AbstractSignal, ConstantSignal
 from ..physics.state import centre_velocity
@@ -40,13 +42,19 @@ class Moment(NamedTuple):
 
     @property
     def place(self) -> Float[Array, " d"]:
-        """The position of the centre on the plane, d = 2, or of a disk on its line, d = 1."""
-        return self._in_plane(self.state.in_space().z)
+        """The position of the centre along e1 and e2, d = 2, or of a disk along e1, d = 1."""
+        if self._surface is None:
+            return self._in_plane(self.state.in_space().z)
+        return self._in_plane(self._surface.place_of_centre(self.t, self.system.radius, self.state.z)[:2])
 
     @property
     def velocity(self) -> Float[Array, " d"]:
-        """The velocity of the centre, space axes."""
+        """The velocity of the centre along the same axes."""
         system, state = self.system, self.state
+        if self._surface is not None:
+            held = self._surface.touch_at(self.t, state.z)
+            velocity = held.w + system.radius * cross(apply(state.Lambda, state.Omega), held.n)
+            return self._in_plane(velocity[:2])
         drift = system.drift(self.t, state.in_space())
         return self._in_plane(centre_velocity(state.Lambda, state.Omega, system.radius, drift))
 
@@ -70,6 +78,11 @@ class Moment(NamedTuple):
         c, s = self.heading
         x, y = vector[..., 0], vector[..., 1]
         return jnp.stack([c * x + s * y, c * y - s * x], axis=-1)
+
+    @property
+    def _surface(self) -> AbstractSurface | None:
+        """The ground that is no plane, where a law has driven it."""
+        return locate_surface(self.system.prepare(), self.t, self.state)
 
     def _in_plane(self, vector: Float[Array, "2"]) -> Float[Array, " d"]:
         return vector[:1] if self.system.planar else vector
@@ -107,7 +120,7 @@ class ReachPoint(AbstractGoal):
 
     **Arguments:**
 
-    - ``point``: on the plane, length, shape (2,); of a disk, a number.
+    - ``point``: along e1 and e2, length, shape (2,); of a disk, a number.
     - ``drawn``: the distribution of the point's coordinates, which are then drawn at each reset.
     - ``within``: if given, an episode ends where the robot is closer to the point, a length, and slower than this
       length in a unit of time.

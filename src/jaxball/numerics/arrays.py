@@ -130,9 +130,11 @@ def numbers(
     return convert
 
 
-def number_or_none(name: str) -> Callable[[Numbers | None], Float[Array, ""] | None]:
-    """The converter of a field ``name`` to a single number, which may be left out."""
-    convert = numbers(name)
+def number_or_none(
+    name: str, shape: tuple[int | str, ...] = ()
+) -> Callable[[Numbers | None], Float[Array, "..."] | None]:
+    """The converter of a field ``name`` to a single number, or numbers of a ``shape``, which may be left out."""
+    convert = numbers(name, shape)
     return lambda x: None if x is None else convert(x)
 
 

@@ -11,11 +11,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
+from scipy.ndimage import distance_transform_edt
 
 from .. import programs
 from ..numerics.arrays import to_array
 from ..numerics.vectors import apply, cross, unit_vector
-from ..physics.grounds import AbstractSurface, Bowl, Cylinder, MovingFrame, SphereOutside
+from ..physics.grounds import AbstractSurface, Bowl, Cylinder, MovingFrame, SignedDistance, SphereOutside
 
 ROOM = 1.6  # from the path to the edge of the mesh, in radii
 CLOSE = 0.02  # radii, the allowed distance of the surface from the lines of the mesh
@@ -204,8 +205,21 @@ def mesh_grid(
 def mesh_points(
     surface: AbstractSurface, times: Float[np.ndarray, " S"], grid: Float[np.ndarray, "rows columns 2"]
 ) -> Float[np.ndarray, "S rows columns 3"]:
-    """The nodes of a mesh at each time, in axes that move with the surface."""
-    return np.asarray(_points(surface, to_array(times), to_array(grid)))
+    """The nodes of a mesh at each time, in axes that move with the surface.
+
+    Where the surface has no such piece, a node is on one next to it that exists, so that cells end at the edge.
+    """
+    points = np.asarray(_points(surface, to_array(times), to_array(grid)))
+    return points if np.all(np.isfinite(points)) else np.stack([_close_gaps(nodes) for nodes in points])
+
+
+def _close_gaps(points: Float[np.ndarray, "rows columns 3"]) -> Float[np.ndarray, "rows columns 3"]:
+    """Points with the nearest finite ones, by rows and columns, for those that are not finite."""
+    missing = ~np.all(np.isfinite(points), axis=-1)
+    if not np.any(missing) or np.all(missing):
+        return points
+    nearest = np.asarray(distance_transform_edt(missing, return_distances=False, return_indices=True))
+    return points[nearest[0], nearest[1]]
 
 
 @programs.filter_jit
@@ -235,11 +249,11 @@ def curve_under(
 
 
 def _part(surface: AbstractSurface, every: Sequence[Contacts], r: float) -> Float[np.ndarray, "rows columns 2"]:
-    """The finest grid over the part of the surface near the paths: a disc of a sphere, else a rectangle."""
+    """The finest grid over the part of the surface near the paths: a disc of directions, else a rectangle."""
     coordinates = np.concatenate([one.coordinates for one in every])
     shares = np.linspace(0.0, 1.0, FINEST + 1)
-    if isinstance(surface, Bowl | SphereOutside):
-        R = float(surface.radius)
+    R = _radius_of_coordinates(surface)
+    if R is not None:
         angle = 2 * np.arctan(np.max(np.linalg.norm(coordinates, axis=1)) / (2 * R)) + ROOM * r / R
         rho = 2 * R * np.tan(min(max(angle, min(BEND, 20 * r / R)), TOP) * shares / 2)
         around = 2 * np.pi * shares
@@ -252,6 +266,15 @@ def _part(surface: AbstractSurface, every: Sequence[Contacts], r: float) -> Floa
         low[1], high[1] = max(low[1], middle - half), min(high[1], middle + half)
     u1, u2 = (start + (end - start) * shares for start, end in zip(low, high, strict=True))
     return np.stack(np.meshgrid(u1, u2, indexing="ij"), axis=-1)
+
+
+def _radius_of_coordinates(surface: AbstractSurface) -> float | None:
+    """The radius R of the sphere from which coordinates that are stereographic are projected, or None."""
+    if isinstance(surface, Bowl | SphereOutside):
+        return float(surface.radius)
+    if isinstance(surface, SignedDistance) and surface.centre is not None:
+        return float(surface.guess)
+    return None
 
 
 def _step(points: Float[np.ndarray, "S nodes lines 3"], r: float) -> int:

@@ -11,6 +11,7 @@ from ..physics.grounds import (
     MovingFrame,
     Paraboloid,
     ParametricSurface,
+    SignedDistance,
     SphereOutside,
     TiltingPlane,
     Turn,
@@ -131,6 +132,14 @@ GROUNDS = Open(
         "": GROUND,
         "height-field": _surface(HeightField, _OF_FUNCTION),
         "parametric": _surface(ParametricSurface, _OF_FUNCTION),
+        "signed-distance": _surface(
+            SignedDistance,
+            {
+                **_OF_FUNCTION,
+                "centre": Key(Numbers((3,), dimension=LENGTH), None),
+                "guess": Key(Numbers(dimension=LENGTH), 0.0),
+            },
+        ),
         "bowl": _surface(Bowl, {"radius": _RADIUS}),
         "sphere": _surface(SphereOutside, {"radius": _RADIUS}),
         "cylinder": _surface(

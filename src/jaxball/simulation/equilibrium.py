@@ -4,7 +4,7 @@ It rests where its centre of mass is on the vertical through the contact point, 
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -25,8 +25,10 @@ from ..physics.dynamics.linkage import linkages
 from ..physics.dynamics.load import load
 from ..physics.dynamics.moments import kinematics, point_mass_values, velocity_moments
 from ..physics.dynamics.parameters import BodyParameters
+from ..physics.grounds import AbstractSurface
 from ..physics.grounds.ground import Ground, require_plane
-from ..physics.state import BallState, DiskState, RotationState, State
+from ..physics.grounds.surface import ON_CHART, Coordinates
+from ..physics.state import BallState, DiskState, PlacedState, RotationState, State
 
 STARTS_OF_BALANCE = 256
 SAME_BALANCE = 1e-6
@@ -80,9 +82,10 @@ def balance(
 ) -> Balance:
     """Solves for angles that put the system's centre of mass above or below the geometric centre.
 
-    On a slope they put it on the vertical through the contact point instead, where the weight has no moment about this
-    point, so that a body whose masses do not move can rest. No angles do so where the slope is so steep that r sin a
-    exceeds the greatest possible distance of the centre of mass from the geometric centre.
+    On a slope, of a plane or of a surface at the ``z`` of ``state``, they put it on the vertical through the contact
+    point instead, where the weight has no moment about this point, so that a body whose masses do not move can rest. No
+    angles do so where the slope is so steep that r sin a exceeds the greatest possible distance of the centre of mass
+    from the geometric centre.
 
     This is how section 5 finds its θ_a: the paper fixes θ1 = 0 and solves for θ2 and θ3. The search starts from many
     points at once and reports all solutions that it finds: for the paper's ball there are two. Where more than two
@@ -96,11 +99,12 @@ def balance(
       ``t``.
     - ``above``: True or False to accept only a centre of mass above, or below, the geometric centre; on a slope, only
       one that is higher, or lower, than this centre.
-    - ``state``: gives the orientation, and θ of the driven masses; upright if not given.
+    - ``state``: gives the orientation, θ of the driven masses, and the place on a surface; upright at ``z`` = 0 if not
+      given.
     - ``t``: the time at which the schedules and free motions are read.
 
     **Raises:** ``ValueError`` when ``free`` names no mass or one that is not on a rail, when ``guess`` has another
-    length, and when the ground moves or has a turntable.
+    length, when the ground moves or has a turntable, and when the place is not on it.
 
     **Example:**
 
@@ -112,14 +116,7 @@ def balance(
     """
     require("system", system, (Ball, Disk), "a Ball or a Disk")
     require("above", above, (bool, np.bool_, type(None)), "True, False or None")
-    ground = system.ground
-    require_plane(ground, "`balance`")
-    if isinstance(ground, Ground) and ground.moving:
-        raise ValueError(
-            "Argument `system` must be on a plane at rest, where the weight alone decides whether a body rests, "
-            f"but its `ground` has a {'motion' if ground.turntable is None else 'turntable'}."
-        )
-    up = to_array([0.0, 0.0, 1.0]) if ground is None else ground.up()
+    up, normal = _up_and_normal(system, state, t)
     if isinstance(free, str) or not isinstance(free, Sequence | np.ndarray):
         raise refusal("free", "a list of indices of masses", free)
     rails, now = _free_rails(system, free, state, t)
@@ -132,9 +129,9 @@ def balance(
     offset, masses, total, Lambda = _others(system, free, state, t)
     starts = _starts(rails, np.asarray(system.radius), guess)
     prepared = tuple(rail.prepare() for rail in rails)
-    candidates = _search(prepared, masses, offset, total, Lambda, system.radius, up, to_array(starts))
+    candidates = _search(prepared, masses, offset, total, Lambda, system.radius * normal, up, to_array(starts))
     end = _Candidates(*(np.array(x) for x in candidates))
-    return _choose(end, rails, guess, above, float(system.radius), sloping=bool(up[2] < 1))
+    return _choose(end, rails, guess, above, float(system.radius), sloping=bool(dot(up, normal) < 1))
 
 
 def with_angles(system: System, free: Sequence[int], theta: Numbers, t: Numbers = 0.0) -> System:
@@ -188,12 +185,49 @@ def _free_rails(system, free, state, t):
     return rails, np.asarray(angles)
 
 
+def _default_state(system: System) -> Any:
+    nothing = jnp.zeros(len(system.coordinates))
+    return system.state_type(theta=nothing, thetadot=nothing)
+
+
+def _up_and_normal(system: System, state: State | None, t: Numbers) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+    """Upwards, and the normal of the ground at the contact point, space axes; refuses a ground that moves."""
+    ground, e3 = system.ground, to_array([0.0, 0.0, 1.0])
+    must = "be on a plane at rest, where the weight alone decides whether a body rests, but its `ground`"
+    if isinstance(ground, AbstractSurface):
+        if ground.driven:
+            raise ValueError(f"Argument `system` must {must} is driven by its law.")
+        state = _default_state(system) if state is None else state
+        if not isinstance(state, PlacedState):
+            raise refusal("state", "a state with the place of the body on its ground", state)
+        normal, moves = _hold_at_rest(ground, to_array(t), system.radius, state.z)
+        if not jnp.all(jnp.isfinite(normal)):
+            raise ValueError(f"Argument `state` must have {ON_CHART} as `z`, but it is {np.asarray(state.z).tolist()}.")
+        if moves:
+            raise ValueError(f"Argument `system` must {must.replace('plane', 'ground')} moves there at t = {t}.")
+        return e3, normal
+    if ground is not None and not isinstance(ground, Ground):
+        require_plane(ground, "`balance`")
+    if isinstance(ground, Ground) and ground.moving:
+        raise ValueError(
+            f"Argument `system` must {must} has a {'motion' if ground.turntable is None else 'turntable'}."
+        )
+    return (e3 if ground is None else ground.up()), e3
+
+
+@programs.filter_jit
+def _hold_at_rest(
+    ground: AbstractSurface, t: Float[Array, ""], r: Float[Array, ""], z: Coordinates
+) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
+    """The normal of a surface under a body at rest, and whether its matter moves or begins to move there."""
+    held = ground.prepare().footing(t, r, z, jnp.zeros(3, t.dtype))
+    return held.normal, jnp.any(jnp.stack([held.velocity, held.acceleration, held.spin]) != 0)
+
+
 def _others(system, free, state, t):
     """Σ m χ of all but the free masses, the free masses' m, M, and Λ."""
     t = to_array(t)
-    if state is None:
-        nothing = jnp.zeros(len(system.coordinates))
-        state = system.state_type(theta=nothing, thetadot=nothing)
+    state = _default_state(system) if state is None else state
     chi = kinematics(system, t, angles_in_state(system, t, state)).chi
     m = point_mass_values(system)
     held = np.setdiff1d(np.arange(chi.shape[0]), np.asarray(free))
@@ -215,7 +249,7 @@ def _starts(rails, radius, guess):
 
 
 @programs.filter_jit
-def _search(rails, masses, offset, total, Lambda, r, up, starts):
+def _search(rails, masses, offset, total, Lambda, over_contact, up, starts):
     def places(theta):
         return jnp.stack([rail(angle) for rail, angle in zip(rails, theta, strict=True)])
 
@@ -224,7 +258,7 @@ def _search(rails, masses, offset, total, Lambda, r, up, starts):
 
     def aside(theta):
         """The vector from the contact point to the centre of mass × the vertical."""
-        return cross(centre(theta).at[2].add(r), up)
+        return cross(over_contact + centre(theta), up)
 
     def one(start):
         solution = optimistix.least_squares(

@@ -15,4 +15,5 @@ from .shapes import (
     TiltingPlane as TiltingPlane,
     Washboard as Washboard,
 )
+from .signed_distance import SignedDistance as SignedDistance
 from .surface import AbstractSurface as AbstractSurface, Footing as Footing

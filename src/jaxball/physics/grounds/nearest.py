@@ -37,6 +37,10 @@ class Section(NamedTuple):
 
     surface: Any
 
+    def at(self, t: Float[Array, ""], z: Float[Array, ""], y: Float[Array, ""]) -> "Section":
+        """The section near the point at ``z``."""
+        return Section(self.surface.at(t, *self.surface.section(z)))
+
     def point(self, t: Float[Array, ""], z: Float[Array, ""], y: Float[Array, ""]) -> Float[Array, "3"]:
         """The point ``y`` beside the one at ``z`` of the section."""
         return self.surface.point(t, *self.surface.section(z)).at[1].add(y)
@@ -58,11 +62,12 @@ class _Search(NamedTuple):
     ) -> tuple[Float[Array, ""], Float[Array, "2"], Float[Array, "2 2"], Float[Array, "2 2"]]:
         """Half the square of the distance, its gradient and its Hessian, and the metric of the surface."""
         axes = jnp.eye(2, dtype=u.dtype)
+        away = _Search(self.surface.at(self.t, u[0], u[1]), self.t, self.x).away
 
         def along(u: Float[Array, "2"], k: int) -> Float[Array, "3"]:
-            return jax.jvp(self.away, (u,), (axes[k],))[1]
+            return jax.jvp(away, (u,), (axes[k],))[1]
 
-        d = self.away(u)
+        d = away(u)
         first, bend_1 = jax.jvp(lambda u: along(u, 0), (u,), (axes[0],))
         _, bend_12 = jax.jvp(lambda u: along(u, 0), (u,), (axes[1],))
         second, bend_2 = jax.jvp(lambda u: along(u, 1), (u,), (axes[1],))

@@ -11,12 +11,13 @@ from jaxtyping import Array, Float
 from ...interface.arguments import require, require_flags, require_function
 from ...numerics.arrays import AnyArray, a_number, join_arrays, namespace_of, numbers
 from ...numerics.functions import OfKinkedFunctionOfState
-from ...numerics.vectors import cross, dot, root, sine_cosine, unit_vector
+from ...numerics.vectors import cross, dot, sine_cosine, unit_vector
 from ..conditions import Condition, a_direction, positive
 from ..mechanisms.joints import Accelerated
 from ..prescribed.motion import AbstractPrescribedMotion
 from ..prescribed.schedules import AbstractSchedule
 from .moving_frame import MovingFrame, Turn
+from .stereographic import coordinates_along, share_to_pole
 from .surface import AbstractSurface, Coordinate, Time
 
 AXIS_ACROSS = 0.5  # the component along e2 of an axis that is not along the plane of a disk
@@ -145,10 +146,10 @@ class Bowl(AbstractSurface):
         return _on_sphere(self.radius, u1, u2, 1.0)
 
     def reach(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, ""]:
-        return _to_pole(self.radius, u1, u2)
+        return share_to_pole(self.radius, u1, u2)
 
     def nearest(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
-        return _towards(self.radius, x, 1.0)
+        return coordinates_along(self.radius, x.at[2].add(-self.radius), 1.0)
 
 
 class SphereOutside(AbstractSurface):
@@ -181,10 +182,10 @@ class SphereOutside(AbstractSurface):
         return _on_sphere(self.radius, u1, u2, -1.0)
 
     def reach(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, ""]:
-        return _to_pole(self.radius, u1, u2)
+        return share_to_pole(self.radius, u1, u2)
 
     def nearest(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
-        return _towards(self.radius, x, -1.0)
+        return coordinates_along(self.radius, x.at[2].add(self.radius), -1.0)
 
 
 class Cylinder(AbstractSurface):
@@ -444,21 +445,3 @@ def _on_sphere(R: Float[Array, ""], u1: Coordinate, u2: Coordinate, up: float) -
     """
     square = (u1**2 + u2**2) / (4 * R**2)
     return jnp.stack([u1, u2, up * 2 * R * square]) / (1 + square)
-
-
-def _to_pole(R: Float[Array, ""], u1: Coordinate, u2: Coordinate) -> Float[Array, ""]:
-    """The height below the point of a sphere that the coordinates do not reach, divided by its diameter.
-
-    It is small already where rounding spoils the normal, 1e-3 radians from there.
-    """
-    return 1 / (1 + (u1**2 + u2**2) / (4 * R**2))
-
-
-def _towards(R: Float[Array, ""], x: Float[Array, "3"], up: float) -> Float[Array, "2"]:
-    """The coordinates of the point of such a sphere that is in the direction of ``x``, seen from its centre."""
-    arm = x.at[2].add(-up * R)
-    down = -up * arm[2]
-    length = root(dot(arm, arm))
-    # The square of tan(φ/2) is (|arm| − down)/(|arm| + down); the pole that no coordinates reach is infinitely far.
-    reach = jnp.maximum(length + down, float(jnp.finfo(R.dtype).eps) * length)
-    return 2 * R * arm[:2] / jnp.where(length > 0, reach, 1.0)

@@ -140,6 +140,13 @@ class AbstractSurface(AbstractGround):
         """The ground near the time ``t``, where its ``driven`` coordinates and their rates are these."""
         return self
 
+    def at(self, t: Time, u1: Coordinate, u2: Coordinate) -> "AbstractSurface":
+        """The ground near the piece with these coordinates at that time, where its point and derivatives are taken.
+
+        By default itself; where the piece has to be sought, the ground with that found.
+        """
+        return self
+
     def section(self, z: Coordinate) -> tuple[Coordinate, Coordinate]:
         """The coordinates of the point at ``z`` of the section along which a disk rolls: u1 = z and u2 = 0 at first."""
         return z, jnp.zeros_like(z)
@@ -375,10 +382,11 @@ class AbstractSurface(AbstractGround):
     def touch_at(self, t: Time, u: Coordinates) -> Touch:
         """The place of a piece, its normal, its velocity and the direction in which u1, or a disk's z, grows."""
         both = self.coordinates(u)
-        contact = self.touch(t, both[0], both[1])
+        here = self.at(t, both[0], both[1])
+        contact = here.touch(t, both[0], both[1])
         if u.ndim:
             return contact
-        _, along = _derivative(lambda x: self.place(t, *self.section(x)), u)
+        _, along = _derivative(lambda x: here.place(t, *self.section(x)), u)
         return contact._replace(e=unit_vector(along))
 
     def touch(self, t: Time, u1: Coordinate, u2: Coordinate) -> Touch:
@@ -390,15 +398,17 @@ class AbstractSurface(AbstractGround):
 
     def _slopes(self, t: Time, u: Float[Array, "2"]) -> tuple[Touch, tuple[Touch, Touch, Touch]]:
         """p, n and w, and their derivatives by u1, u2 and t."""
-        contact, by_u1 = _derivative(lambda x: self.touch(t, x, u[1]), u[0])
-        _, by_u2 = _derivative(lambda x: self.touch(t, u[0], x), u[1])
-        _, by_t = _derivative(lambda x: self.touch(x, u[0], u[1]), t)
+        here = self.at(t, u[0], u[1])
+        contact, by_u1 = _derivative(lambda x: here.touch(t, x, u[1]), u[0])
+        _, by_u2 = _derivative(lambda x: here.touch(t, u[0], x), u[1])
+        _, by_t = _derivative(lambda x: here.touch(x, u[0], u[1]), t)
         return contact, (by_u1, by_u2, by_t)
 
     def _slopes_along(self, t: Time, z: Coordinate) -> tuple[Touch, Touch, Touch]:
         """p, n and w at the ``z`` of a disk, and their derivatives by z and t."""
-        contact, by_z = _derivative(lambda x: self.touch_at(t, x), z)
-        _, by_t = _derivative(lambda x: self.touch_at(x, z), t)
+        here = self.at(t, *self.section(z))
+        contact, by_z = _derivative(lambda x: here.touch_at(t, x), z)
+        _, by_t = _derivative(lambda x: here.touch_at(x, z), t)
         return contact, by_z, by_t
 
 
