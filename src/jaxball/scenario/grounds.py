@@ -28,6 +28,7 @@ from .values import (
     ANGLE,
     FULL_TURN,
     LENGTH,
+    PER_LENGTH,
     POSITIVE,
     QUARTER_TURN,
     TIME,
@@ -143,7 +144,7 @@ GROUNDS = Open(
                 "outside": Key(Flag(), False),
             },
         ),
-        "paraboloid": _surface(Paraboloid, {"curvatures": Key(Numbers((2,)))}),
+        "paraboloid": _surface(Paraboloid, {"curvatures": Key(Numbers((2,), dimension=PER_LENGTH, by_size=True))}),
         "washboard": _surface(
             Washboard,
             {

@@ -306,7 +306,8 @@ class DesignSpace:
     def _bounds(self, x: list[float], kinds: Mapping[str, Numbers]) -> Bounds:
         system = self.scenario.system
         assert isinstance(system, Ball | Disk)
-        dimensions = [kinds[key_of(variable.name)].dimension for variable in self.variables]
+        read = [kinds[key_of(variable.name)] for variable in self.variables]
+        dimensions = [None if kind.by_size else kind.dimension for kind in read]
         scale = [
             default_scale(dimension, value, system) if variable.scale is None else variable.scale
             for variable, value, dimension in zip(self.variables, x, dimensions, strict=True)
