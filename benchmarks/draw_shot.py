@@ -70,7 +70,7 @@ def measure(rows: int) -> Iterator[dict[str, Any]]:
     for program, packages, measured in CONTENDERS:
         absent = [package for package in packages if importlib.util.find_spec(package) is None]
         if absent:
-            yield {"program": program, "failure": _not_installed(absent[0])}
+            yield {"program": program, "failure": harness.not_installed(absent[0])}
             continue
         for setting, accuracy, solve in measured(scenario, rows):
             who = {"program": program, "setting": setting, "accuracy": accuracy}
@@ -93,11 +93,6 @@ def _least(solve: Solve) -> tuple[float, int, float]:
     """The results of a solve, with the least time of some calls after one that compiles."""
     place, steps, _ = solve()
     return place, steps, min(solve()[2] for _ in range(CALLS))
-
-
-def _not_installed(package: str) -> str:
-    extra = {"pydrake": "jaxball[engines]", "mujoco": "jaxball[engines]"}.get(package, "gradsolve[warp]")
-    return f"{package} is not installed; pip install '{extra}'"
 
 
 @functools.cache

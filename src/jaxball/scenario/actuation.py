@@ -93,8 +93,10 @@ class Actuation(NamedTuple):
 
 
 _WHICH = Key(Indices(empty=True), None)
-_STIFFNESSES = Key(Numbers((None,), NOT_NEGATIVE, _PER_TIME_SQUARED, by_size=True))
-_DAMPINGS = Key(Numbers((None,), NOT_NEGATIVE, PER_TIME, by_size=True))
+_GAINS = {
+    "stiffness": Key(Numbers((None,), NOT_NEGATIVE, _PER_TIME_SQUARED, by_size=True)),
+    "damping": Key(Numbers((None,), NOT_NEGATIVE, PER_TIME, by_size=True)),
+}
 FORMS: Family = {
     "prescribed": Module(type(None), {}, build=lambda: Actuation(None, None)),
     "integrated": Module(
@@ -102,7 +104,7 @@ FORMS: Family = {
     ),
     "servo": Module(
         Servo,
-        {"stiffness": _STIFFNESSES, "damping": _DAMPINGS, "masses": _WHICH},
+        {**_GAINS, "masses": _WHICH},
         build=lambda masses=None, **gains: Actuation(masses, lambda targets: Servo(targets, **gains)),
     ),
     "linear": Module(LinearLaw, LINEAR, build=lambda **factors: Actuation(None, lambda targets: LinearLaw(**factors))),
@@ -222,7 +224,7 @@ def write_actuation(system: System) -> dict[str, Any]:
         return {"form": form, **FORMS[form].write(law, "actuation")}
     table: dict[str, Any] = {"form": form}
     if isinstance(law, Servo):
-        table |= {name: _GAINS.kind.write(getattr(law, name), name) for name in ("stiffness", "damping")}
+        table |= {name: key.kind.write(getattr(law, name), name) for name, key in _GAINS.items()}
     if system.driven != system.on_rails:
         table["masses"] = list(system.driven)
     return table
