@@ -9,7 +9,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-INSTALLED_BY = {"numbalsoda": "jaxball[numbalsoda]", "gradsolve": "gradsolve[warp]"}  # the others are of one extra
+# The others are of one extra.
+INSTALLED_BY = {
+    "numbalsoda": "jaxball[numbalsoda]",
+    "gradsolve": "gradsolve[warp]",
+    "warp": "gradsolve[warp]",
+    "pydrake": "jaxball[engines]",
+    "mujoco": "jaxball[engines]",
+}
 
 
 def set_up_jax(cpu_settings: bool, gpu: bool = False) -> None:

@@ -15,6 +15,7 @@ from jaxball import cli, design
 from jaxball.design import optimal_control
 from jaxball.design.files import read_control
 from jaxball.design.optimal_control.collocation import multiplier
+from jaxball.scenario import Units
 
 END, PLACE = 8.0, 1.0
 DOWN = -np.pi / 2
@@ -125,6 +126,7 @@ title = "From rest to rest"
 [scenario]
 format = 1
 kind = "disk"
+units = {{ length = "m", mass = "kg", time = "s" }}
 body = {{ mass = 1.0, radius = 1.0, inertia = 1.0, gravity = 1.0 }}
 initial = {{ phi = 0.0 }}
 time = {{ start = 0.0, end = {END}, saves = 41 }}
@@ -177,6 +179,7 @@ def test_a_file_says_what_python_says():
         for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
             np.testing.assert_array_equal(a, b)
     assert (found.intervals, found.saves, found.tolerance) == (8, 41, 1e-6)
+    assert found.units == Units("m", "kg", "s")
     limited = read_control(tomllib.loads(PROBLEM.replace("[control]", CONSTRAINT)))
     assert list(limited.problem.constraints) == ["speed-limit"]
     np.testing.assert_array_equal(limited.problem.constraints["speed-limit"].most, 0.12)
@@ -193,7 +196,7 @@ def test_the_command_finds_what_python_finds(tmp_path, capsys, easy, monkeypatch
     row = next(line for line in report.splitlines() if line.startswith("| follow-trajectory"))
     *numbers, meant = row.split("|")[2:-1]
     numbers = [float(part) for part in numbers]
-    assert meant.strip() == f"root mean square distance {np.sqrt(numbers[3]):.4g}"
+    assert meant.strip() == f"root mean square distance {np.sqrt(numbers[3]):.4g} m"
     np.testing.assert_allclose(numbers[:3], [0.01, optimal_control.means(easy)["follow-trajectory"], 0.02], rtol=1e-5)
     assert 0 < numbers[3] < numbers[1]
     for name in ("path", "angles", "accelerations", "branch"):
@@ -218,7 +221,9 @@ def test_ctrl_c_leaves_the_last_motion(tmp_path, capsys, easy, monkeypatch):
     assert captured.out == ""
     scenario = tmp_path / "out" / "design.toml"
     assert captured.err.endswith(f"jaxball: Stopped; the last motion found is {scenario}.\n")
-    run = jaxball.load_scenario(scenario).simulate(throw=True)
+    found = jaxball.load_scenario(scenario)
+    assert found.units == Units("m", "kg", "s")
+    run = found.simulate(throw=True)
     np.testing.assert_allclose(run.state.z, optimal_control.places(easy, np.asarray(run.times)), atol=1e-5)
 
 

@@ -23,6 +23,7 @@ from jaxball.simulation import global_error
 from jaxball.solvers import Gauss, RadauIIA
 from tests.support import slipping_bodies
 from tests.support.paper import paper_ball, paper_disk
+from tests.support.under_feedback import OF_STATE
 
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
 SOLVERS = {"Dopri5": diffrax.Dopri5(), "Dopri8": diffrax.Dopri8(), "RadauIIA": RadauIIA(stages=3)}
@@ -225,8 +226,15 @@ def test_what_is_refused():
         estimate_error(run.state)  # pyright: ignore[reportArgumentType]
     with pytest.raises(TypeError, match=r"Argument `of` must be a function of \(run\), but it is 3"):
         run.error_estimate(of=3)  # pyright: ignore[reportArgumentType]
-    with pytest.raises(TypeError, match="Argument `of` must be a function to numbers, but it returns 'z'"):
-        run.error_estimate(of=lambda run: "z")
+    with pytest.raises(TypeError, match=r"Argument `of` must be a function of \(run\), but .* takes \(\)"):
+        run.error_estimate(of=lambda: 1.0)  # pyright: ignore[reportArgumentType]
+    for result, words in {"z": "'z'", None: "None", True: "True", (): "the tuple"}.items():
+        with pytest.raises(TypeError, match=f"Argument `of` must be a function to numbers, but it returns ({words})"):
+            run.error_estimate(of=lambda run, result=result: result)
+    forms = iter([{"z": 1.0}, {"phi": 1.0}, [1.0], [1.0, 2.0], np.zeros(2), np.zeros(3)])
+    for _ in range(3):
+        with pytest.raises(ValueError, match="`of` must be a function whose result has the same form for the run and"):
+            run.error_estimate(of=lambda run: next(forms))
     many = jax.vmap(lambda rate: simulate(run.system, times, DiskState(phidot=rate)))(jnp.array([-0.5, -0.6]))
     with pytest.raises(ValueError, match=r"of one run, but this is a batch of shape \(2,\); take one"):
         many.error_estimate()
@@ -238,6 +246,14 @@ def test_what_is_refused():
     single = jax.tree.map(lambda leaf: np.asarray(leaf, np.float32) if leaf.dtype == np.float64 else leaf, run)
     with pytest.raises(jaxball.PrecisionError, match="but this run is in float32; enable float64"):
         single.error_estimate()
+
+
+def test_a_run_under_feedback_is_refused():
+    """Its inputs follow from samples of states with errors, so a solve from a saved state would not be the same run."""
+    run = jaxball.read_scenario(OF_STATE).simulate(throw=True)
+    for of in (None, lambda run: run.state.z[-1]):
+        with pytest.raises(ValueError, match=r"in a run with feedback, between .*; compare it with a run at tighter"):
+            run.error_estimate(of=of)
 
 
 def test_a_solve_that_fails(monkeypatch):

@@ -116,6 +116,24 @@ def test_no_page_scrolls_sideways_at_any_width(sized):
 
 
 @needs_chromium
+def test_no_code_scrolls_sideways_on_a_screen(sized):
+    """Its letters become smaller, and then its lines go on below; on a phone it scrolls."""
+    sized.execute_cdp_cmd("Network.enable", {})
+    sized.execute_cdp_cmd("Network.setBlockedURLs", {"urls": ["*/shown/*.html"]})
+    too_wide = "return [...document.querySelectorAll('article pre')].filter(e => e.scrollWidth > e.clientWidth).length"
+    wide, blocks = [], 0
+    for page in pages():
+        sized.get(page.as_uri())
+        blocks += sized.execute_script("return document.querySelectorAll('article pre').length")
+        for width in (768, 1024, 1366):
+            resized(sized, width)
+            if count := sized.execute_script(too_wide):
+                wide.append(f"{page.relative_to(SITE)} at {width}: {count} blocks of code are too wide")
+    assert wide == []
+    assert blocks > 500
+
+
+@needs_chromium
 @pytest.mark.parametrize("width", [360, 768, 1366, 1920])
 def test_a_view_is_whole_in_its_frame(sized, width):
     """All of it on a screen; on a phone, where graphs stand one below the other, what is moved and what moves it."""

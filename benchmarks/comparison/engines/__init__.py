@@ -16,6 +16,7 @@ def _discrete(approximation: str) -> dict[str, Any]:
     return {"plant": {"discrete_contact_approximation": approximation}}
 
 
+_CENIC = {"continuous": True, "scheme": "cenic"}
 _SLIP = "Modeling, Preventing slip, Slow slippage"
 
 MUJOCO = Engine(
@@ -41,6 +42,10 @@ DRAKE = Engine(
         Setting("SAP", "the same", _discrete("sap")),
         Setting("TAMSI", "the same", _discrete("tamsi")),
         Setting("continuous", "time_step 0: compliant contact; the step is the accuracy", {"continuous": True}),
+        # "Users specify a desired accuracy rather than a fixed time step."
+        Setting("CENIC", "CenicIntegrator; the step is the accuracy", _CENIC),
+        # So stiff that the ball does not sink measurably: what is left is the error of the steps.
+        Setting("CENIC, stiff", "AddContactMaterial, point_stiffness", {**_CENIC, "stiffness": 1e8}),
     ),
 )
 PYBULLET = Engine(

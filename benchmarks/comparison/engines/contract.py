@@ -72,10 +72,10 @@ class Engine:
 
 
 class Motion(NamedTuple):
-    """A motion at the times of a case, and the processor time in seconds that the engine's steps took.
+    """A motion at the times of a case, the processor time in seconds that the engine's steps took, and their number.
 
     Orientation q, scalar first; Ω in body axes; the geometric centre and its velocity in space, the height that above
-    the plane; and θ and θ̇ of the scenario's coordinates.
+    the plane; and θ and θ̇ of the scenario's coordinates. ``steps`` is None where an engine does not count them.
     """
 
     q: Float[np.ndarray, "T 4"]
@@ -85,6 +85,7 @@ class Motion(NamedTuple):
     theta: Float[np.ndarray, "T n"]
     thetadot: Float[np.ndarray, "T n"]
     seconds: float
+    steps: int | None = None
 
 
 class Derivative(NamedTuple):
@@ -110,10 +111,10 @@ def time_calls(program: Callable[[], Any], repeats: int) -> tuple[np.ndarray, li
 Row = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # of a motion, at one time
 
 
-def motion_of(rows: Sequence[Row], seconds: float) -> Motion:
+def motion_of(rows: Sequence[Row], seconds: float, steps: int | None = None) -> Motion:
     """The motion whose arrays have these rows."""
     q, Omega, centre, V, theta, thetadot = (np.stack(column) for column in zip(*rows, strict=True))
-    return Motion(q, Omega, centre, V, theta, thetadot, seconds)
+    return Motion(q, Omega, centre, V, theta, thetadot, seconds, steps)
 
 
 @functools.cache

@@ -36,10 +36,12 @@ def run(case: Case, setting: Setting, timestep: float) -> Motion:
     step = 0.0 if continuous else timestep
     config = drake.MultibodyPlantConfig(time_step=step, contact_model="point", **setting.values.get("plant", {}))
     builder = drake.DiagramBuilder()
-    plant, _ = drake.AddMultibodyPlant(config, builder)
+    plant, scene = drake.AddMultibodyPlant(config, builder)
     sliding = scenario.friction_or(case.friction)
     text = re.sub('friction="[^"]*"', f'friction="{sliding!r} 0 0"', exported.text)
     _parse(plant, text)
+    if "stiffness" in setting.values:
+        _stiffen(plant, scene, setting.values["stiffness"])
     _add_servos(plant, exported)
     _set_gravity(plant, scenario)
     plant.Finalize()
@@ -48,7 +50,8 @@ def run(case: Case, setting: Setting, timestep: float) -> Motion:
     simulator = drake.Simulator(builder.Build())
     if continuous:
         accurate = {"accuracy": timestep, "use_error_control": True, "max_step_size": 0.1}
-        drake.ApplySimulatorConfig(drake.SimulatorConfig(integration_scheme="runge_kutta3", **accurate), simulator)
+        scheme = setting.values.get("scheme", "runge_kutta3")
+        drake.ApplySimulatorConfig(drake.SimulatorConfig(integration_scheme=scheme, **accurate), simulator)
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     _start(plant, context, scenario, angles)
     simulator.Initialize()
@@ -58,7 +61,8 @@ def run(case: Case, setting: Setting, timestep: float) -> Motion:
         simulator.AdvanceTo(float(t))
         seconds += time.process_time() - begin
         rows.append(_row(plant, context, scenario))
-    return motion_of(rows, seconds)
+    steps = (simulator.get_integrator() if continuous else simulator).get_num_steps_taken()
+    return motion_of(rows, seconds, steps)
 
 
 def _parse(plant: Any, text: str) -> None:
@@ -70,6 +74,15 @@ def _parse(plant: Any, text: str) -> None:
         drake.Parser(plant).AddModelsFromString(text, "xml")
     finally:
         log.setLevel(level)
+
+
+def _stiffen(plant: Any, scene: Any, stiffness: float) -> None:
+    """Gives every contact this stiffness, in N/m, where the parser has given its own."""
+    inspector = scene.model_inspector()
+    for identity in inspector.GetAllGeometryIds(drake.Role.kProximity):
+        properties = drake.ProximityProperties(inspector.GetProximityProperties(identity))
+        properties.UpdateProperty("material", "point_contact_stiffness", stiffness)
+        scene.AssignRole(plant.get_source_id(), identity, properties, drake.RoleAssign.kReplace)
 
 
 def _add_servos(plant: Any, exported: Exported) -> None:

@@ -37,7 +37,7 @@ def run(case: Case, setting: Setting, timestep: float) -> Motion:
             mujoco.mj_step(model, data, int(count))
             seconds += time.process_time() - begin
             rows.append(_row(data, scenario))
-    return motion_of(rows, seconds)
+    return motion_of(rows, seconds, int(steps.sum()))
 
 
 def model_of(case: Case, setting: Setting, exported: Exported, timestep: float) -> Any:

@@ -27,7 +27,13 @@ ABOUT = (
 )
 SIZE = (7.2, 4.4)
 # Okabe and Ito's colours (2008), which colour-blind readers can distinguish.
-COLOURS = {"jaxball": "#D55E00", "MuJoCo": "#0072B2", "Drake": "#009E73", "PyBullet": "#CC79A7"}
+COLOURS = {
+    "jaxball": "#D55E00",
+    "MuJoCo": "#0072B2",
+    "Drake": "#009E73",
+    "PyBullet": "#CC79A7",
+    "GRADSOLVE": "#E69F00",
+}
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "h")
 
 

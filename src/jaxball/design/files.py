@@ -383,6 +383,7 @@ def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlF
         violation=float(control["violation"]),
         barrier=float(control["barrier"]),
         guess=GUESSES[control["guess"]],
+        units=scenario.units,
     )
 
 

@@ -1,5 +1,6 @@
 """The reports of designs, of a search and of optimal control: all their numbers in Markdown, and figures."""
 
+import dataclasses
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -72,7 +73,7 @@ def write_control_report(
 ) -> Path:
     """The same for a solution of optimal control, whose scenario has ``saves`` times."""
     system = rolling(controlled.solution.problem).system
-    scenario = write_design(controlled.solution, title, saves, folder)
+    scenario = write_design(controlled.solution, title, saves, folder, controlled.units)
     if source is not None:
         source.copy(folder)
     run = scenario.simulate(dense=True, throw=True)
@@ -82,10 +83,10 @@ def write_control_report(
     return _write(folder, [*parts, *provenance(source, controlled.elapsed)])
 
 
-def write_design(solution: Solution, title: str, saves: int, folder: Path) -> Scenario:
+def write_design(solution: Solution, title: str, saves: int, folder: Path, units: Units | None = None) -> Scenario:
     """Writes ``design.toml``, the scenario of a solution of optimal control, into ``folder``; the scenario."""
     folder.mkdir(parents=True, exist_ok=True)
-    scenario = scenario_of(solution, title, saves)
+    scenario = dataclasses.replace(scenario_of(solution, title, saves), units=units)
     write_text(folder / SCENARIO, write_scenario(scenario))
     return scenario
 
@@ -96,7 +97,7 @@ def objectives_in_units(found: Design | Controlled) -> dict[str, str]:
     The values are the verified ones; empty where a value stands for none of them, or is not finite.
     """
     if isinstance(found, Controlled):
-        problem, units = rolling(found.solution.problem), None
+        problem, units = rolling(found.solution.problem), found.units
         objectives, values = problem.objectives, means(found.solution)
         length, gravity = problem.system.radius, problem.system.gravity
     else:

@@ -32,13 +32,20 @@ def warn_of_old_name(old: str, new: str, since: str) -> None:
     - ``old``, ``new``: the names, as a user writes them.
     - ``since``: the version that first warns, such as ``"0.2"``.
     """
-    message = f"{old} is deprecated since jaxball {since}, and will be removed in {removal(since)}; use {new}."
+    warn_at_users_line(
+        f"{old} is deprecated since jaxball {since}, and will be removed in {removal(since)}; use {new}.",
+        DeprecationWarning,
+    )
+
+
+def warn_at_users_line(message: str, category: type[Warning]) -> None:
+    """Warns at the line of the user, which is the first outside jaxball."""
     frame: FrameType | None = sys._getframe(1)
     while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in PASSED:
         frame = frame.f_back
     module = frame.f_globals.get("__name__", "<unknown>")
     registry = frame.f_globals.setdefault("__warningregistry__", {})
-    warnings.warn_explicit(message, DeprecationWarning, frame.f_code.co_filename, frame.f_lineno, module, registry)
+    warnings.warn_explicit(message, category, frame.f_code.co_filename, frame.f_lineno, module, registry)
 
 
 def keep_old_names(

@@ -17,7 +17,7 @@ from .table import Family, Key, Module, join, keys_of, read_family
 from .values import (
     ACCELERATION,
     NOT_NEGATIVE,
-    RATE,
+    PER_TIME,
     Dimension,
     Indices,
     Nested,
@@ -45,13 +45,14 @@ def _factor(dimension: Dimension) -> Key:
     return Key(Numbers((None, None), dimension=dimension), None)
 
 
+_PER_TIME_SQUARED = Dimension(0, -2)
 FACTORS = {
-    "theta": _factor(ACCELERATION),
-    "thetadot": _factor(RATE),
-    "Omega": _factor(RATE),
+    "theta": _factor(_PER_TIME_SQUARED),
+    "thetadot": _factor(PER_TIME),
+    "Omega": _factor(PER_TIME),
     "Gamma": _factor(ACCELERATION),
-    "z": _factor(Dimension(-1, -2)),
-    "omega": _factor(RATE),
+    "z": _factor(Dimension(-1, -2, 0, 1)),
+    "omega": _factor(PER_TIME),
 }
 LINEAR = {**FACTORS, "signals": Key(Nested(_read_signals, _write_signals, _SIGNALS_WORDS, keys_of(SIGNALS)), None)}
 
@@ -92,7 +93,10 @@ class Actuation(NamedTuple):
 
 
 _WHICH = Key(Indices(empty=True), None)
-_GAINS = Key(Numbers((None,), NOT_NEGATIVE))
+_GAINS = {
+    "stiffness": Key(Numbers((None,), NOT_NEGATIVE, _PER_TIME_SQUARED, by_size=True)),
+    "damping": Key(Numbers((None,), NOT_NEGATIVE, PER_TIME, by_size=True)),
+}
 FORMS: Family = {
     "prescribed": Module(type(None), {}, build=lambda: Actuation(None, None)),
     "integrated": Module(
@@ -100,7 +104,7 @@ FORMS: Family = {
     ),
     "servo": Module(
         Servo,
-        {"stiffness": _GAINS, "damping": _GAINS, "masses": _WHICH},
+        {**_GAINS, "masses": _WHICH},
         build=lambda masses=None, **gains: Actuation(masses, lambda targets: Servo(targets, **gains)),
     ),
     "linear": Module(LinearLaw, LINEAR, build=lambda **factors: Actuation(None, lambda targets: LinearLaw(**factors))),
@@ -220,7 +224,7 @@ def write_actuation(system: System) -> dict[str, Any]:
         return {"form": form, **FORMS[form].write(law, "actuation")}
     table: dict[str, Any] = {"form": form}
     if isinstance(law, Servo):
-        table |= {name: _GAINS.kind.write(getattr(law, name), name) for name in ("stiffness", "damping")}
+        table |= {name: key.kind.write(getattr(law, name), name) for name, key in _GAINS.items()}
     if system.driven != system.on_rails:
         table["masses"] = list(system.driven)
     return table

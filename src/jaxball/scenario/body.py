@@ -45,9 +45,11 @@ from .table import (
 from .values import (
     LENGTH,
     NOT_NEGATIVE,
+    OF_DRAG,
     OF_GRAVITY,
     OF_INERTIA,
     OF_MASS,
+    OF_ROTATIONAL_DRAG,
     POSITIVE,
     RATE,
     TIME,
@@ -69,7 +71,7 @@ from .values import (
 if TYPE_CHECKING:
     from .scenario import Scenario
 
-_NONE = Key(Numbers(), 0.0)
+_NO_DRAG = Key(Numbers(dimension=OF_ROTATIONAL_DRAG), 0.0)
 
 
 def _check_exact(values: dict[str, Any], path: str) -> None:
@@ -83,10 +85,10 @@ def _check_exact(values: dict[str, Any], path: str) -> None:
 RESISTANCE = Module(
     Resistance,
     {
-        "rolling": _NONE,
-        "spinning": _NONE,
-        "drag": _NONE,
-        "rotational_drag": _NONE,
+        "rolling": _NO_DRAG,
+        "spinning": _NO_DRAG,
+        "drag": Key(Numbers(dimension=OF_DRAG), 0.0),
+        "rotational_drag": _NO_DRAG,
         "dry": Key(Numbers(), None),
         "smoothing": Key(Numbers(dimension=RATE), SMOOTHING),
         "negative": Key(Flag(), False),

@@ -33,18 +33,34 @@ from ..physics.system import AbstractState, AbstractSystem
 from .body import read_resistance, write_surroundings
 from .errors import ScenarioError
 from .initial import read_orientation
-from .motions import SERIES, WAVES_IN_SPACE, check_lengths, wave_arguments
+from .motions import SERIES, WAVES, check_lengths, wave_arguments
 from .own import Open, module_of, trying_class
 from .table import Key, Keys, Module, join, read_one_of, read_table, write_member, write_table
-from .values import NOT_ALL_ZERO, POSITIVE, Nested, Numbers, key_error, require_condition
+from .values import (
+    ANGLE,
+    LENGTH,
+    NOT_ALL_ZERO,
+    OF_GRAVITY,
+    OF_INERTIA,
+    OF_MASS,
+    OF_MOMENTUM,
+    POSITIVE,
+    RATE,
+    VELOCITY,
+    Nested,
+    Numbers,
+    key_error,
+    require_condition,
+)
 
-INERTIA = {"inertia": Key(Numbers((3,), POSITIVE))}
-PARTICLE_MASS = {"mass": Key(Numbers(rule=POSITIVE), 1.0)}
+INERTIA = {"inertia": Key(Numbers((3,), POSITIVE, OF_INERTIA))}
+PARTICLE_MASS = {"mass": Key(Numbers(rule=POSITIVE, dimension=OF_MASS), 1.0)}
+_GRAVITY = Numbers(dimension=OF_GRAVITY)
 
 
 _AXIS = Module(
     HarmonicAxis,
-    {"constant": Key(Numbers((3,))), **WAVES_IN_SPACE},
+    {"constant": Key(Numbers((3,))), **WAVES, "amplitude": Key(Numbers((None, 3)), ())},
     build=lambda **keys: HarmonicAxis(**wave_arguments(**keys)),
     attributes=SERIES,
     check=check_lengths,
@@ -56,28 +72,37 @@ _XI = Nested(_AXIS.read, lambda item, path: write_member(item, path, {"harmonic"
 def _positive(*required: str, **defaults: float) -> Keys:
     """Keys of positive numbers, with their defaults in Python."""
     return {
-        **{name: Key(Numbers(rule=POSITIVE)) for name in required},
-        **{name: Key(Numbers(rule=POSITIVE), default) for name, default in defaults.items()},
+        **{name: Key(_positive_number(name)) for name in required},
+        **{name: Key(_positive_number(name), default) for name, default in defaults.items()},
     }
+
+
+def _positive_number(name: str) -> Numbers:
+    dimensions = {"mass": OF_MASS, "radius": LENGTH, "half_length": LENGTH}
+    return Numbers(rule=POSITIVE, dimension=dimensions.get(name, OF_INERTIA))
 
 
 # Those of systems that are made with a Lagrangian, whose states are its coordinates and their rates.
 LAGRANGIAN = {
-    "chaplygin-sleigh": Module(ChaplyginSleigh, {**_positive("inertia", mass=1.0), "ahead": Key(Numbers())}),
+    "chaplygin-sleigh": Module(
+        ChaplyginSleigh, {**_positive("inertia", mass=1.0), "ahead": Key(Numbers(dimension=LENGTH))}
+    ),
     "knife-edge": Module(
-        KnifeEdge, {**_positive(mass=1.0, inertia=1.0), "slope": Key(Numbers()), "gravity": Key(Numbers(), 1.0)}
+        KnifeEdge,
+        {**_positive(mass=1.0, inertia=1.0), "slope": Key(Numbers(dimension=ANGLE)), "gravity": Key(_GRAVITY, 1.0)},
     ),
     "rolling-coin": Module(
         RollingCoin,
         {
             **_positive(mass=1.0, radius=1.0),
-            "inertia": Key(Numbers((2,), POSITIVE), None),
-            "gravity": Key(Numbers(), 1.0),
+            "inertia": Key(Numbers((2,), POSITIVE, OF_INERTIA), None),
+            "gravity": Key(_GRAVITY, 1.0),
         },
     ),
     "snakeboard": Module(Snakeboard, _positive(mass=1.0, board=0.1, rotor=0.1, truck=0.01, half_length=0.5)),
     "roller-racer": Module(
-        RollerRacer, {**_positive(mass=1.0, rear=0.2, front=0.05), "lengths": Key(Numbers((2,)), (0.5, 0.1))}
+        RollerRacer,
+        {**_positive(mass=1.0, rear=0.2, front=0.05), "lengths": Key(Numbers((2,), dimension=LENGTH), (0.5, 0.1))},
     ),
 }
 
@@ -87,18 +112,23 @@ CLASSICAL = Open(
         "free-rigid-body": Module(FreeRigidBody, INERTIA),
         "heavy-top": Module(
             HeavyTop,
-            {"mass": Key(Numbers(rule=POSITIVE)), **INERTIA, "chi": Key(Numbers((3,))), "gravity": Key(Numbers())},
+            {
+                "mass": Key(Numbers(rule=POSITIVE, dimension=OF_MASS)),
+                **INERTIA,
+                "chi": Key(Numbers((3,), dimension=LENGTH)),
+                "gravity": Key(_GRAVITY),
+            },
         ),
         "suslov": Module(SuslovProblem, {**INERTIA, "xi": Key(_XI)}),
         "rolling-ellipsoid": Module(
             RollingEllipsoid,
             {
-                "mass": Key(Numbers(rule=POSITIVE)),
-                "semiaxes": Key(Numbers((3,), POSITIVE)),
+                "mass": Key(Numbers(rule=POSITIVE, dimension=OF_MASS)),
+                "semiaxes": Key(Numbers((3,), POSITIVE, LENGTH)),
                 **INERTIA,
-                "turn": Key(Numbers(), 0.0),
-                "offset": Key(Numbers((3,)), (0.0, 0.0, 0.0)),
-                "gravity": Key(Numbers()),
+                "turn": Key(Numbers(dimension=ANGLE), 0.0),
+                "offset": Key(Numbers((3,), dimension=LENGTH), (0.0, 0.0, 0.0)),
+                "gravity": Key(_GRAVITY),
             },
         ),
         "nonholonomic-particle": Module(NonholonomicParticle, PARTICLE_MASS),
@@ -110,19 +140,22 @@ CLASSICAL = Open(
 # What resists a system that rolls, in a table of its own, as for a ball.
 RESISTED = ("rolling-ellipsoid",)
 
-_OMEGA = {"Omega": Key(Numbers((3,)), (0.0, 0.0, 0.0))}
+_OMEGA = {"Omega": Key(Numbers((3,), dimension=RATE), (0.0, 0.0, 0.0))}
 _VERSOR = {"versor": Key(Numbers((4,)), (1.0, 0.0, 0.0, 0.0)), **_OMEGA}
 _ORIENTED = {
     "versor": _VERSOR,
-    "axis": {"axis": Key(Numbers((3,), NOT_ALL_ZERO)), "angle": Key(Numbers()), **_OMEGA},
+    "axis": {"axis": Key(Numbers((3,), NOT_ALL_ZERO)), "angle": Key(Numbers(dimension=ANGLE)), **_OMEGA},
 }
-_PLACE = {"z": Key(Numbers((2,)), (0.0, 0.0))}
+_PLACE = {"z": Key(Numbers((2,), dimension=LENGTH), (0.0, 0.0))}
 # The keys of states that begin with an orientation and Ω, besides these.
 _BESIDE_ORIENTATION: dict[type[AbstractState], Keys] = {RigidBodyState: {}, EllipsoidState: _PLACE}
-_PARTICLE = {name: Key(Numbers(), 0.0) for name in ("x", "y", "z", "xdot", "ydot")}
+_PARTICLE = {
+    **{name: Key(Numbers(dimension=LENGTH), 0.0) for name in ("x", "y", "z")},
+    **{name: Key(Numbers(dimension=VELOCITY), 0.0) for name in ("xdot", "ydot")},
+}
 _PARTICLES = {
     ParticleState: _PARTICLE,
-    VakonomicState: {**_PARTICLE, "multiplier": Key(Numbers(), None)},
+    VakonomicState: {**_PARTICLE, "multiplier": Key(Numbers(dimension=OF_MOMENTUM), None)},
 }
 
 

@@ -11,15 +11,17 @@ from .errors import ScenarioError
 from .logs import KIND as LOG
 from .paths import key_of, steps, value_at
 from .units import Units, parse_unit
-from .values import Dimension, Numbers, describe
+from .values import ACCELERATION, EFFORT, Dimension, Numbers, describe
 
 _PLACE = re.compile(r"mechanisms\[\d+\]\.joints\[\d+\]|masses\[\d+\]|ground\.(?:motion|displacement)")
 # Angles of frames and of sinusoids, in joints of any kind.
 _ALWAYS_ANGLES = ("phase", "frequency", "azimuth", "elevation", "angle")
+# Lists of polynomials in time, with the place of the degree among the indices of a number.
+_POLYNOMIALS = {"accelerations": 1, "values": 1, "powers": 0}
 _COORDINATES = {"hinge": "rad", "slider": "length", "tube": "length"}
 _RAILS = ("circle", "ellipse", "fourier", "spline", "bernoulli-eight", "gerono-eight")
-# Of a linear law, which makes accelerations of angles from angles and their rates.
-_FACTORS_OF_ANGLES = ("theta", "thetadot", "Omega", "omega")
+# What a signal is of, by its key: that of a motor of a force, and that of a law of accelerations.
+_OF_SIGNALS = {"signal": EFFORT, "command": Dimension(0, 0), "signals": ACCELERATION}
 _EFFORTS = {"rad": ("torque",), "length": ("force",)}
 _TURNS = ("turning", "angle", "about_e1", "about_e2")
 _EITHER = ("rad", "length")
@@ -32,7 +34,7 @@ def dimension_words(dimension: Dimension | None) -> str:
     powers = {"mass": dimension.mass, "length": dimension.length, "time": dimension.time}
     above = [name if power == 1 else f"{name}^{power}" for name, power in powers.items() if power > 0]
     below = [name if power == -1 else f"{name}^{-power}" for name, power in powers.items() if power < 0]
-    return "/".join(["*".join(above) or "rad", *below])
+    return "/".join(["*".join(above) or ("rad" if dimension.coordinate == 1 else "1"), *below])
 
 
 def dimension_of(path: str, kinds: Mapping[str, Numbers], document: Mapping[str, Any]) -> str:
@@ -41,21 +43,33 @@ def dimension_of(path: str, kinds: Mapping[str, Numbers], document: Mapping[str,
     - ``kinds``: those of :func:`~jaxball.scenario.values.kinds_of_numbers` while the ``document`` was read.
     """
     kind = kinds.get(key_of(path))
-    words = "" if kind is None else dimension_words(kind.dimension)
-    name = [step for step in steps(path) if isinstance(step, str)][-1]
-    if name in ("theta", "thetadot") and path.startswith("initial."):
+    names = [step for step in steps(path) if isinstance(step, str)]
+    if kind is None or kind.dimension is None:
         return ""
-    if path.startswith("actuation.") and name in _FACTORS_OF_ANGLES:
-        return words.replace("rad", "1", 1)
+    if names[-1] in ("theta", "thetadot") and path.startswith("initial."):
+        return ""
+    dimension = _of_coefficient(kind.dimension, path, names[-1])
+    if names[-1] in _ALWAYS_ANGLES or not dimension.coordinate:
+        return dimension_words(dimension)
+    of_signal = next((_OF_SIGNALS[name] for name in names[1:] if name in _OF_SIGNALS), None)
+    if of_signal is not None and dimension.coordinate == 1:
+        dimension = Dimension(*map(sum, zip(dimension._replace(coordinate=0), of_signal, strict=True)))
     place = _PLACE.match(path)
-    if place is None or name in _ALWAYS_ANGLES:
-        return words
-    coordinates = _coordinates_of(place[0], document)
-    if name == "damping" and coordinates != ("rad",):
-        return ""
-    if not words.startswith("rad"):
-        return words
-    return words.replace("rad", coordinates[0], 1) if len(coordinates) == 1 else ""
+    if not dimension.coordinate or (place is None and of_signal is None):
+        return dimension_words(dimension)
+    coordinates = _EITHER if place is None else _coordinates_of(place[0], document)
+    if coordinates == ("length",):
+        dimension = dimension._replace(length=dimension.length + dimension.coordinate, coordinate=0)
+    return dimension_words(dimension) if len(coordinates) == 1 else ""
+
+
+def _of_coefficient(dimension: Dimension, path: str, name: str) -> Dimension:
+    """The dimension of a coefficient of a polynomial in time, whose constant one has this ``dimension``."""
+    indices = [int(index) for index in re.findall(r"\[(\d+)\]", path[path.rfind(name) :])]
+    place = _POLYNOMIALS.get(name)
+    if place is None or len(indices) != 2:
+        return dimension
+    return dimension._replace(time=dimension.time - indices[place])
 
 
 def check_units_of_logs(document: Mapping[str, Any], units: Units | None, path: str = "") -> None:

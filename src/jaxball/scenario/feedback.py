@@ -20,6 +20,9 @@ from .table import Family, Key, Module, join, keys_of, read_family, read_list, w
 from .values import (
     FINITE,
     NOT_NEGATIVE,
+    OF_FORCE,
+    OF_TORQUE,
+    PER_TIME,
     POSITIVE,
     TIME,
     Integer,
@@ -210,10 +213,10 @@ class _ByName:
 _PUSH = Module(
     Push,
     {
-        "force": Key(Numbers((3,))),
+        "force": Key(Numbers((3,), dimension=OF_FORCE)),
         "start": Key(Numbers(dimension=TIME)),
         "duration": Key(Numbers(rule=POSITIVE, dimension=TIME)),
-        "torque": Key(Numbers((3,)), (0.0, 0.0, 0.0)),
+        "torque": Key(Numbers((3,), dimension=OF_TORQUE), (0.0, 0.0, 0.0)),
     },
 )
 
@@ -242,7 +245,7 @@ _PREDICTIVE = {
     **_REGULATOR,
     "horizon": Key(Integer(1, 10**6)),
     "friction": Key(Numbers(rule=POSITIVE), None),
-    "penalty": Key(Numbers(rule=POSITIVE), DEFAULT_PENALTY),
+    "penalty": Key(Numbers(rule=POSITIVE, dimension=PER_TIME), DEFAULT_PENALTY),
 }
 FEEDBACK: Family = {
     "feedforward": Module(FeedforwardSettings, _FEEDFORWARD),

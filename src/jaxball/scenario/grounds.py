@@ -29,6 +29,7 @@ from .values import (
     ANGLE,
     FULL_TURN,
     LENGTH,
+    PER_LENGTH,
     POSITIVE,
     QUARTER_TURN,
     TIME,
@@ -152,7 +153,7 @@ GROUNDS = Open(
                 "outside": Key(Flag(), False),
             },
         ),
-        "paraboloid": _surface(Paraboloid, {"curvatures": Key(Numbers((2,)))}),
+        "paraboloid": _surface(Paraboloid, {"curvatures": Key(Numbers((2,), dimension=PER_LENGTH, by_size=True))}),
         "washboard": _surface(
             Washboard,
             {

@@ -48,12 +48,15 @@ from .table import (
 )
 from .values import (
     ANGLE,
+    DAMPING,
+    EFFORT,
     LENGTH,
     NOT_ALL_ZERO,
     OF_MASS,
     POSITIVE,
     RATE,
-    TIME,
+    STIFFNESS,
+    Dimension,
     Flag,
     Integer,
     Nested,
@@ -129,28 +132,31 @@ def write_motion(motion: AbstractMotion, path: str, target: AbstractSchedule | N
     )
 
 
-_NUMBER, _ZERO, _LIMIT = Key(Numbers()), Key(Numbers(), 0.0), Key(Numbers(), None)
+_EFFORT, _LIMIT = Key(Numbers(dimension=EFFORT)), Key(Numbers(dimension=EFFORT), None)
+_STIFFNESS, _DAMPING = Key(Numbers(dimension=STIFFNESS)), Key(Numbers(dimension=DAMPING))
+_UNDAMPED = Key(Numbers(dimension=DAMPING), 0.0)
+_PER_RATE = Dimension(0, 1, 0, -1)
 _END = Key(Numbers(dimension=ANGLE))
 MOST_EXPONENT = 100
 
 _FORCES: Family = {
     "motor": Module(Motor, {"signal": Key(SIGNAL), "limit": _LIMIT}),
-    "spring": Module(Spring, {"stiffness": _NUMBER, "rest": Key(Numbers(dimension=ANGLE), 0.0)}),
-    "damper": Module(Damper, {"coefficient": _NUMBER, "negative": Key(Flag(), False)}),
+    "spring": Module(Spring, {"stiffness": _STIFFNESS, "rest": Key(Numbers(dimension=ANGLE), 0.0)}),
+    "damper": Module(Damper, {"coefficient": _DAMPING, "negative": Key(Flag(), False)}),
     "speed-limited-motor": Module(
-        SpeedLimitedMotor, {"command": Key(SIGNAL), "stall": _NUMBER, "free_speed": Key(Numbers(dimension=RATE))}
+        SpeedLimitedMotor, {"command": Key(SIGNAL), "stall": _EFFORT, "free_speed": Key(Numbers(dimension=RATE))}
     ),
-    "pd-servo": Module(PDServo, {"target": SCHEDULE, "stiffness": _NUMBER, "damping": _ZERO, "limit": _LIMIT}),
+    "pd-servo": Module(PDServo, {"target": SCHEDULE, "stiffness": _STIFFNESS, "damping": _UNDAMPED, "limit": _LIMIT}),
     "end-stops": Module(
         EndStops,
-        {"lower": _END, "upper": _END, "stiffness": _NUMBER, "damping": Key(Numbers(dimension=TIME), 0.0)},
+        {"lower": _END, "upper": _END, "stiffness": _STIFFNESS, "damping": Key(Numbers(dimension=_PER_RATE), 0.0)},
     ),
     "joint-friction": Module(
         JointFriction,
         {
-            "kinetic": _NUMBER,
+            "kinetic": _EFFORT,
             "static": _LIMIT,
-            "viscous": _ZERO,
+            "viscous": _UNDAMPED,
             "stribeck": Key(Numbers(dimension=RATE), None),
             "exponent": Key(Integer(1, MOST_EXPONENT), 2),
             "smoothing": Key(Numbers(dimension=RATE), None),
@@ -159,11 +165,11 @@ _FORCES: Family = {
     "majd-simaan-friction": Module(
         MajdSimaanFriction,
         {
-            "viscous": _NUMBER,
-            "kinetic": _NUMBER,
-            "peak": _NUMBER,
+            "viscous": _DAMPING,
+            "kinetic": _EFFORT,
+            "peak": _EFFORT,
             "rate": Key(Numbers(dimension=RATE)),
-            "steepness": _NUMBER,
+            "steepness": Key(Numbers()),
         },
     ),
 }

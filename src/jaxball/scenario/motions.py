@@ -39,6 +39,7 @@ from .recorded import SCHEDULE_FROM_LOG, SIGNAL_OR_SCHEDULE_FROM_LOG
 from .table import (
     Family,
     Key,
+    Keys,
     Module,
     join,
     keys_of,
@@ -56,10 +57,12 @@ from .values import (
     INCREASING,
     LENGTH,
     NOT_ALL_ZERO,
+    OF_FORCE,
     POSITIVE,
     QUARTER_TURN,
     RATE,
     TIME,
+    Dimension,
     Nested,
     Numbers,
     Radians,
@@ -104,12 +107,23 @@ FRAME = Key(Nested(read_frame, write_frame, tables=_CHOICES), None)
 
 
 WAVES = {
-    "amplitude": Key(Numbers((None,)), ()),
+    "amplitude": Key(Numbers((None,), dimension=ANGLE, by_size=True), ()),
     "frequency": Key(Numbers((None,), dimension=RATE), ()),
     "phase": Key(Numbers((None,), dimension=ANGLE), ()),
 }
-WAVES_IN_SPACE = {**WAVES, "amplitude": Key(Numbers((None, 3)), ())}
-POWERS = {"powers": Key(Numbers((None, 3)), None)}
+
+
+def waves_in_space(dimension: Dimension) -> Keys:
+    """The keys of the sinusoids of a vector of this dimension."""
+    return {**WAVES, "amplitude": Key(Numbers((None, 3), dimension=dimension, by_size=True), ())}
+
+
+def _powers(dimension: Dimension) -> Keys:
+    """The key of the coefficients of t, t², … of a vector of this dimension; those of t have that of its rate."""
+    rate = dimension._replace(time=dimension.time - 1)
+    return {"powers": Key(Numbers((None, 3), dimension=rate, by_size=True), None)}
+
+
 SERIES = {name: f"series.{name}" for name in ("constant", *WAVES)}
 PATH = {name: f"path.{name}" for name in ("constant", *WAVES, "powers")}
 
@@ -134,14 +148,18 @@ def wave_arguments(amplitude, frequency, phase, **others: Any) -> dict[str, Any]
 
 HARMONIC_FORCE = Module(
     HarmonicForce,
-    {"constant": Key(Numbers((3,)), (0.0, 0.0, 0.0)), **WAVES_IN_SPACE, **POWERS},
+    {
+        "constant": Key(Numbers((3,), dimension=OF_FORCE), (0.0, 0.0, 0.0)),
+        **waves_in_space(OF_FORCE),
+        **_powers(OF_FORCE),
+    },
     build=lambda **keys: HarmonicForce(**wave_arguments(**keys)),
     attributes={**SERIES, "powers": "series.powers"},
     check=check_lengths,
 )
 OSCILLATING = Module(
     Oscillating,
-    {"constant": Key(Numbers((3,))), **WAVES_IN_SPACE, **POWERS},
+    {"constant": Key(Numbers((3,), dimension=LENGTH, by_size=True)), **waves_in_space(LENGTH), **_powers(LENGTH)},
     build=lambda **keys: Oscillating(HarmonicSeries(**wave_arguments(**keys))),
     attributes=PATH,
     check=check_lengths,
@@ -273,15 +291,16 @@ class _Constant(Numbers):
         return "a finite number, or the table of a signal or a schedule"
 
 
-_NUMBER = _Constant()
+# Of signals, an angle stands for what they are of.
+_NUMBER = _Constant(dimension=ANGLE, by_size=True)
 _STEPS = Module(
     PiecewiseSignal,
-    {"times": Key(TIMES), "values": Key(Numbers((None,)))},
+    {"times": Key(TIMES), "values": Key(Numbers((None,), dimension=ANGLE, by_size=True))},
     check=row_for_each_interval("values", "number"),
 )
 _PIECES = Module(
     PiecewiseSignal,
-    {"times": Key(TIMES), "values": Key(Numbers((None, None)))},
+    {"times": Key(TIMES), "values": Key(Numbers((None, None), dimension=ANGLE, by_size=True))},
     check=row_for_each_interval("values"),
 )
 SIGNALS: Family = {"steps": _STEPS, "piecewise": _PIECES, **SCHEDULES, LOG: SIGNAL_OR_SCHEDULE_FROM_LOG}

@@ -33,8 +33,8 @@ ROUNDINGS_APART = 4 * float(np.finfo(float).eps)  # times further apart than thi
 _SPAN = {"start": Key(Numbers(dimension=TIME)), "end": Key(Numbers(dimension=TIME))}
 TIMES = {
     "saves": {**_SPAN, "saves": Key(Integer(2, MOST_SAVES))},
-    "step": {**_SPAN, "step": Key(Numbers(rule=POSITIVE))},
-    "at": {"at": Key(Numbers((None,), INCREASING))},
+    "step": {**_SPAN, "step": Key(Numbers(rule=POSITIVE, dimension=TIME))},
+    "at": {"at": Key(Numbers((None,), INCREASING, TIME))},
 }
 
 

@@ -10,6 +10,7 @@ from typing import Any
 from ..interface.wording import did_you_mean
 from .errors import ScenarioError, describe, key_error
 from .logs import with_logs
+from .renamed import with_new_keys
 
 _FOLDER = os.path.join(os.path.dirname(__file__), "builtin")
 _TITLE = re.compile(r'^title = "(.*)"$', re.MULTILINE)  # every title is such a line, and TOML takes long to parse
@@ -118,9 +119,10 @@ def document_of(text: str, what: str, error: type[ScenarioError]) -> dict[str, A
     **Raises:** ``error`` when it is not TOML.
     """
     try:
-        return _parse(text)
+        document = _parse(text)
     except (ValueError, RecursionError) as cause:
         raise error(f"A {what} must be a TOML document, but it is not: {_reason(cause)}{_heading(text)}.") from None
+    return with_new_keys(document)
 
 
 def scenario_document(value: Any, folder: Path, error: type[ScenarioError]) -> dict[str, Any]:
@@ -137,12 +139,12 @@ def scenario_document(value: Any, folder: Path, error: type[ScenarioError]) -> d
     try:
         known = value in builtin_scenarios()
         document = _parse(builtin_text(value) if known else (folder / value).read_text(encoding="utf-8"))
-        return with_logs(document, (folder / value).parent)
     except (OSError, ValueError, RecursionError) as cause:
         raise error(
             f"Key `scenario` must be a table, a scenario file, or the name of a built-in one, but it is "
             f"{describe(value)} ({_reason(cause)}){nearest_builtin(value)}"
         ) from None
+    return with_logs(with_new_keys(document), (folder / value).parent)
 
 
 def _parse(text: str) -> dict[str, Any]:

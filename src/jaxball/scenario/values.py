@@ -183,16 +183,25 @@ QUARTER_TURN, FULL_TURN = within(math.pi / 2, "π/2"), within(2 * math.pi, "2π"
 
 
 class Dimension(NamedTuple):
-    """The dimension of a number by the exponents of length, time and mass; angles have none of them."""
+    """The dimension of a number by the exponents of length, time and mass.
+
+    - ``coordinate``: the exponent of a coordinate, which is an angle, or a length along a slider or in a tube. That of
+      a torque about a hinge is -1, because it is an energy over an angle; along a slider it is a force.
+    """
 
     length: int
     time: int
     mass: int = 0
+    coordinate: int = 0
 
 
-LENGTH, TIME, ANGLE = Dimension(1, 0), Dimension(0, 1), Dimension(0, 0)
-RATE, ACCELERATION = Dimension(0, -1), Dimension(0, -2)  # of angles
-VELOCITY = Dimension(1, -1)
+LENGTH, TIME, ANGLE = Dimension(1, 0), Dimension(0, 1), Dimension(0, 0, 0, 1)
+RATE, ACCELERATION = Dimension(0, -1, 0, 1), Dimension(0, -2, 0, 1)  # of angles
+VELOCITY, PER_LENGTH, PER_TIME = Dimension(1, -1), Dimension(-1, 0), Dimension(0, -1)
+OF_MOMENTUM, OF_FORCE, OF_TORQUE = Dimension(1, -1, 1), Dimension(1, -2, 1), Dimension(2, -2, 1)
+OF_DRAG, OF_ROTATIONAL_DRAG = Dimension(0, -1, 1), Dimension(2, -1, 1)
+# What drives a coordinate, and the coefficients of forces that are linear in it or in its rate.
+EFFORT, STIFFNESS, DAMPING = Dimension(2, -2, 1, -1), Dimension(2, -2, 1, -2), Dimension(2, -1, 1, -2)
 OF_MASS, OF_INERTIA, OF_GRAVITY = Dimension(0, 0, 1), Dimension(2, 0, 1), Dimension(1, -2)
 
 
@@ -201,11 +210,13 @@ class Numbers:
     """Finite numbers of a given shape, in which None stands for one or more; () is a single number.
 
     - ``dimension``: theirs, if it is declared; it does not affect how they are read.
+    - ``by_size``: whether a design scales them by their size, where it would otherwise by their dimension.
     """
 
     shape: tuple[int | None, ...] = ()
     rule: Rule = FINITE
     dimension: Dimension | None = None
+    by_size: bool = False
 
     @property
     def words(self) -> str:

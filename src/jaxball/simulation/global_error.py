@@ -57,7 +57,8 @@ def estimate_error(run: Trajectory[Any, Any], of: Callable[[Trajectory[Any, Any]
 
     **Raises:** ``TypeError`` for anything but a trajectory, and for an ``of`` that is no function or does not return
     numbers; ``ValueError`` for a batch, in a function that JAX transforms, for a run under feedback, for one that did
-    not come to its second saved time, and where ``of`` reads dense output, events, switches or losses;
+    not come to its second saved time, where ``of`` reads dense output, events, switches or losses, and where the form
+    of its result depends on the states;
     :class:`PrecisionError` in float32; and :class:`~jaxball.SolveError` where a solve between two times fails.
 
     **Example:**
@@ -78,9 +79,15 @@ def estimate_error(run: Trajectory[Any, Any], of: Callable[[Trajectory[Any, Any]
     errors = _carry_errors(run)
     if of is None:
         return errors.body if isinstance(errors, ReleasedState) else errors
-    computed, corrected = jax.tree.flatten(of(run)), jax.tree.leaves(of(_subtract_errors(run, errors)))
-    leaves = [_difference(*pair) for pair in zip(computed[0], corrected, strict=True)]
-    return jax.tree.unflatten(computed[1], leaves)
+    computed, corrected = of(run), of(_subtract_errors(run, errors))
+    if not jax.tree.leaves(computed):
+        raise TypeError(f"Argument `of` must be a function to numbers, but it returns {describe(computed)}.")
+    if _form_of(computed) != _form_of(corrected):
+        raise ValueError(
+            "Argument `of` must be a function whose result has the same form for the run and for that without errors, "
+            f"but it returns {describe(computed)} and {describe(corrected)}; return the same numbers of any run."
+        )
+    return jax.tree.map(_difference, computed, corrected)
 
 
 def _check(run: Any) -> None:
@@ -104,8 +111,8 @@ def _check(run: Any) -> None:
         )
     if not run.history.restarts:
         raise ValueError(
-            f"The error is estimated by solves from each saved state on, but this run has {run.history.described}; "
-            "compare it with a run at tighter tolerances."
+            "The error is estimated by solves from each saved state on, which is not possible in a run with "
+            f"{run.history.described}; compare it with a run at tighter tolerances."
         )
     if not np.isfinite(np.concatenate([np.ravel(leaf[:2]) for leaf in jax.tree.leaves(run.state)])).all():
         raise ValueError(
@@ -203,6 +210,11 @@ def _subtract_errors(run: Trajectory[Any, Any], errors: Any) -> Trajectory[Any, 
 
 def _as_unknown(leaf: Any) -> Any:
     return jnp.full_like(leaf, jnp.nan) if eqx.is_inexact_array(leaf) else leaf
+
+
+def _form_of(result: Any) -> tuple[Any, list[tuple[int, ...]]]:
+    leaves, structure = jax.tree.flatten(result)
+    return structure, [np.shape(leaf) for leaf in leaves]
 
 
 def _difference(computed: Any, corrected: Any) -> Array:

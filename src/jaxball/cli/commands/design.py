@@ -55,7 +55,7 @@ def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int
 
     def save(solution: Any) -> None:
         nonlocal saved
-        write_design(solution, problem_file.title, problem_file.saves, options.out)
+        write_design(solution, problem_file.title, problem_file.saves, options.out, problem_file.units)
         saved = True
 
     def describe_stop() -> str:

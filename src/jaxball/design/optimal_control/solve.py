@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from ...interface.html import repr_html
 from ...interface.wording import number_of
+from ...scenario import Units
 from ..continuation import CORRECTION_TOLERANCE, Branch, follow, newton
 from ..problem.space import DesignError
 from .collocation import BARRIER, SHARP, Collocation
@@ -211,6 +212,7 @@ class ControlFile(NamedTuple):
     - ``saves``: the number of save times of the scenario found.
     - ``intervals``, ``tolerance``: of the first mesh, and of :func:`mesh_errors`.
     - ``violation``: how much a constraint may be violated; ``barrier``: with which the search begins.
+    - ``units``: those of the scenario, if it states them.
     """
 
     title: str
@@ -222,6 +224,7 @@ class ControlFile(NamedTuple):
     violation: float
     barrier: float
     guess: Guess
+    units: Units | None = None
 
 
 class Point(NamedTuple):
@@ -240,6 +243,7 @@ class Controlled(NamedTuple):
     - ``seen``: the schedules simulated by a solver of another kind.
     - ``tolerance``: of the mesh; ``violation``: of constraints.
     - ``elapsed``: how long it took, in seconds.
+    - ``units``: those of the scenario, if it states them.
     """
 
     first: Solution
@@ -250,6 +254,7 @@ class Controlled(NamedTuple):
     tolerance: float
     violation: float
     elapsed: float
+    units: Units | None = None
 
     _repr_html_ = repr_html
 
@@ -327,6 +332,7 @@ def solve_control(
         tolerance=file.tolerance,
         violation=file.violation,
         elapsed=elapsed,
+        units=file.units,
     )
 
 

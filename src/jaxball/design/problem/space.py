@@ -351,7 +351,8 @@ class DesignSpace:
         return f" {unit}" if unit not in ("", "1") else ""
 
     def _bounds(self, x: list[float], kinds: Mapping[str, Numbers]) -> Bounds:
-        dimensions = [kinds[key_of(variable.name)].dimension for variable in self.variables]
+        read = [kinds[key_of(variable.name)] for variable in self.variables]
+        dimensions = [None if kind.by_size else kind.dimension for kind in read]
         scale = [
             default_scale(dimension, value, self.system) if variable.scale is None else variable.scale
             for variable, value, dimension in zip(self.variables, x, dimensions, strict=True)

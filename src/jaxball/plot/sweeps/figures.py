@@ -105,7 +105,7 @@ def sweep_slice(
     set_scale(ax.xaxis, rows.is_logarithmic(against), numbers)
     make_room(ax, names)
     keys += mark_failures(ax, numbers, None, outcome, names)
-    label_axes(ax, number_label(against, labels), label_of(data, result, labels))
+    label_axes(ax, number_label(against, labels, data=data), label_of(data, result, labels))
     write_heading(ax, notes + left_out, keys)
     return ax
 
@@ -165,7 +165,7 @@ def sweep_map(
     for axis, path in ((ax.xaxis, right), (ax.yaxis, up)):
         set_scale(axis, rows.is_logarithmic(path), rows.number(path))
     add_colour_bar(ax, shown, label_of(data, result, labels))
-    label_axes(ax, number_label(right, labels), number_label(up, labels))
+    label_axes(ax, number_label(right, labels, data=data), number_label(up, labels, data=data))
     write_heading(ax, notes + more, keys, most=2)
     return ax
 
@@ -276,7 +276,7 @@ def sweep_fan(
     ax.autoscale_view()
     names_shown = [label_of(data, name, labels, at_the_end=False) for name in results]
     label_axes(ax, *(names_shown if in_plane else ["$t$", *names_shown]))
-    add_colour_bar(ax, shown, number_label(by, labels))
+    add_colour_bar(ax, shown, number_label(by, labels, data=data))
     write_heading(ax, notes + left_out, keys, most=2)
     return ax
 

@@ -79,7 +79,7 @@ def sweep_matrix(
     variables = []
     for path in numbers:
         logarithmic, crossed = rows.is_logarithmic(path), not rows.is_scattered(path)
-        label = _wrap_path(number_label(path, labels))
+        label = _wrap_path(number_label(path, labels, data=data))
         variables.append(_Variable(label, rows.number(path), True, logarithmic, crossed))
     for name in results:
         variables.append(_Variable(label_of(data, name, labels), values_of(rows, name)))

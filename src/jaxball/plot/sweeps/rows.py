@@ -64,16 +64,24 @@ _LEADING = ("row", "save")  # dimensions before those of a result itself
 MOST_STANDARD = 3
 
 
-def number_label(path: str, labels: Labels = None, *, with_unit: bool = True) -> str:
-    """The label of the number at a path: from ``labels``, its symbol and unit, or its path."""
+def number_label(
+    path: str, labels: Labels = None, *, data: "xarray.Dataset | None" = None, with_unit: bool = True
+) -> str:
+    """The label of the number at a path: from ``labels``, or its symbol or its path, with its unit.
+
+    The unit is that which the store ``data`` states, or else a dimension in words, for those that have a symbol.
+    """
     if labels and path in labels:
         return labels[path]
     indices = iter(re.findall(r"\[(\d+)\]", path))
-    symbol, unit = NUMBERS.get(re.sub(r"\[\d+\]", "[#]", path), ("", ""))
-    if not symbol:
-        return path
+    symbol, dimension = NUMBERS.get(re.sub(r"\[\d+\]", "[#]", path), ("", ""))
     numbered = re.sub("#", lambda _: str(int(next(indices)) + 1), symbol)
-    return f"${numbered}$" + (f" ({unit})" if unit and with_unit else "")
+    unit = ("" if data is None else data[path].attrs.get("units", "")) or dimension
+    return _with_unit(f"${numbered}$" if symbol else path, unit if with_unit else "")
+
+
+def _with_unit(words: str, unit: str) -> str:
+    return words if unit in ("", "1") else f"{words} ({re.sub(POWER, SUPERSCRIPT, unit)})"
 
 
 def plain(path: str) -> str:
@@ -320,7 +328,7 @@ def label_of(data: "xarray.Dataset", result: str, labels: Labels = None, *, at_t
         words = f"${symbol_of(name)}{'_{' + ','.join(indices) + '}' if indices else ''}$"
         words += " at the end" if at_the_end else ""
     units = data[name].attrs.get("units", "") or (known.units if known else "")
-    return words if units in ("", "1") else f"{words} ({re.sub(POWER, SUPERSCRIPT, units)})"
+    return _with_unit(words, units)
 
 
 def _index(data: "xarray.Dataset", dimension: str, k: int) -> str:
@@ -354,7 +362,9 @@ def sweep_scale(data: "xarray.Dataset", rows: Sequence[int], by: str | None = No
     if by is None:
         return None
     if by in paths:
-        return ColourScale(in_plain_text(number_label(by)), chosen.number(by).tolist(), chosen.is_logarithmic(by))
+        return ColourScale(
+            in_plain_text(number_label(by, data=data)), chosen.number(by).tolist(), chosen.is_logarithmic(by)
+        )
     results = result_names(data)
     if by not in results:
         raise PictureError(
