@@ -57,7 +57,7 @@ def write_mcap(
         if attributes["scenario"]:
             text = str(attributes["scenario"]).encode()
             writer.add_attachment(0, 0, "scenario.toml", "application/toml", text)
-        for topic in _topics(trajectory, variables, since, rows):
+        for topic in _topics(trajectory, variables, rows):
             schema = writer.register_schema(topic.schema["title"], "jsonschema", json.dumps(topic.schema).encode())
             channel = writer.register_channel(topic.name, "json", schema)
             for row, message in topic.messages:
@@ -72,9 +72,7 @@ def _is_known(leaf: Any) -> np.ndarray:
     return np.isfinite(leaf).reshape(len(leaf), -1).all(axis=1)
 
 
-def _topics(
-    trajectory: Trajectory[Any, Any], variables: Variables, since: list[int], rows: np.ndarray
-) -> Iterator[Topic]:
+def _topics(trajectory: Trajectory[Any, Any], variables: Variables, rows: np.ndarray) -> Iterator[Topic]:
     system, state = trajectory.system, trajectory.state
     if isinstance(system, AbstractBody) and not isinstance(state, ReducedState):
         yield Topic("/tf", FRAME, _frames(trajectory, rows))

@@ -58,9 +58,9 @@ def dimension_of(path: str, kinds: Mapping[str, Numbers], document: Mapping[str,
     return words.replace("rad", coordinates[0], 1) if len(coordinates) == 1 else ""
 
 
-def check_units_of_logs(document: Mapping[str, Any], units: Units | None, path: str = "") -> None:
+def check_units_of_logs(document: Mapping[str, Any], units: Units | None) -> None:
     """Raises a :class:`ScenarioError` for the first log whose ``unit`` is not that of its numbers in ``units``."""
-    _check_logs(document, units, path, document)
+    _check_logs(document, units, "", document)
 
 
 def _check_logs(value: Any, units: Units | None, path: str, document: Mapping[str, Any]) -> None:
