@@ -2,22 +2,14 @@
 
 import jax
 import jax.numpy as jnp
-import jaxtyping
 import numpy as np
 import pytest
 
 import jaxball
 from jaxball.simulation.arguments import check_times
 
+pytestmark = pytest.mark.usefixtures("no_type_checks")
 BALL = jaxball.Ball(mass=1.0, inertia=(0.5, 0.6, 0.7))
-
-
-@pytest.fixture(autouse=True)
-def no_type_checks():
-    """The sentences that a user reads, who does not check types at run time as these tests do."""
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
 
 
 @pytest.mark.parametrize(

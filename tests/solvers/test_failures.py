@@ -6,7 +6,6 @@ import math
 import diffrax
 import jax
 import jax.numpy as jnp
-import jaxtyping
 import numpy as np
 import optimistix
 import pytest
@@ -266,14 +265,8 @@ class TestSimulate:
         assert run.status == Status.SOLVER_FAILED or abs(length - 1.0) < 1e-9
 
 
+@pytest.mark.usefixtures("no_type_checks")
 class TestWrongArguments:
-    @pytest.fixture(autouse=True)
-    def no_type_checks(self):
-        """The sentences that a user reads, who does not check types at run time as these tests do."""
-        jaxtyping.config.update("jaxtyping_disable", True)
-        yield
-        jaxtyping.config.update("jaxtyping_disable", False)
-
     @pytest.mark.parametrize(
         ("make", "sentence"),
         [

@@ -39,14 +39,23 @@ class AbstractRecorded(Printed):
 
     times: eqx.AbstractVar[Float[Array, "*group n"]]
     values: eqx.AbstractVar[Float[Array, "*group n"]]
+    outside: eqx.AbstractVar[str]
     choices_outside: ClassVar[tuple[str, ...]]
 
     @property
-    @abc.abstractmethod
     def is_bounded(self) -> bool:
         """Whether a run must lie within the log."""
+        return self.outside == "refuse"
+
+    @abc.abstractmethod
+    def prepare(self) -> Any:
+        """The curve through the samples."""
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        return self.prepare()(t)
 
     def __check_init__(self):
+        _require_one_of("outside", self.outside, self.choices_outside)
         if self.times.shape != self.values.shape or self.times.shape[-1] < 2:
             raise ValueError(
                 "Arguments `times` and `values` must have the same length, two or more, but their shapes are "
@@ -121,14 +130,6 @@ class RecordedSignal(AbstractRecorded, AbstractIntegrableSignal):
 
     def __check_init__(self):
         _require_one_of("interpolation", self.interpolation, get_args(Interpolation))
-        _require_one_of("outside", self.outside, self.choices_outside)
-
-    @property
-    def is_bounded(self) -> bool:
-        return self.outside == "refuse"
-
-    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
-        return self.prepare()(t)
 
     def impulse(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.prepare().impulse(t)
@@ -209,16 +210,6 @@ class RecordedSchedule(AbstractRecorded, AbstractSchedule):
     times: Float[Array, "*group n"] = eqx.field(converter=numbers("times", ("n",)))
     values: Float[Array, "*group n"] = eqx.field(converter=numbers("values", ("n",)))
     outside: OutsideOfSchedule = eqx.field(static=True, default="refuse")
-
-    def __check_init__(self):
-        _require_one_of("outside", self.outside, self.choices_outside)
-
-    @property
-    def is_bounded(self) -> bool:
-        return self.outside == "refuse"
-
-    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
-        return self.prepare()(t)
 
     def shift(self, by: Float[Array, ""]) -> "RecordedSchedule":
         return eqx.tree_at(lambda s: s.values, self, self.values + by)

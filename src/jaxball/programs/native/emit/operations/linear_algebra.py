@@ -15,9 +15,10 @@ from ...limits import COLUMNS_OF_BLOCK
 from ...targets import machine
 from ..builder import INDEX
 from ..instructions import BOOL
-from ..lowering import Function
+from ..lowering import Function, is_callback
+from ..rules import rule
 from ..storage import parts
-from ..values import Array, Memory
+from ..values import Array, Memory, Registers
 
 INTEGER = np.dtype(np.int32)
 _LETTERS = {"s": np.dtype("f4"), "d": np.dtype("f8"), "c": np.dtype("c8"), "z": np.dtype("c16")}
@@ -206,13 +207,26 @@ _ROUTINES: dict[str, Factorisation] = {
 }
 
 
-def routine_named(target: str) -> tuple[str, str] | None:
+@rule("stablehlo.custom_call")
+def custom_call(function: Function, operation: Operation, operands: list[Array]) -> list[Array]:
+    """A routine of LAPACK; a callback ends the program, which is then run by XLA."""
+    if is_callback(operation):
+        function.refuse()
+        return [Registers(result.dtype, np.zeros(result.shape, result.dtype)) for result in operation.results]
+    target = operation.attribute("call_target_name")
+    routine = _routine_named(target)
+    if routine is None:
+        raise UnsupportedError(f"{operation.name} of {target}")
+    return _call(function, operation, operands, *routine)
+
+
+def _routine_named(target: str) -> tuple[str, str] | None:
     """The letter and the name of a routine that is known, of ``lapack_dgetrf_ffi``."""
     letter, name = target[7:8], target[8:].removesuffix("_ffi")
     return (letter, name) if target.startswith("lapack_") and letter in _LETTERS and name in _ROUTINES else None
 
 
-def solve(function: Function, operation: Operation, operands: list[Array], letter: str, name: str) -> list[Array]:
+def _call(function: Function, operation: Operation, operands: list[Array], letter: str, name: str) -> list[Array]:
     """A routine of LAPACK's or BLAS's, of each matrix."""
     storage, compute = function.storage, _ROUTINES[name]
     routine = _Routine(function, operation, letter)

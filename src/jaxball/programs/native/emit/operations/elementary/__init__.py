@@ -16,7 +16,7 @@ import functools
 
 from ....ir.elements import Element, Name, vector_type, width_of
 from ...builder import Builder
-from . import errors, exponentials, hyperbolic, remainders, roots, trigonometric
+from . import errors, exponentials, hyperbolic, roots, trigonometric
 from .writer import DOUBLE, Function, Writer
 
 # With how many arguments.
@@ -43,7 +43,7 @@ FUNCTIONS: dict[str, tuple[Function, int]] = {
     "log_hypot": (roots.log_hypot, 2),
     "erf": (errors.erf, 1),
     "erfc": (errors.erfc, 1),
-    "fmod": (remainders.fmod, 2),
+    "fmod": (roots.fmod, 2),
 }
 
 
