@@ -56,6 +56,7 @@ class Lowered:
             return function(arrays)
 
         self.name = call.__name__ = call.__qualname__ = name
+        # All arguments stay, because the program is called with all of them.
         self.function = jax.jit(call, keep_unused=True)
         self.takes, self._natively = list(map(type_of, arrays)), natively
         self._depends, self._context = False, context
@@ -141,6 +142,7 @@ class Lowered:
 
     def for_xla(self) -> "Lowered":
         """The same, traced for XLA; this one, where that does not matter."""
+        # A function that asked who compiles it may have been traced differently for the other one.
         if self.traced and not self._depends:
             return self
         again = copy.copy(self)

@@ -64,6 +64,7 @@ def _compute_rows(takes: Sequence[Part], gives: Sequence[Part], workspace: int) 
     yield "  %rows = load i64, ptr %rows.place"
     yield "  br label %row"
     yield "row:"
+    # Threads side by side take rows side by side, which they read together.
     yield "  %k = phi i64 [ %first, %entry ], [ %following, %compute ]"
     yield "  %is_row = icmp slt i64 %k, %rows"
     yield "  br i1 %is_row, label %compute, label %end"
@@ -109,6 +110,7 @@ def _text(name: str, content: str) -> str:
 
 # The table is an argument of the kernel, by value: what the next slice writes to it does not reach the one before. The
 # array to work in is given back as soon as all is started, because whoever gets it next runs on the same stream.
+# Where memory lacks, half as many threads are tried, and half of these: each then computes more rows.
 _LAUNCHER = f"""
 declare i32 @snprintf(ptr, i64, ptr, ...)
 {_text("lacks_memory", _LACKS_MEMORY)}

@@ -42,6 +42,7 @@ def _body_of_call(takes: Sequence[Part], gives: Sequence[Part], block: int) -> I
             yield f"  %rank.{j} = load i64, ptr %rank.place.{j}"
             yield f"  %dims.place.{j} = getelementptr i8, ptr %buffer.{j}, i64 40"
             yield f"  %dims.{j} = load ptr, ptr %dims.place.{j}"
+            # An array without an axis of rows is the same for all: its step from row to row is 0.
             yield f"  %is_row.{j} = icmp ne i64 %rank.{j}, {parts[j].rank}"
             yield f"  %count.place.{j} = select i1 %is_row.{j}, ptr %dims.{j}, ptr %one"
             yield f"  %count.{j} = load i64, ptr %count.place.{j}"
@@ -52,6 +53,7 @@ def _body_of_call(takes: Sequence[Part], gives: Sequence[Part], block: int) -> I
             yield f"  store ptr %data.{j}, ptr %base.place.{j}"
             yield f"  %step.place.{j} = getelementptr i8, ptr %shared, i64 {PARTS + 16 * j + 8}"
             yield f"  store i64 %step.{j}, ptr %step.place.{j}"
+    # Arrays with rows have equally many, so any of them says how many; the last one's number was handed on so far.
     rows = f"%rows.{len(parts) - 1}" if parts else "1"
     yield f"  %more = add i64 {rows}, {block - 1}"
     yield f"  %blocks = udiv i64 %more, {block}"

@@ -36,6 +36,8 @@ def _body_of_block(takes: Sequence[Part], gives: Sequence[Part], block: int, pad
     parts = [*takes, *gives]
     yield f"  %first = mul i64 %k, {block}"
     yield from write_places(takes, gives, "%first")
+    # The program reads and writes whole blocks, and behind the last row lies memory of others. What pads it is the last
+    # row once more: zeros might take more steps than any row.
     if padded:
         yield f"  %rows.place = getelementptr i8, ptr %shared, i64 {ROWS}"
         yield "  %rows = load i64, ptr %rows.place"
@@ -134,6 +136,7 @@ define internal void @restore_mode(i64 %mode) alwaysinline {
   ret void
 }
 """
+# 8064 are all exceptions of x86-64 masked, rounding to the nearest, and no flushing to 0; on ARM, that is 0.
 _MODE = {
     "x86_64": """
 declare void @llvm.x86.sse.stmxcsr(ptr)
@@ -192,8 +195,12 @@ done:
 }
 """.splitlines()
 
+# `next` says which blocks are taken, and `done` how many are finished: each is counted when its results are written,
+# and the order of atomic additions makes these visible to whoever sees them all counted.
 # A thread that comes late finds nothing left to do. So the caller waits only for blocks that somebody computes, and
 # neither needs the other threads nor how many there are. What is shared is freed by the last who uses it.
+# A helper counts as a user before it is scheduled, because it may run, and leave, before the next instruction here. XLA
+# of older versions has a shorter table of functions, without a pool of threads: the caller then computes alone.
 _THREADS = f"""
 define internal void @compute_blocks(ptr %shared, ptr %control) {{
 entry:

@@ -73,12 +73,14 @@ def compile_function(caller: Function, name: str, varying: Sequence[bool]) -> Si
     if signature.name in compiler.compiled:
         return signature
     function = Function(compiler, "ret void" if signature.type == "void" else f"ret {signature.type} zeroinitializer")
+    # Where it computes one number of each lane, its own loops cannot be in lanes.
     function.in_lanes = caller.in_lanes
     b, storage = function.builder, function.storage
     given, arguments = ["ptr %control", "ptr %workspace"], []
     # A function never writes to its arguments: it copies what it overwrites, since callers may still read them.
     for position, (value, form) in enumerate(zip(block.arguments, signature.arguments, strict=True)):
         if form.passing is None:
+            # The caller passes memory of its own for results, in which no argument lies, and LLVM may know that.
             given.append(f"ptr noalias readonly %a{position}")
             buffer = Buffer(f"%a{position}", 0, writable=False, lanes=form.varying)
             arguments.append(Memory(value.shape, value.dtype, buffer))

@@ -68,6 +68,7 @@ class Instructions:
 
     def load(self, kind: str, address: Name, wide: int = 0) -> Name:
         """A number, or a vector, in memory."""
+        # Not found again by its text: the same address may hold another number by then.
         name = self.effect(f"load {kind}, ptr {address}", wide)
         self._loaded.add(name)
         return name

@@ -126,6 +126,7 @@ def in_vectors(builder: Builder, dtype: np.dtype, shape: Sequence[int], numbers:
     """The numbers of an array, row by row, as vectors along its first axis."""
     places = len(numbers) // shape[0]
     columns = [numbers[place::places] for place in range(places)]
+    # All of one width, and never a single number: the other end of the jump or of the call expects these types.
     vectors = [pack(builder, dtype, column[part], LANES) for column in columns for part in vectors_of(shape[0])]
     return [builder.spread(dtype, vector, LANES) for vector in vectors]
 
@@ -139,6 +140,7 @@ def one_by_one(builder: Builder, dtype: np.dtype, shape: Sequence[int], vectors:
 
 
 def _is_uniform(numbers: Sequence[Element]) -> bool:
+    # By their text, as 0 and −0 are equal numbers that give different results.
     first = write_element(numbers[0])
     return all((number if isinstance(number, str) else write_element(number)) == first for number in numbers)
 

@@ -81,6 +81,7 @@ def divide(b: Builder, dtype: np.dtype, x: Pair, y: Pair) -> Pair:
     wide = b.compare("oge", part, *sizes)  # |Re y| ≥ |Im y|
     large, small = b.select(part, wide, y.real, y.imag), b.select(part, wide, y.imag, y.real)
     ratio = op("div", small, large)
+    # Of 0/0 there is no ratio, but x/0 has its infinite parts.
     ratio = b.select(part, b.compare("oeq", part, small, part.type(0)), small, ratio)
     divisor = op("add", large, op("mul", small, ratio))
     first, second = b.select(part, wide, x.real, x.imag), b.select(part, wide, x.imag, x.real)

@@ -121,6 +121,7 @@ def scatter(function: Function, operation: Operation, operands: list[Array]) -> 
     if places.known and all(isinstance(array, Registers) for array in (*arrays, *updates)):
         return _scatter_registers(function, places, combine, arrays, updates)
     varying = any(array.varying for array in (places.numbers, *arrays, *updates))
+    # Updates are computed before, as they may read what is overwritten.
     targets = [function.overwritable(operation, k, array, varying) for k, array in enumerate(arrays)]
 
     def add_update(place: Sequence[Index], index: Sequence[Index]) -> None:

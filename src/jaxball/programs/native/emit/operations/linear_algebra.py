@@ -129,6 +129,7 @@ def _eigenvalues(r: _Routine, operands: list[Memory]) -> list[Memory]:
     if r.dtype.kind == "c":
         work.append(r.memory(part_of(r.dtype), 2 * n))
     left, right = vectors
+    # Where it is not 0, JAX returns NaN; −4 is LAPACK's for its fourth argument, which is the matrix.
     with storage.every_index(info.shape) as index:
         storage.put(info, index, np.int32(-4))
     with b.where(_all_finite(r, a)):  # a search for eigenvalues may not end
@@ -143,6 +144,8 @@ def _eigenvalues(r: _Routine, operands: list[Memory]) -> list[Memory]:
             second = b.compare("olt", r.dtype, turned, zero)
             back = b.as_index(b.select(INDEX, second, np.int64(1), np.int64(0)), INDEX)
             k = b.clamp(b.plus(j, b.times(back, -1)), n - 1)
+            # Moved into the array for the last vector, which has no next one: its value is real, and `other` is not
+            # used.
             real, other = (source.element(b, (b.clamp(b.plus(k, d), n - 1), i)) for d in (0, 1))
             imaginary = b.select(r.dtype, second, b.negative(r.dtype, other), other)
             imaginary = b.select(r.dtype, b.compare("oeq", r.dtype, turned, zero), zero, imaginary)

@@ -114,6 +114,7 @@ def reduce_window(function: Function, operation: Operation, operands: list[Array
     combine = function.combination(operation.regions[0])
     varying = in_lanes(*first) or any(array.varying for array in arrays)
     window = _Window(operation, arrays[0].shape)
+    # Window by window, a cumulative sum of n numbers would take n² additions.
     dimension = window.running()
     if dimension is not None:
         return _running(function, operation, arrays, first, combine, dimension, window.low[dimension] == 0)
@@ -211,6 +212,7 @@ class _Window:
                 within_base = builder.binary("and", BOOL, within_base, builder.compare("eq", INDEX, rest, np.int64(0)))
                 position = builder.apply("sdiv", INDEX, number, np.int64(self.spread[k]))
             inside = builder.binary("and", BOOL, inside, within_base)
+            # It is read whether it is inside or not, so that it must lie in the array.
             place.append(builder.clamp(position, max(self.shape[k] - 1, 0)))
         return inside, place
 

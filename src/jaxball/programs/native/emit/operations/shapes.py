@@ -89,6 +89,7 @@ def reshape(function: Function, operation: Operation, operands: list[Array]) -> 
     array, shape = operands[0], operation.results[0].shape
     builder = function.builder
     if not isinstance(array, Registers) and not is_small(shape) and _unit_free(array.shape) == _unit_free(shape):
+        # Only dimensions of length one differ. By the position, each index would take divisions.
         own = [k for k, length in enumerate(array.shape) if length != 1]
         new = [k for k, length in enumerate(shape) if length != 1]
 
@@ -205,6 +206,7 @@ def pad(function: Function, operation: Operation, operands: list[Array]) -> Arra
         ends = zip(place, result.shape, low, operation.attribute("edge_padding_high"), strict=True)
         inside: Element = np.bool_(True)
         for i, length, *edges in ends:
+            # Elsewhere every element has a place, and nothing is compared in the loop.
             if min(edges) < 0:
                 inside = builder.binary("and", real.BOOL, inside, builder.within(i, 0, length))
         with builder.where(inside):
