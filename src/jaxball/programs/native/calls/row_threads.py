@@ -51,8 +51,8 @@ def _body_of_block(takes: Sequence[Part], gives: Sequence[Part], block: int, pad
             if part.in_rows:
                 yield f"  %padded.{j} = getelementptr i8, ptr %memory, i64 {offset}"
                 if j < len(takes):
-                    given = f"ptr %padded.{j}, ptr %own.{j}, i64 {part.size}, i64 %left, i64 {block}"
-                    yield f"  call void @repeat_last({given})"
+                    operands = f"ptr %padded.{j}, ptr %own.{j}, i64 {part.size}, i64 %left, i64 {block}"
+                    yield f"  call void @repeat_last({operands})"
                 yield f"  store ptr %padded.{j}, ptr %place.{j}"
                 offset += block * part.size
         yield "  br label %compute"

@@ -42,8 +42,8 @@ def side_by_side(
     width, parts = _parts(columns)
     rows: list[list[Element]] = [[] for _ in results]
     for part in parts:
-        found = compute(*[pack(builder, dtype, column, width) for dtype, column in zip(dtypes, part, strict=True)])
-        for row, dtype, number in zip(rows, results, found, strict=True):
+        computed = compute(*[pack(builder, dtype, column, width) for dtype, column in zip(dtypes, part, strict=True)])
+        for row, dtype, number in zip(rows, results, computed, strict=True):
             row += builder.lanes_of(dtype, number, len(part[0]))
     return rows
 
@@ -52,14 +52,14 @@ def _pays(builder: Builder, dtypes: Sequence[np.dtype], columns: Sequence[Sequen
     """Whether numbers of these types are computed in vectors."""
     if any(dtype.kind == "c" for dtype in dtypes):
         return False
-    known = True
+    all_known = True
     for column in columns:
         for element in column:
             if isinstance(element, (Vector, Pair)):
                 return False
-            known = known and not isinstance(element, str)
+            all_known = all_known and not isinstance(element, str)
     # One number for all lanes is computed once, and known ones while compiling.
-    if known or all(map(_is_uniform, columns)):
+    if all_known or all(map(_is_uniform, columns)):
         return False
     if FEWEST_ALWAYS <= len(columns[0]) <= LANES:
         return True

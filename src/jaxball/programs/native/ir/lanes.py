@@ -94,9 +94,13 @@ def _is_written_at(result: Value, array: Value, index: Value, block: Block, func
         return False
     if operation.name == "func.call":
         inner = functions[operation.attribute("callee")]
-        given = dict(zip(operation.operands, inner.arguments, strict=True))
-        own = inner.results[operation.results.index(result)]
-        return array in given and index in given and _is_written_at(own, given[array], given[index], inner, functions)
+        argument_of = dict(zip(operation.operands, inner.arguments, strict=True))
+        inner_result = inner.results[operation.results.index(result)]
+        return (
+            array in argument_of
+            and index in argument_of
+            and _is_written_at(inner_result, argument_of[array], argument_of[index], inner, functions)
+        )
     if operation.name != "stablehlo.dynamic_update_slice" or operation.operands[0] is not array:
         return False
     # A whole row at the turn's own index, so that no two turns write to the same place.

@@ -36,8 +36,8 @@ def library(name: str) -> Callable[..., Pair]:
         kinds = ", ".join(["double"] * len(parts))
         head = f"declare {{ double, double }} @{name}({kinds}) nounwind willreturn memory(none)"
         b.module.declared.setdefault(f"@{name}", head)
-        given = ", ".join(f"double {b.operand(DOUBLE, number)}" for number in parts)
-        result = b.pure(f"call {{ double, double }} @{name}({given})")
+        operand_texts = ", ".join(f"double {b.operand(DOUBLE, number)}" for number in parts)
+        result = b.pure(f"call {{ double, double }} @{name}({operand_texts})")
         numbers = (b.pure(f"extractvalue {{ double, double }} {result}, {k}") for k in (0, 1))
         return Pair(*(real.convert(b, DOUBLE, part, number) for number in numbers))
 

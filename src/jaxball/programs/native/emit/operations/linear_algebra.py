@@ -187,11 +187,11 @@ def _tridiagonal_solution(r: _Routine, operands: list[Memory]) -> list[Memory]:
     """The lower diagonal has a first element without a meaning."""
     low, middle, high, x = operands
     (m,), info = middle.shape, r.memory(INTEGER, 1)
-    own = r.memory(r.dtype, m)
+    lower = r.memory(r.dtype, m)
     with r.function.storage.every_index((m - 1,)) as (i,):
         number = low.element(r.function.builder, (r.function.builder.plus(i, 1),))
-        r.function.storage.put(own, (i,), number)
-    r.call("gtsv", m, x.shape[0], own, middle, high, x, m, info)
+        r.function.storage.put(lower, (i,), number)
+    r.call("gtsv", m, x.shape[0], lower, middle, high, x, m, info)
     return [low, middle, high, x, info]
 
 
@@ -238,11 +238,11 @@ def _call(function: Function, operation: Operation, operands: list[Array], lette
     targets = [storage.allocate(result.shape, result.dtype) for result in operation.results]
     batch = arrays[0].shape[: -1 if name == "gtsv" else -2]
     with storage.every_index(batch) as place:
-        own = [routine.memory(array.dtype, *array.shape[len(batch) :]) for array in arrays]
-        for memory, array in zip(own, arrays, strict=True):
+        copies = [routine.memory(array.dtype, *array.shape[len(batch) :]) for array in arrays]
+        for memory, array in zip(copies, arrays, strict=True):
             with storage.every_index(array.shape[len(batch) :]) as index:
                 storage.put(memory, index[::-1], array.element(function.builder, [*place, *index]))
-        for memory, target_ in zip(compute(routine, own), targets, strict=True):
+        for memory, target_ in zip(compute(routine, copies), targets, strict=True):
             with storage.every_index(target_.shape[len(batch) :]) as index:
                 inside: Sequence[Index] = index[::-1] or [0]
                 storage.put(target_, [*place, *index], memory.element(function.builder, inside))

@@ -296,10 +296,10 @@ def _in_lanes(function: Function, operation: Operation, operands: list[Array], l
         # The body compares its counter with constants of its own type.
         if dtype.itemsize < INDEX.itemsize:
             index = Vector(b.convert("trunc", INDEX, dtype, index))
-        given = [*arrays]
-        given[loop.counter] = registers(dtype, [index], ())
+        body_arguments = [*arrays]
+        body_arguments[loop.counter] = registers(dtype, [index], ())
         function.in_lanes = True
-        with function.write_block(body, given):
+        with function.write_block(body, body_arguments):
             pass
         function.in_lanes = False
         function.looks_for_signals(b.cost - cost)

@@ -90,12 +90,12 @@ def reshape(function: Function, operation: Operation, operands: list[Array]) -> 
     builder = function.builder
     if not isinstance(array, Registers) and not is_small(shape) and _unit_free(array.shape) == _unit_free(shape):
         # Only dimensions of length one differ. By the position, each index would take divisions.
-        own = [k for k, length in enumerate(array.shape) if length != 1]
-        new = [k for k, length in enumerate(shape) if length != 1]
+        old_axes = [k for k, length in enumerate(array.shape) if length != 1]
+        new_axes = [k for k, length in enumerate(shape) if length != 1]
 
         def source(index: Sequence[Index]) -> list[Index]:
             old: list[Index] = [0] * len(array.shape)
-            for k, d in zip(own, new, strict=True):
+            for k, d in zip(old_axes, new_axes, strict=True):
                 old[k] = index[d]
             return old
 
@@ -157,8 +157,8 @@ def concatenate(function: Function, operation: Operation, operands: list[Array])
     storage = function.storage
     if is_small(result.shape):
         parts = [storage.to_registers(array) for array in operands]
-        known = all(part.known for part in parts)
-        arrays = [part.elements if known else part.objects() for part in parts]
+        all_known = all(part.known for part in parts)
+        arrays = [part.elements if all_known else part.objects() for part in parts]
         return Registers(result.dtype, np.concatenate(arrays, axis=dimension))
     varying = any(array.varying for array in operands)
     target, offset = storage.allocate(result.shape, result.dtype, varying), 0
