@@ -151,10 +151,8 @@ class Builder(Instructions):
             calls = [self.call(function, dtype, *row, to=to, attributes=attributes) for row in rows]
             return self.gather(result, calls, wide)
         operand_type, result_type = llvm_type(dtype), llvm_type(result)
-        head = (
-            f"{result_type} @{function}({', '.join([operand_type] * len(operands))}) nounwind willreturn {attributes}"
-        )
-        self.module.declared.setdefault(f"@{function}", f"declare {head}")
+        head = f"declare {result_type} @{function}({', '.join([operand_type] * len(operands))})"
+        self.module.declared.setdefault(f"@{function}", f"{head} nounwind willreturn {attributes}")
         numbers = ", ".join(f"{operand_type} {self.operand(dtype, x)}" for x in operands)
         return self.pure(f"call {result_type} @{function}({numbers})")
 

@@ -110,9 +110,8 @@ def compile_function(caller: Function, name: str, varying: Sequence[bool]) -> Si
     for position, (kind, number) in enumerate(zip(signature.types_of_results(), returned, strict=True)):
         result = b.effect(f"insertvalue {signature.type} {result}, {_with_type(b, kind, number)}, {position}")
     b.write("ret void" if signature.type == "void" else f"ret {signature.type} {result}")
-    compiler.module.functions.append(
-        b.function(f"internal {signature.type} @{signature.name}({', '.join(parameters)})")
-    )
+    head = f"internal {signature.type} @{signature.name}({', '.join(parameters)})"
+    compiler.module.functions.append(b.function(head))
     compiler.compiled[signature.name] = b.cost
     return signature
 

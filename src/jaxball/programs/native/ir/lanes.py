@@ -94,13 +94,11 @@ def _is_written_at(result: Value, array: Value, index: Value, block: Block, func
         return False
     if operation.name == "func.call":
         inner = functions[operation.attribute("callee")]
-        argument_of = dict(zip(operation.operands, inner.arguments, strict=True))
+        arguments = dict(zip(operation.operands, inner.arguments, strict=True))
+        if array not in arguments or index not in arguments:
+            return False
         inner_result = inner.results[operation.results.index(result)]
-        return (
-            array in argument_of
-            and index in argument_of
-            and _is_written_at(inner_result, argument_of[array], argument_of[index], inner, functions)
-        )
+        return _is_written_at(inner_result, arguments[array], arguments[index], inner, functions)
     if operation.name != "stablehlo.dynamic_update_slice" or operation.operands[0] is not array:
         return False
     # A whole row at the turn's own index, so that no two turns write to the same place.
