@@ -192,6 +192,15 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
     def from_packed(self, t: Float[Array, ""], packed: Any) -> Any:
         return from_locked(self, t, packed)
 
+    def field(self, t: Float[Array, ""], state: Any) -> Any:
+        """``rolling_ball_ode_f``, ``uncon_ball_eqns_explicit_full`` or ``uncon_ball_eqns_explicit``, by the state.
+
+        Of a disk ``eq_rdisk_dynamics``: φ̈ is −Ω̇₂ of the ball's equation.
+        """
+        acting = load(self, t, state)
+        moves = accelerations(self, t, state, acting)
+        return rates(self, t, state, moves.Omegadot, moves.angles, acting.footing)
+
     def field_of_packed(self, t: Float[Array, ""], packed: Any) -> Any:
         return field_of_locked(self, t, packed)
 
@@ -263,12 +272,6 @@ class Ball(AbstractBody):
     state_type: ClassVar[Any] = BallState
     other_state_types: ClassVar[tuple[Any, ...]] = (RotationState, ReducedState)
 
-    def field(self, t: Float[Array, ""], state: Any) -> Any:
-        """``rolling_ball_ode_f``, ``uncon_ball_eqns_explicit_full`` or ``uncon_ball_eqns_explicit``, by the state."""
-        acting = load(self, t, state)
-        found = accelerations(self, t, state, acting)
-        return rates(self, t, state, found.Omegadot, found.angles, acting.footing)
-
     def require_state(self, state: Any) -> None:
         AbstractBody.require_state(self, state)
         if isinstance(state, ReducedState) and not self.is_reducible:
@@ -317,12 +320,6 @@ class Disk(AbstractBody):
     planar: ClassVar[bool] = True
     title: ClassVar[str] = "disk"
     state_type: ClassVar[Any] = DiskState
-
-    def field(self, t: Float[Array, ""], state: DiskState) -> DiskState:
-        """``eq_rdisk_dynamics``: φ̈ is −Ω̇₂ of the ball's equation."""
-        acting = load(self, t, state)
-        found = accelerations(self, t, state, acting)
-        return rates(self, t, state, found.Omegadot, found.angles, acting.footing)
 
     def embed(self) -> Ball:
         """The disk as a ball with three equal moments that rolls in the plane of e1 and e3."""

@@ -106,7 +106,8 @@ class Lowered:
 
         try:
             with seldom_collected():
-                takes, gives = _types_in(self.traced.jaxpr.in_avals), _describe_results(self.traced.jaxpr.out_avals)
+                takes = list(map(_numpy_type, self.traced.jaxpr.in_avals))
+                gives = _describe_results(self.traced.jaxpr.out_avals)
                 module = self.for_cpu().compiler_ir("stablehlo")
                 return Program(compile_for_cpu(module, takes, gives, large=large, quickly=quickly, rows=rows))
         except UnsupportedError as error:
@@ -150,10 +151,6 @@ class Lowered:
         for name in ("traced", "lowered"):
             vars(again).pop(name, None)
         return again
-
-
-def _types_in(avals: Sequence[Any]) -> list[np.dtype]:
-    return [_numpy_type(aval) for aval in avals]
 
 
 def _describe_results(avals: Sequence[Any]) -> list[Given]:

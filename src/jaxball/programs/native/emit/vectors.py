@@ -64,7 +64,7 @@ def _pays(builder: Builder, dtypes: Sequence[np.dtype], columns: Sequence[Sequen
     if FEWEST_ALWAYS <= len(columns[0]) <= LANES:
         return True
     width, parts = _parts(columns)
-    return all(_cost(builder, part, width) <= MOST_TO_PACK for part in parts)
+    return all(sum(_cost(builder, column, width) for column in part) <= MOST_TO_PACK for part in parts)
 
 
 def _parts(columns: Sequence[Sequence[Element]]) -> tuple[int, list[list[Sequence[Element]]]]:
@@ -158,12 +158,8 @@ def _sources(numbers: Sequence[Element], width: int) -> tuple[list[Vector], list
     return (vectors, lanes) if len(vectors) <= 2 else ([], [])
 
 
-def _cost(builder: Builder, columns: Sequence[Sequence[Element]], width: int) -> int:
-    """Instructions, in every turn of the loop that is being written, that make vectors of numbers."""
-    return sum(_cost_of_one(builder, column, width) for column in columns)
-
-
-def _cost_of_one(builder: Builder, numbers: Sequence[Element], width: int) -> int:
+def _cost(builder: Builder, numbers: Sequence[Element], width: int) -> int:
+    """Instructions, in every turn of the loop that is being written, that make a vector of numbers."""
     # Made once before the loop.
     if all(map(builder.is_same_in_every_turn, numbers)):
         return 0

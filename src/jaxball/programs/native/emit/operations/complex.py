@@ -113,14 +113,11 @@ def comparison(direction: str, total: bool) -> Callable[..., Element]:
     def compute(b: Builder, dtype: np.dtype, x: Pair, y: Pair) -> Element:
         if direction not in ("EQ", "NE"):
             raise UnsupportedError("An order of complex numbers")
-        parts = (b.compare(real.ORDERED[direction], part_of(dtype), u, v) for u, v in _zip(x, y))
+        pairs = (x.real, y.real), (x.imag, y.imag)
+        parts = (b.compare(real.ORDERED[direction], part_of(dtype), *pair) for pair in pairs)
         return b.binary("and" if direction == "EQ" else "or", real.BOOL, *parts)
 
     return compute
-
-
-def _zip(x: Pair, y: Pair) -> list[tuple[Element, Element]]:
-    return [(x.real, y.real), (x.imag, y.imag)]
 
 
 def convert(b: Builder, source: np.dtype, target: np.dtype, x: Element) -> Element:

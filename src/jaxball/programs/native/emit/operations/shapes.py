@@ -50,7 +50,8 @@ def iota(function: Function, operation: Operation, operands: list[Array]) -> Arr
     shape, dtype, builder = result.shape, result.dtype, function.builder
     if is_small(shape):
         numbers = np.arange(shape[dimension]).astype(dtype)
-        return Registers(dtype, np.broadcast_to(np.expand_dims(numbers, _others(shape, dimension)), shape))
+        others = [k for k in range(len(shape)) if k != dimension]
+        return Registers(dtype, np.broadcast_to(np.expand_dims(numbers, others), shape))
     conversion = complex.convert if dtype.kind == "c" else real.convert
 
     def at(index: Sequence[Index]) -> Element:
@@ -58,10 +59,6 @@ def iota(function: Function, operation: Operation, operands: list[Array]) -> Arr
         return conversion(builder, np.dtype(np.int64), dtype, np.int64(i) if isinstance(i, int) else i)
 
     return Formula(shape, dtype, at, (), cheap=True)
-
-
-def _others(shape: Sequence[int], dimension: int) -> tuple[int, ...]:
-    return tuple(k for k in range(len(shape)) if k != dimension)
 
 
 @rule("stablehlo.broadcast_in_dim")
