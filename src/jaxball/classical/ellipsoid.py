@@ -13,7 +13,7 @@ from ..numerics.versor import derivative
 from ..physics.conditions import Condition, positive, positive_inertia, real_inertia
 from ..physics.forces.resistance import AbstractResistance
 from ..physics.rolling import AbstractRollingSystem, Reaction
-from .rigid_body import principal_moments, versor_squared
+from .rigid_body import versor_squared
 from .state import AbstractClassicalSystem, OrientedState
 
 
@@ -112,7 +112,7 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState], AbstractRollingS
         self.mass, self.turn, self.gravity = (
             numbers(name)(x) for name, x in (("mass", mass), ("turn", turn), ("gravity", gravity))
         )
-        self.semiaxes, self.inertia = numbers("semiaxes", (3,))(semiaxes), principal_moments(inertia)
+        self.semiaxes, self.inertia = numbers("semiaxes", (3,))(semiaxes), numbers("inertia", (3,))(inertia)
         self.offset = numbers("offset", (3,))(offset)
         self.resistance = resistance
         if resistance is not None and resistance.holds:
@@ -140,10 +140,7 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState], AbstractRollingS
         return apply(state.Lambda, self._accelerations(state).reaction)
 
     def plane_reaction(self, t: Float[Array, ""], state: EllipsoidState) -> Reaction:
-        R = self._accelerations(state).reaction
-        normal = dot(R, state.Gamma)
-        friction = R - normal * state.Gamma
-        return Reaction(normal, dot(friction, friction))
+        return Reaction.of(self._accelerations(state).reaction, state.Gamma)
 
     @property
     def weight(self) -> Float[Array, "*batch"]:

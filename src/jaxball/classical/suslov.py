@@ -13,12 +13,12 @@ from jaxtyping import Array, Float
 
 from ..interface.arguments import require_function
 from ..interface.printing import Printed
-from ..numerics.arrays import Numbers, a_number, require_shape, to_array
+from ..numerics.arrays import Numbers, a_number, numbers, require_shape, to_array
 from ..numerics.functions import HarmonicSeries, OfKinkedFunction
 from ..numerics.kinks import kinks_seen
 from ..numerics.vectors import apply, dot
 from ..physics.conditions import Condition, positive_inertia, real_inertia
-from .rigid_body import gyroscopic_torque, kinetic_energy, principal_moments, rates_of, versor_squared
+from .rigid_body import gyroscopic_torque, kinetic_energy, rates_of, versor_squared
 from .state import AbstractClassicalSystem, RigidBodyState
 
 ALLOWED_SINE = 1e-6  # how far the sine of the angle between Ω and the constraint's plane may be from 0
@@ -159,7 +159,7 @@ class SuslovProblem(AbstractClassicalSystem[RigidBodyState]):
     state_type: ClassVar[type[RigidBodyState]] = RigidBodyState
 
     def __init__(self, *, inertia: Numbers, xi: Numbers | AbstractAxis):
-        self.inertia = principal_moments(inertia)
+        self.inertia = numbers("inertia", (3,))(inertia)
         self.xi = xi if isinstance(xi, AbstractAxis) else HarmonicAxis(xi)
 
     def field(self, t: Float[Array, ""], state: RigidBodyState) -> RigidBodyState:

@@ -480,10 +480,14 @@ class _FromRest(NamedTuple):
 @jax.jit
 def rates(body: AbstractBody, t: Float[Array, ""], state: PlacedState, mode: TurningMode) -> PlacedState:
     """ẋ of a body in a mode that is given along the axes of the contact."""
+    return in_mode(body, t, state, mode).field(t, state)
+
+
+def in_mode(body: AbstractBody, t: Float[Array, ""], state: PlacedState, mode: TurningMode) -> AbstractBody:
+    """The body in a mode that is given along the axes of the contact."""
     into_body = ContactAxes.of(body, t, state).rows.T
     own = mode._replace(sigma=apply(into_body, mode.sigma), braking=apply(into_body, mode.braking))
-    moving = eqx.tree_at(lambda body: body.resistance.mode, body, own, is_leaf=lambda x: x is None)
-    return moving.field(t, state)
+    return eqx.tree_at(lambda body: body.resistance.mode, body, own, is_leaf=lambda x: x is None)
 
 
 def _pull(about: tuple[Resistance, Turning, TurningMode], sigma: Float[Array, "2"]) -> slips.Pull:

@@ -11,7 +11,6 @@ from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ...numerics.arrays import AnyArray
@@ -19,7 +18,14 @@ from ...programs.derivatives.differentiation import without_derivatives
 from ..body import AbstractBody
 from ..conditions import Condition, ExplainedCondition, Problem
 from ..dynamics.equations import holding_friction
-from ..dynamics.sticking import describe_changes, largest_frictions, release_joints, sticking_slots, with_directions
+from ..dynamics.sticking import (
+    change_joint,
+    describe_changes,
+    release_joints,
+    sticking_guards,
+    sticking_slots,
+    with_directions,
+)
 from ..hybrid import AbstractHistory, Record, Switches
 from ..state import State
 from ..system import AbstractState, AbstractSystem
@@ -139,23 +145,13 @@ class StickSlip(AbstractSystem[StickSlipState]):
         return StickSlipState(moved, jnp.zeros_like(state.slips))
 
     def guards(self, t: Float[Array, ""], state: StickSlipState) -> Float[Array, " guards"]:
-        """Two for each joint: θ̇ in its direction and 1 where it slips, what friction has to spare where it sticks."""
         holding = holding_friction(with_directions(self.body, state.slips), t, state.body)
-        sticks, largest = state.slips == 0, largest_frictions(self.body)
-        onward = state.slips * state.body.thetadot[sticking_slots(self.body)]
-        first = jnp.where(sticks, largest - holding, onward)
-        return jnp.concatenate([first, jnp.where(sticks, largest + holding, 1.0)])
+        return sticking_guards(self.body, state.slips, state.body.thetadot, holding)
 
     def reset(self, t: Float[Array, ""], state: StickSlipState, which: Int[Array, ""]) -> StickSlipState:
         """A joint that broke loose slips against the friction that held it; one that stopped is held if it can be."""
-        joints, slots = np.arange(state.slips.size), sticking_slots(self.body)
-        changes = joints == which % joints.size
-        loose = jnp.where(which < joints.size, -1.0, 1.0)
-        directions = jnp.where(changes, jnp.where(state.slips == 0, loose, 0.0), state.slips)
-        stopped = np.zeros((state.body.thetadot.size, joints.size), dtype=bool)
-        stopped[slots, joints] = True
-        rests = jnp.any(jnp.asarray(stopped) & changes[None], axis=1)
-        body = eqx.tree_at(lambda x: x.thetadot, state.body, jnp.where(rests, 0.0, state.body.thetadot))
+        directions, thetadot = change_joint(self.body, state.slips, state.body.thetadot, which)
+        body = eqx.tree_at(lambda x: x.thetadot, state.body, thetadot)
         return StickSlipState(body, self._release(t, body, directions))
 
     def start(self, t: Float[Array, ""], state: State) -> StickSlipState:
