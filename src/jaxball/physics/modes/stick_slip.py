@@ -13,10 +13,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ...numerics.arrays import AnyArray
 from ...programs.derivatives.differentiation import without_derivatives
-from ..body import AbstractBody
-from ..conditions import Condition, ExplainedCondition, Problem
+from ..body import AbstractBody, AbstractBodyWithModes
+from ..conditions import Condition
 from ..dynamics.equations import holding_friction
 from ..dynamics.sticking import (
     change_joint,
@@ -28,7 +27,7 @@ from ..dynamics.sticking import (
 )
 from ..hybrid import AbstractHistory, Record, Switches
 from ..state import State
-from ..system import AbstractState, AbstractSystem
+from ..system import AbstractState
 
 
 class StickSlipState(AbstractState):
@@ -93,7 +92,7 @@ class StickSlipHistory(AbstractHistory):
         return dataclasses.replace(self, directions=self.directions[rows])
 
 
-class StickSlip(AbstractSystem[StickSlipState]):
+class StickSlip(AbstractBodyWithModes[StickSlipState]):
     """A ball or a disk with joints that dry friction may hold."""
 
     body: AbstractBody
@@ -101,42 +100,8 @@ class StickSlip(AbstractSystem[StickSlipState]):
     title: ClassVar[str] = "body with joints that stick and slip"
     state_type: ClassVar[Any] = StickSlipState
 
-    # States, conditions, kinks and confinement are those of the body.
-
-    def require_state(self, state: Any) -> None:
-        type(self.body).require_state(self.body, state)
-
-    def conditions(self) -> Iterator[Condition]:
-        yield from self.body.conditions()
-
-    def start_conditions(self, t: Float[Array, ""], state: StickSlipState) -> Iterator[Condition | ExplainedCondition]:
-        yield from self.body.start_conditions(t, state.body)
-
-    def run_conditions(self, times: Float[AnyArray, " T"]) -> Iterator[Condition | ExplainedCondition]:
-        yield from self.body.run_conditions(times)
-
-    def numbers(self) -> Iterator[tuple[str, Array]]:
-        yield from self.body.numbers()
-
     def prepare(self) -> "StickSlip":
         return StickSlip(self.body.prepare())
-
-    def driving_kinks(self) -> Float[Array, " kinks"]:
-        """All kinks: accelerations jump with those of prescribed motions."""
-        return jnp.concatenate([self.body.driving_kinks(), self.body.motion_kinks()])
-
-    def is_confined(self, times: Float[Array, " T"], state: StickSlipState) -> Bool[Array, ""]:
-        return self.body.is_confined(times, state.body)
-
-    def time_of_leaving(self, times: Float[Array, " T"], states: StickSlipState) -> Float[Array, ""] | None:
-        return self.body.time_of_leaving(times, states.body)
-
-    def clearance(self, t: Float[Array, ""], state: StickSlipState) -> Float[Array, ""] | None:
-        return self.body.clearance(t, state.body)
-
-    def breaches(self, times: Any, state: StickSlipState | None, states: StickSlipState | None) -> Iterator[Problem]:
-        bodies = (None if given is None else given.body for given in (state, states))
-        yield from self.body.breaches(times, *bodies)
 
     # The motion.
 
@@ -166,13 +131,6 @@ class StickSlip(AbstractSystem[StickSlipState]):
         return release_joints(body, directions, lambda body: holding_friction(body, t, state))
 
     # What a run shows.
-
-    @property
-    def shown(self) -> AbstractBody:
-        return self.body
-
-    def state_to_show(self, state: StickSlipState) -> State:
-        return state.body
 
     def history(self, times: Float[Array, " T"], states: StickSlipState, record: Record | None) -> StickSlipHistory:
         assert record is not None
