@@ -11,10 +11,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..interface.arguments import require_function
 from ..interface.printing import Printed
-from ..numerics.arrays import Numbers, a_number, numbers, require_shape, to_array
-from ..numerics.functions import HarmonicSeries, OfKinkedFunction
+from ..numerics.arrays import Numbers, numbers, require_shape, to_array
+from ..numerics.functions import HarmonicSeries, VectorOfTime
 from ..numerics.kinks import kinks_seen
 from ..numerics.vectors import apply, dot
 from ..physics.conditions import Condition, positive_inertia, real_inertia
@@ -82,7 +81,7 @@ class HarmonicAxis(AbstractAxis):
         return self.series(t)
 
 
-class FunctionAxis(OfKinkedFunction, AbstractAxis):
+class FunctionAxis(VectorOfTime, AbstractAxis):
     """ξ(t) = function(t, parameters), for any function that JAX can trace.
 
     ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again. Give the times
@@ -103,12 +102,6 @@ class FunctionAxis(OfKinkedFunction, AbstractAxis):
     >>> print(FunctionAxis(tilting, 0.5)(jnp.array(0.0)))
     [0. 0. 1.]
     """
-
-    def __check_init__(self):
-        require_function("function", self.function, (3,), t=a_number(), parameters=self.parameters)
-
-    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
-        return self.function(t, self.parameters)
 
 
 class SuslovLaws(NamedTuple):

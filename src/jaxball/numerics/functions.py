@@ -10,8 +10,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PyTree
 
+from ..interface.arguments import require_function
 from ..interface.printing import Printed
-from .arrays import Numbers, numbers, to_array
+from .arrays import Numbers, a_number, numbers, to_array
 from .kinks import kinks_of_function
 from .linear import tridiagonal_solution
 from .vectors import sine_cosine
@@ -237,6 +238,16 @@ class OfKinkedFunction(OfFunction):
 
     def kinks(self) -> Float[Array, " kinks"]:
         return kinks_of_function(self)
+
+
+class VectorOfTime(OfKinkedFunction):
+    """The same with values of shape (3,)."""
+
+    def __check_init__(self):
+        require_function("function", self.function, (3,), t=a_number(), parameters=self.parameters)
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        return self.function(t, self.parameters)
 
 
 class OfKinkedFunctionOfState(OfKinkedFunction):

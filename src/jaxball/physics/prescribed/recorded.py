@@ -18,7 +18,7 @@ from ...numerics.arrays import AnyArray, is_traced, numbers
 from ...numerics.functions import PiecewisePolynomial, not_a_knot_cubic_spline
 from ...numerics.kinks import CLOSE_KINKS
 from ..conditions import ExplainedCondition, Problem
-from .schedules import AbstractSchedule
+from .schedules import AbstractSchedule, PiecewiseSchedule
 from .signals import AbstractIntegrableSignal
 
 Interpolation: TypeAlias = Literal["previous", "linear", "spline"]
@@ -233,17 +233,10 @@ class RecordedSchedule(AbstractRecorded, AbstractSchedule):
         return PreparedSchedule(_curve(self.times, first, inner, last), self.kinks())
 
 
-class PreparedSchedule(AbstractSchedule):
+class PreparedSchedule(PiecewiseSchedule):
     """A recorded schedule as polynomials, with its kinks."""
 
-    curve: PiecewisePolynomial
     kink_times: Float[Array, "*group kinks"]
-
-    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
-        return self.curve(t)
-
-    def shift(self, by: Float[Array, ""]) -> "PreparedSchedule":
-        return eqx.tree_at(lambda s: s.curve.coefficients, self, self.curve.coefficients.at[..., 0].add(by))
 
     def kinks(self) -> Float[Array, " kinks"]:
         return self.kink_times

@@ -7,6 +7,7 @@ XLA's, or of Python's, which call ``rows(shared)``. A block is the same to the l
 from collections.abc import Iterator, Sequence
 
 from ..limits import MOST_HELPER_THREADS, PATIENCE, SPARE
+from .handler import load_function, write_arguments
 from .table import BLOCKS, DONE, ROWS, STOPPED, USERS, Part, write_places
 
 NEVER = 2**63 - 1  # instructions: XLA's threads do not look for signals
@@ -267,13 +268,9 @@ define internal void @help(ptr %shared) {{
 define internal i64 @threads_of(ptr %api, ptr %context) {{
   %number = alloca i64, align 8
   store i64 1, ptr %number
-  %arguments = alloca [32 x i8], align 8
-  call void @begin_arguments(ptr %arguments, i64 32, ptr %context)
-  %number.place = getelementptr i8, ptr %arguments, i64 24
-  store ptr %number, ptr %number.place
-  %asked.place = getelementptr i8, ptr %api, i64 144
-  %asked = load ptr, ptr %asked.place
-  %error = call ptr %asked(ptr %arguments)
+{write_arguments(32, "%context", number="ptr %number")}
+{load_function("ThreadPool_NumThreads")}
+  %error = call ptr %function(ptr %arguments)
   %none = icmp eq ptr %error, null
   br i1 %none, label %known, label %unknown
 known:
@@ -307,14 +304,8 @@ count:
   %few = icmp slt i64 %useful, {MOST_HELPER_THREADS}
   %helpers = select i1 %few, i64 %useful, i64 {MOST_HELPER_THREADS}
   %users.place = getelementptr i8, ptr %shared, i64 {USERS}
-  %arguments = alloca [40 x i8], align 8
-  call void @begin_arguments(ptr %arguments, i64 40, ptr %context)
-  %task = getelementptr i8, ptr %arguments, i64 24
-  store ptr @help, ptr %task
-  %data = getelementptr i8, ptr %arguments, i64 32
-  store ptr %shared, ptr %data
-  %schedule.place = getelementptr i8, ptr %api, i64 136
-  %schedule = load ptr, ptr %schedule.place
+{write_arguments(40, "%context", task="ptr @help", data="ptr %shared")}
+{load_function("ThreadPool_Schedule")}
   br label %more
 more:
   %k = phi i64 [ 0, %count ], [ %next, %begun ]
@@ -322,7 +313,7 @@ more:
   br i1 %is_more, label %begin, label %compute
 begin:
   %users = atomicrmw add ptr %users.place, i64 1 seq_cst
-  %error = call ptr %schedule(ptr %arguments)
+  %error = call ptr %function(ptr %arguments)
   %next = add i64 %k, 1
   %is_begun = icmp eq ptr %error, null
   br i1 %is_begun, label %begun, label %alone
