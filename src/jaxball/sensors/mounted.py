@@ -20,31 +20,23 @@ from .base import AbstractSensor, Mount, mount, mounts
 class _OnMount(AbstractSensor):
     """A sensor on the shell, a link or a mass."""
 
-    on: eqx.AbstractVar[str | None]
-
-    def __check_init__(self):
-        must = 'the name of a link or a mass, such as "mechanisms[0].joints[0]", or None'
-        require("on", self.on, (str, type(None)), must)
-
     @classmethod
     def places(cls, system: AbstractBody) -> tuple[str, ...]:
         return mounts(system)
 
 
-class _WithAxes(_OnMount):
-    """A sensor whose reading is a vector in axes of its own."""
-
-    frame: eqx.AbstractVar[AbstractFrame]
-
-    def __check_init__(self):
-        require("frame", self.frame, AbstractFrame, "a frame, such as VersorFrame(...)")
-
-    def _in_axes(self, on: Mount, vector: Float[Array, "3"]) -> Float[Array, "3"]:
-        """A vector of the body's axes in those of the sensor."""
-        return apply(self.frame.matrix().T, apply(on.turn.T, vector))
+def _require_mount(on: str | None, *frames: AbstractFrame) -> None:
+    require("on", on, (str, type(None)), 'the name of a link or a mass, such as "mechanisms[0].joints[0]", or None')
+    for frame in frames:
+        require("frame", frame, AbstractFrame, "a frame, such as VersorFrame(...)")
 
 
-class Accelerometer(_WithAxes):
+def _in_axes(frame: AbstractFrame, on: Mount, vector: Float[Array, "3"]) -> Float[Array, "3"]:
+    """A vector of the body's axes in those of a sensor."""
+    return apply(frame.matrix().T, apply(on.turn.T, vector))
+
+
+class Accelerometer(_OnMount):
     """The specific force at a mount, its acceleration minus that of gravity, in the axes of the sensor.
 
     At rest on a level plane it is g upwards, and at the centre of mass of a falling body it is 0. The acceleration is
@@ -76,15 +68,18 @@ class Accelerometer(_WithAxes):
     units: ClassVar[str] = "length/time^2"
     meaning: ClassVar[str] = "specific force in the axes of the sensor"
 
+    def __check_init__(self):
+        _require_mount(self.on, self.frame)
+
     def reading(self, system: AbstractBody, t: Float[Array, ""], movement: Movement) -> Float[Array, "3"]:
         on = mount(system, t, movement.angles, self.on, self.at)
         point = Kinematics(*(x[None] for x in on.point))
         state = movement.state
         a = accelerations_of_masses(system.radius, point, state.Omega, movement.Omegadot, movement.acting.Gamma)[0]
-        return self._in_axes(on, a + movement.weight)
+        return _in_axes(self.frame, on, a + movement.weight)
 
 
-class Gyroscope(_WithAxes):
+class Gyroscope(_OnMount):
     """The angular velocity in space of its mount, in the axes of the sensor.
 
     **Arguments:**
@@ -108,10 +103,13 @@ class Gyroscope(_WithAxes):
     units: ClassVar[str] = "rad/time"
     meaning: ClassVar[str] = "angular velocity in the axes of the sensor"
 
+    def __check_init__(self):
+        _require_mount(self.on, self.frame)
+
     def reading(self, system: AbstractBody, t: Float[Array, ""], movement: Movement) -> Float[Array, "3"]:
         Omega = movement.state.Omega
         on = mount(system, t, movement.angles, self.on, 0.0 * Omega)
-        return self._in_axes(on, Omega + on.rate)
+        return _in_axes(self.frame, on, Omega + on.rate)
 
 
 class Position(_OnMount):
@@ -139,6 +137,9 @@ class Position(_OnMount):
 
     units: ClassVar[str] = "length"
     meaning: ClassVar[str] = "position relative to the plane"
+
+    def __check_init__(self):
+        _require_mount(self.on)
 
     def reading(self, system: AbstractBody, t: Float[Array, ""], movement: Movement) -> Float[Array, "3"]:
         chi = mount(system, t, movement.angles, self.on, self.at).point.chi

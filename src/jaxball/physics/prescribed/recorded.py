@@ -39,13 +39,12 @@ class AbstractRecorded(Printed):
 
     times: eqx.AbstractVar[Float[Array, "*group n"]]
     values: eqx.AbstractVar[Float[Array, "*group n"]]
-    outside: eqx.AbstractVar[str]
     choices_outside: ClassVar[tuple[str, ...]]
 
     @property
+    @abc.abstractmethod
     def is_bounded(self) -> bool:
         """Whether a run must lie within the log."""
-        return self.outside == "refuse"
 
     @abc.abstractmethod
     def prepare(self) -> Any:
@@ -55,7 +54,6 @@ class AbstractRecorded(Printed):
         return self.prepare()(t)
 
     def __check_init__(self):
-        _require_one_of("outside", self.outside, self.choices_outside)
         if self.times.shape != self.values.shape or self.times.shape[-1] < 2:
             raise ValueError(
                 "Arguments `times` and `values` must have the same length, two or more, but their shapes are "
@@ -130,6 +128,11 @@ class RecordedSignal(AbstractRecorded, AbstractIntegrableSignal):
 
     def __check_init__(self):
         _require_one_of("interpolation", self.interpolation, get_args(Interpolation))
+        _require_one_of("outside", self.outside, self.choices_outside)
+
+    @property
+    def is_bounded(self) -> bool:
+        return self.outside == "refuse"
 
     def impulse(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.prepare().impulse(t)
@@ -210,6 +213,13 @@ class RecordedSchedule(AbstractRecorded, AbstractSchedule):
     times: Float[Array, "*group n"] = eqx.field(converter=numbers("times", ("n",)))
     values: Float[Array, "*group n"] = eqx.field(converter=numbers("values", ("n",)))
     outside: OutsideOfSchedule = eqx.field(static=True, default="refuse")
+
+    def __check_init__(self):
+        _require_one_of("outside", self.outside, self.choices_outside)
+
+    @property
+    def is_bounded(self) -> bool:
+        return self.outside == "refuse"
 
     def shift(self, by: Float[Array, ""]) -> "RecordedSchedule":
         return eqx.tree_at(lambda s: s.values, self, self.values + by)

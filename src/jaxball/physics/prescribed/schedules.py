@@ -175,17 +175,12 @@ class PiecewiseSchedule(AbstractSchedule):
 class AbstractPiecewise(AbstractSchedule):
     """A schedule that becomes a piecewise polynomial."""
 
-    theta: eqx.AbstractVar[Float[Array, "..."]]
-
     @abc.abstractmethod
     def prepare(self) -> PiecewiseSchedule:
         """Its polynomials."""
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.prepare()(t)
-
-    def shift(self, by: Float[Array, ""]) -> "AbstractPiecewise":
-        return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
 
 
 class PiecewiseAcceleration(AbstractPiecewise):
@@ -247,6 +242,9 @@ class PiecewiseAcceleration(AbstractPiecewise):
             )
         )
 
+    def shift(self, by: Float[Array, ""]) -> "PiecewiseAcceleration":
+        return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
+
     def kinks(self) -> Float[Array, " kinks"]:
         return self.times
 
@@ -301,6 +299,9 @@ class Pulse(AbstractPiecewise):
             )
         )
 
+    def shift(self, by: Float[Array, ""]) -> "Pulse":
+        return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
+
     def kinks(self) -> Float[Array, " kinks"]:
         return jnp.stack([self.start, self.hold, self.end])
 
@@ -351,6 +352,9 @@ class Waypoints(AbstractPiecewise):
                 coefficients=jnp.concatenate([first[None], inner, last[None]]),
             )
         )
+
+    def shift(self, by: Float[Array, ""]) -> "Waypoints":
+        return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
 
     def kinks(self) -> Float[Array, " kinks"]:
         return self.times
