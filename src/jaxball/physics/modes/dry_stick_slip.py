@@ -21,7 +21,14 @@ from ..body import AbstractBody
 from ..dynamics.equations import holding_friction
 from ..dynamics.footing import ContactAxes
 from ..dynamics.rest import begin, needs, resist
-from ..dynamics.sticking import describe_changes, largest_frictions, sticking_slots, with_directions
+from ..dynamics.sticking import (
+    change_joint,
+    describe_changes,
+    largest_frictions,
+    sticking_guards,
+    sticking_slots,
+    with_directions,
+)
 from ..forces.resistance import TurningMode
 from ..hybrid import Record
 from ..state import PlacedState
