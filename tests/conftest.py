@@ -104,6 +104,19 @@ def no_type_checks():
     jaxtyping.config.update("jaxtyping_disable", False)
 
 
+@pytest.fixture
+def command_line(monkeypatch):
+    """The command line sets XLA_FLAGS; other tests must not see it."""
+    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
+
+
+@pytest.fixture
+def command_folder(command_line, monkeypatch, tmp_path):
+    """The folder in which commands are called."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
 @pytest.fixture(scope="session")
 def ball_trajectory():
     """The paper's ball at t = 0, 1, ..., 20, at the tolerance of the paper."""

@@ -4,7 +4,6 @@ import re
 
 import jax
 import jax.numpy as jnp
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -394,14 +393,6 @@ def test_the_nearest_state_that_keeps_constraints_moves_the_light_mass():
     np.testing.assert_allclose(state.q, [3.0, 3.0], rtol=1e-15)
     np.testing.assert_allclose(state.qdot, [-3.0, -3.0], rtol=1e-15)
     assert jaxball.problems(touching, state) == []
-
-
-@pytest.fixture
-def no_type_checks():
-    """The sentences that a user reads, who does not check types at run time as these tests do."""
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
 
 
 @pytest.mark.usefixtures("no_type_checks")

@@ -160,14 +160,6 @@ def test_xi_is_looked_at_where_the_run_starts():
     assert jaxball.problems(problem, start)
 
 
-@pytest.fixture
-def no_type_checks():
-    """The sentences that a user reads, who does not check types at run time as these tests do."""
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
-
-
 @pytest.mark.usefixtures("no_type_checks")
 @pytest.mark.parametrize(
     ("make", "error", "sentence"),

@@ -8,7 +8,6 @@ import sys
 import pytest
 
 from jaxball.interface import activity
-from jaxball.interface.compilation import compiling
 
 PRELUDE = """
 import sys, time
@@ -98,7 +97,7 @@ def test_a_line_counts_its_seconds_and_says_that_something_is_compiled(monkeypat
     with path.open("w", encoding="utf-8") as stream:
         line = activity.Line("simulating", stream)
         assert shown(0.5) == "simulating …"
-        with compiling(), compiling():
+        with activity.compiling(), activity.compiling():
             assert shown(0.0) == "simulating (compiling) …"
             assert shown(2.6) == "simulating (compiling) …, 3 s"
         assert shown(1.0) == "simulating …, 4 s"

@@ -1,6 +1,5 @@
 """``jaxball chaos``."""
 
-import os
 import re
 
 import numpy as np
@@ -9,12 +8,7 @@ import pytest
 from jaxball.cli import main
 from tests.scenario.documents import DISK
 
-
-@pytest.fixture(autouse=True)
-def environment(monkeypatch, tmp_path):
-    """The command line sets XLA_FLAGS; other tests must not see it."""
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("command_folder")
 
 
 @pytest.mark.slow

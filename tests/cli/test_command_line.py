@@ -1,7 +1,6 @@
 """The command line, as a process of its own."""
 
 import json
-import os
 import subprocess
 import sys
 
@@ -15,15 +14,11 @@ from jaxball.cli import main
 from jaxball.scenario import Scenario, ScenarioError, builtin_scenarios, builtin_text
 from tests.scenario.documents import DISK
 
+pytestmark = pytest.mark.usefixtures("command_line")
+
 ESCAPING = DISK.replace('{ kind = "circle", radius = 0.9 }', '{ kind = "tube", direction = [1, 0, 0] }').replace(
     "end = 2.0", "end = 4.0"
 )
-
-
-@pytest.fixture(autouse=True)
-def environment(monkeypatch):
-    """The command line sets XLA_FLAGS; other tests must not see it."""
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
 
 
 def jaxball(*arguments, folder):

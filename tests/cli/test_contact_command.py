@@ -1,7 +1,6 @@
 """``jaxball simulate`` of a body that slips and flies: --contact, what the summary says, and what goes into files."""
 
 import json
-import os
 
 import numpy as np
 import pytest
@@ -15,12 +14,10 @@ THROWN = SHELL + TIMES + "[initial]\nvelocity = [1.0, 0.0, 0.0]\n"
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    """A folder with a disk that is thrown along its plane; other tests must not see the command line's XLA_FLAGS."""
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "thrown.toml").write_text(THROWN)
-    return tmp_path
+def folder(command_folder):
+    """A folder with a disk that is thrown along its plane."""
+    (command_folder / "thrown.toml").write_text(THROWN)
+    return command_folder
 
 
 @pytest.mark.long

@@ -1,7 +1,6 @@
 """``jaxball simulate`` and ``validate`` of a scenario with events: what is printed, and what is in JSON."""
 
 import json
-import os
 
 import numpy as np
 import pytest
@@ -39,13 +38,11 @@ events.post = { of = "x", level = 1.25, terminal = true }
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    """A folder with a scenario; other tests must not see the command line's XLA_FLAGS."""
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "rolling.toml").write_text(ROLLING)
-    (tmp_path / "particle.toml").write_text(SLIDING_PARTICLE)
-    return tmp_path
+def folder(command_folder):
+    """A folder with a scenario."""
+    (command_folder / "rolling.toml").write_text(ROLLING)
+    (command_folder / "particle.toml").write_text(SLIDING_PARTICLE)
+    return command_folder
 
 
 @pytest.mark.long

@@ -1,7 +1,6 @@
 """What each command says of a file of another kind, and that it names the command that runs it."""
 
 import io
-import os
 import shlex
 from pathlib import Path
 
@@ -26,15 +25,13 @@ OF_STUDIES, OF_PROBLEMS = "sweep {} --out new.zarr", "design {} --out new"
 
 
 @pytest.fixture(autouse=True)
-def folder(monkeypatch, tmp_path):
-    """A scenario, a study and a problem; the command line sets XLA_FLAGS, which other tests must not see."""
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "disk.toml").write_text(DISK)
-    (tmp_path / "a study.toml").write_text(STUDY)
+def folder(command_folder):
+    """A scenario, a study and a problem."""
+    (command_folder / "disk.toml").write_text(DISK)
+    (command_folder / "a study.toml").write_text(STUDY)
     for name in ("problem_rail_shape_circles.toml", "problem_disk_control.toml"):
-        (tmp_path / name).write_text((EXAMPLES / name).read_text())
-    return tmp_path
+        (command_folder / name).write_text((EXAMPLES / name).read_text())
+    return command_folder
 
 
 def _refusal(capsys, command, file):

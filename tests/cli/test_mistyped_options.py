@@ -10,11 +10,7 @@ import pytest
 from jaxball.cli import main
 from jaxball.cli.commands import simulate
 
-
-@pytest.fixture(autouse=True)
-def environment(monkeypatch):
-    """The command line sets XLA_FLAGS; other tests must not see it."""
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
+pytestmark = pytest.mark.usefixtures("command_line")
 
 
 @pytest.mark.parametrize(

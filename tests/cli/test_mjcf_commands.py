@@ -1,7 +1,6 @@
 """``jaxball export`` and ``jaxball import``: their files and their refusals."""
 
 import csv
-import os
 import tomllib
 
 import mujoco
@@ -25,11 +24,9 @@ masses = [{ mass = 0.5, place = [0.0, 0.0, -0.25] }]
 
 
 @pytest.fixture
-def robot(tmp_path, monkeypatch):
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))  # which other tests must not see changed
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "robot.toml").write_text(ROBOT)
-    return tmp_path
+def robot(command_folder):
+    (command_folder / "robot.toml").write_text(ROBOT)
+    return command_folder
 
 
 @pytest.fixture

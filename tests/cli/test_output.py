@@ -12,12 +12,7 @@ from jaxball.interface.output import OutputError, check_destination, check_folde
 from jaxball.sweep import sweep
 from tests.sweep.studies import pretend, study, study_text
 
-
-@pytest.fixture(autouse=True)
-def environment(monkeypatch, tmp_path):
-    """The command line sets XLA_FLAGS; other tests must not see it."""
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("command_folder")
 
 
 def write(path):

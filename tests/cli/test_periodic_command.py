@@ -2,7 +2,6 @@
 
 import csv
 import json
-import os
 
 import numpy as np
 import pytest
@@ -50,13 +49,10 @@ AMPLITUDE = "ground.motion.free.amplitude[0][2]"
 
 
 @pytest.fixture(autouse=True)
-def folder(monkeypatch, tmp_path):
-    """The command line sets XLA_FLAGS; other tests must not see it."""
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
-    monkeypatch.chdir(tmp_path)
+def folder(command_folder):
     for name, text in (("disk", DISK), ("shaken", SHAKEN), ("robot", ROBOT)):
-        (tmp_path / f"{name}.toml").write_text(text)
-    return tmp_path
+        (command_folder / f"{name}.toml").write_text(text)
+    return command_folder
 
 
 def time_of_a_turn(phi, phidot):

@@ -2,7 +2,6 @@
 
 import csv
 import json
-import os
 from pathlib import Path
 
 import numpy as np
@@ -29,13 +28,10 @@ CHART = ["chaos", "body.toml", "--chart"]
 
 
 @pytest.fixture(autouse=True)
-def folder(monkeypatch, tmp_path):
-    """The command line sets XLA_FLAGS; other tests must not see it."""
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "body.toml").write_text(BODY)
-    (tmp_path / "top.toml").write_text(TOP)
-    return tmp_path
+def folder(command_folder):
+    (command_folder / "body.toml").write_text(BODY)
+    (command_folder / "top.toml").write_text(TOP)
+    return command_folder
 
 
 @pytest.mark.thorough

@@ -2,7 +2,6 @@
 
 import io
 import json
-import os
 
 import numpy as np
 import pytest
@@ -15,12 +14,9 @@ from tests.scenario.documents import DISK
 
 
 @pytest.fixture(autouse=True)
-def folder(monkeypatch, tmp_path):
-    """The command line sets XLA_FLAGS; other tests must not see it."""
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "disk.toml").write_text(DISK)
-    return tmp_path
+def folder(command_folder):
+    (command_folder / "disk.toml").write_text(DISK)
+    return command_folder
 
 
 @pytest.mark.long

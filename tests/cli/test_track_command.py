@@ -1,7 +1,6 @@
 """``jaxball track``, against the closed loops that Python makes of the same scenario."""
 
 import json
-import os
 
 import numpy as np
 import pytest
@@ -13,12 +12,9 @@ from tests.support.under_feedback import UNDER_FEEDBACK
 
 
 @pytest.fixture(autouse=True)
-def folder(monkeypatch, tmp_path):
-    """The command line sets XLA_FLAGS; other tests must not see it."""
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "disk.toml").write_text(UNDER_FEEDBACK)
-    return tmp_path
+def folder(command_folder):
+    (command_folder / "disk.toml").write_text(UNDER_FEEDBACK)
+    return command_folder
 
 
 @pytest.mark.slow

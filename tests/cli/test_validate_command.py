@@ -1,7 +1,6 @@
 """``jaxball validate``: what a file is, and all that is wrong with it."""
 
 import io
-import os
 from pathlib import Path
 
 import pytest
@@ -45,12 +44,9 @@ rtol = "a"
 
 
 @pytest.fixture(autouse=True)
-def folder(monkeypatch, tmp_path):
-    """The command line sets XLA_FLAGS; other tests must not see it."""
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "disk.toml").write_text(DISK)
-    return tmp_path
+def folder(command_folder):
+    (command_folder / "disk.toml").write_text(DISK)
+    return command_folder
 
 
 def test_each_kind_of_file_is_known(folder, monkeypatch, capsys):

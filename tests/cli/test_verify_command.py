@@ -1,7 +1,6 @@
 """``jaxball verify``."""
 
 import json
-import os
 
 import numpy as np
 import pytest
@@ -12,14 +11,11 @@ from jaxball.scenario import builtin_text, builtin_title
 
 
 @pytest.fixture(autouse=True)
-def environment(monkeypatch, tmp_path):
-    """The command line sets XLA_FLAGS; other tests must not see it."""
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
-    monkeypatch.chdir(tmp_path)
+def environment(command_folder):
     text = builtin_text("nonholonomic-particle")
     fast = text.replace("\ny = 1.0", "\ny = -20.0").replace("ydot = 1.0", "ydot = 40.0")
-    (tmp_path / "loose.toml").write_text(fast + "\n[solve]\nrtol = 0.03\natol = 0.03\n")
-    (tmp_path / "fails.toml").write_text(text + "\n[solve]\nmax_steps = 1\n")
+    (command_folder / "loose.toml").write_text(fast + "\n[solve]\nrtol = 0.03\natol = 0.03\n")
+    (command_folder / "fails.toml").write_text(text + "\n[solve]\nmax_steps = 1\n")
 
 
 def test_some_laws_of_a_scenario(tmp_path, capsys):

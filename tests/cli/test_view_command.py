@@ -1,7 +1,5 @@
 """Views from the command line: of a run that is made, of a saved one, and of one that failed."""
 
-import os
-
 import numpy as np
 import pytest
 
@@ -14,12 +12,9 @@ from tests.support.pages import arrays_of, document_in, unpacked
 
 
 @pytest.fixture(autouse=True)
-def folder(monkeypatch, tmp_path):
-    """The command line sets XLA_FLAGS; other tests must not see it."""
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "disk.toml").write_text(DISK)
-    return tmp_path
+def folder(command_folder):
+    (command_folder / "disk.toml").write_text(DISK)
+    return command_folder
 
 
 @pytest.mark.thorough

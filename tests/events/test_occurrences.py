@@ -5,7 +5,6 @@ import functools
 import diffrax
 import jax
 import jax.numpy as jnp
-import jaxtyping
 import numpy as np
 import pytest
 from scipy.special import ellipj, ellipk
@@ -181,14 +180,8 @@ def test_lanes_of_a_batch_are_single_runs():
     np.testing.assert_allclose(jax.jit(jax.vmap(time))(w), [time(x) for x in w], rtol=1e-8)
 
 
+@pytest.mark.usefixtures("no_type_checks")
 class TestArguments:
-    @pytest.fixture(autouse=True)
-    def no_type_checks(self):
-        """The sentences that a user reads, who does not check types at run time as these tests do."""
-        jaxtyping.config.update("jaxtyping_disable", True)
-        yield
-        jaxtyping.config.update("jaxtyping_disable", False)
-
     def test_events_must_be_named(self):
         with pytest.raises(
             TypeError, match=r"`events\['a'\]` must be an event.*the function middle; Event\(function\) is"

@@ -68,7 +68,7 @@ def test_accelerations_follow_from_a_state_alone():
     """As observables need them, without a solve that knows the modes: held, rolling down, and with ω_h of rounding."""
     c = jnp.tan(ALPHA) * jnp.array([1.01, 0.99, 0.5])
     balls = jax.vmap(lambda c: ball(c, ground=Ground(angle=ALPHA, heading=0.7)))(c)
-    at_rest = BallState(q=versor.from_axis_angle(jnp.array([0.6, 0.0, 0.8]), jnp.array(0.4)))
+    at_rest = BallState(q=versor.exponential(0.4 * jnp.array([0.6, 0.0, 0.8])))
     rates = jax.jit(jax.vmap(lambda ball, state: jaxball.vector_field(ball, NOW, state), in_axes=(0, None)))
     a = 5 / 7 * G * (np.sin(ALPHA) - np.asarray(c) * np.cos(ALPHA))
     turns = np.where(a > 0, a, 0.0)[:, None] * np.array([-np.sin(0.7), np.cos(0.7), 0.0]) / R

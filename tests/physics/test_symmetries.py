@@ -32,7 +32,7 @@ def test_the_versor_and_its_negative_are_one_orientation(case):
 @pytest.mark.thorough
 def test_a_turn_about_the_vertical_turns_the_motion(case):
     system, t, state, rates = case
-    turn = versor.from_axis_angle(jnp.asarray([0.0, 0.0, 1.0]), jnp.asarray(1.1))
+    turn = versor.exponential(jnp.asarray([0.0, 0.0, 1.1]))
     R = versor.rotation_matrix(turn)
     q = jax.vmap(lambda q: versor.product(turn, q))(state.q)
     series = system.force.series

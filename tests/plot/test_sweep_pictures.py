@@ -1,6 +1,5 @@
 """Pictures of studies draw each row where it is, and those that failed too."""
 
-import os
 import re
 
 import matplotlib.image
@@ -322,10 +321,7 @@ def test_what_cannot_be_drawn_is_a_sentence(draw, sentence):
 
 
 @pytest.fixture
-def command(monkeypatch, tmp_path):
-    """The command line sets XLA_FLAGS; other tests must not see it."""
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
-    monkeypatch.chdir(tmp_path)
+def command(command_folder):
     return lambda *arguments: main(["sweep", "plot", *arguments])
 
 

@@ -3,8 +3,6 @@
 The bounds are 5 to 10 times what was measured.
 """
 
-import os
-
 import diffrax
 import numpy as np
 import pytest
@@ -13,6 +11,8 @@ from jaxball.cli import main
 from jaxball.scenario import builtin_text, read_scenario
 from jaxball.scenario.solvers import KNOW_MASS_MATRICES, SOLVERS
 from tests.support.paper import reference
+
+pytestmark = pytest.mark.usefixtures("command_line")
 
 EPS = np.finfo(float).eps
 DAE = 'solver = "radau9"\ndae = true'
@@ -73,12 +73,6 @@ def test_ball_with_projection():
 )
 def test_names_are_of_methods_of_that_order(solver, order):
     assert SOLVERS[solver]().order(diffrax.ODETerm(lambda t, y, args: y)) == order
-
-
-@pytest.fixture(autouse=True)
-def environment(monkeypatch):
-    """The command line sets XLA_FLAGS; other tests must not see it."""
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
 
 
 @pytest.mark.parametrize("solver", [name for name in SOLVERS if name not in KNOW_MASS_MATRICES])

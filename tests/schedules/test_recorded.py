@@ -13,12 +13,14 @@ from jaxball import (
     Ball,
     BallState,
     Circle,
+    JointFriction,
     Motor,
     OnRail,
     PiecewiseSignal,
     PointMass,
     RecordedSchedule,
     RecordedSignal,
+    Resistance,
     Sinusoids,
     SpeedLimitedMotor,
     planar_pendulum,
@@ -246,6 +248,18 @@ def test_a_log_shorter_than_the_run_is_impossible_and_says_why():
     )
     assert end_of_run(Motor(signal), end=1.0).ok
     assert end_of_run(Motor(RecordedSignal([0.0, 1.0], [0.1, 0.2], outside="hold"))).ok
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("mode", ["rolls or rests", "slips or sticks"])
+def test_a_log_is_as_long_as_the_run_of_a_body_with_modes(mode):
+    rests = Resistance(dry=0.01, exact=True) if mode == "rolls or rests" else None
+    sticks = [] if rests else [planar_pendulum(0.8, 0.5, drive=JointFriction(0.1))]
+    mass = PointMass(0.1, OnRail(Circle(0.5), RecordedSchedule([0.0, 1.0], [0.0, 0.1])))
+    ball = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), masses=[mass], mechanisms=sticks, resistance=rests)
+    start = BallState(theta=[0.0] * len(sticks), thetadot=[0.0] * len(sticks), Omega=(0.0, 1.0, 0.0))
+    assert simulate(ball, [0.0, 1.5], start).status == jaxball.Status.IMPOSSIBLE
+    assert simulate(ball, [0.0, 1.0], start).ok
 
 
 @pytest.mark.parametrize(

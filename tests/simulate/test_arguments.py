@@ -10,8 +10,8 @@ import pytest
 import jaxball
 from jaxball.simulation.arguments import check_times
 
-BALL = jaxball.Ball(mass=1.0, inertia=(0.5, 0.6, 0.7))
 pytestmark = pytest.mark.usefixtures("no_type_checks")
+BALL = jaxball.Ball(mass=1.0, inertia=(0.5, 0.6, 0.7))
 
 
 @pytest.mark.parametrize(

@@ -100,18 +100,16 @@ def read_only(tmp_path):
     folder.chmod(0o755)
 
 
-def test_a_read_only_folder(tmp_path, read_only, monkeypatch, capsys):
+def test_a_read_only_folder(tmp_path, read_only, command_line, capsys):
     with pytest.raises(StoreError, match=r'must lie in a folder that can be written, but "\S+" cannot be made: Perm'):
         sweep(study(tmp_path), read_only / "s.zarr", engine=pretend)
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
     (tmp_path / "study.toml").write_text(study_text(tmp_path))
     assert main(["sweep", str(tmp_path / "study.toml"), "--out", str(read_only / "s.zarr")]) == 2
     assert "must lie in a folder that can be written" in capsys.readouterr().err
     assert list(read_only.iterdir()) == []
 
 
-def test_figures_in_a_read_only_folder(tmp_path, read_only, monkeypatch, capsys):
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
+def test_figures_in_a_read_only_folder(tmp_path, read_only, command_line, capsys):
     store = sweep(study(tmp_path), tmp_path / "s.zarr", engine=pretend).store
     assert main(["sweep", "plot", str(store), "--out", str(read_only), "--result", "phi"]) == 2
     assert "Permission denied" in capsys.readouterr().err

@@ -246,8 +246,7 @@ def test_a_store_without_checksums_is_read(tmp_path):
         describe(store)
 
 
-def test_a_figure_is_not_drawn_of_numbers_that_something_else_changed(tmp_path, capsys, monkeypatch):
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
+def test_a_figure_is_not_drawn_of_numbers_that_something_else_changed(tmp_path, capsys, command_line):
     store = sweep(study(tmp_path, settings=SMALL), tmp_path / "s.zarr", engine=pretend).store
     path = store / "phi" / "c" / "2"
     path.write_bytes(b"\1" + path.read_bytes()[1:])

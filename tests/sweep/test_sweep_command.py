@@ -13,15 +13,12 @@ from tests.sweep.studies import files, pretend, study, study_text
 
 
 @pytest.fixture(autouse=True)
-def folder(monkeypatch, tmp_path):
-    """The command line sets XLA_FLAGS; other tests must not see it."""
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "study.toml").write_text(study_text(tmp_path, settings='title = "Disks"'))
-    (tmp_path / "wrong.toml").write_text(study_text(tmp_path).replace("body.mass", "body.mas"))
-    (tmp_path / "file").write_text("")
-    (tmp_path / "mine.zarr").mkdir()
-    return tmp_path
+def folder(command_folder):
+    (command_folder / "study.toml").write_text(study_text(command_folder, settings='title = "Disks"'))
+    (command_folder / "wrong.toml").write_text(study_text(command_folder).replace("body.mass", "body.mas"))
+    (command_folder / "file").write_text("")
+    (command_folder / "mine.zarr").mkdir()
+    return command_folder
 
 
 def test_status(folder, capsys):

@@ -7,13 +7,13 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..numerics.arrays import Numbers, numbers
+from ..numerics.arrays import numbers
 from ..numerics.vectors import apply, cross, dot, inverse, outer, sine_cosine
 from ..numerics.versor import derivative
 from ..physics.conditions import Condition, positive, positive_inertia, real_inertia
 from ..physics.forces.resistance import AbstractResistance
 from ..physics.rolling import AbstractRollingSystem, Reaction
-from .rigid_body import principal_moments, versor_squared
+from .rigid_body import versor_squared
 from .state import AbstractClassicalSystem, OrientedState
 
 
@@ -87,35 +87,19 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState], AbstractRollingS
     -2.0
     """
 
-    mass: Float[Array, ""]
-    semiaxes: Float[Array, "3"]
-    inertia: Float[Array, "3"]
-    turn: Float[Array, ""]
-    offset: Float[Array, "3"]
-    gravity: Float[Array, ""]
-    resistance: AbstractResistance | None
+    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
+    semiaxes: Float[Array, "3"] = eqx.field(converter=numbers("semiaxes", (3,)), kw_only=True)
+    inertia: Float[Array, "3"] = eqx.field(converter=numbers("inertia", (3,)), kw_only=True)
+    turn: Float[Array, ""] = eqx.field(converter=numbers("turn"), default=0.0, kw_only=True)
+    offset: Float[Array, "3"] = eqx.field(converter=numbers("offset", (3,)), default=(0.0, 0.0, 0.0), kw_only=True)
+    gravity: Float[Array, ""] = eqx.field(converter=numbers("gravity"), default=1.0, kw_only=True)
+    resistance: AbstractResistance | None = eqx.field(default=None, kw_only=True)
 
     title: ClassVar[str] = "rolling ellipsoid"
     state_type: ClassVar[type[EllipsoidState]] = EllipsoidState
 
-    def __init__(
-        self,
-        *,
-        mass: Numbers = 1.0,
-        semiaxes: Numbers,
-        inertia: Numbers,
-        turn: Numbers = 0.0,
-        offset: Numbers = (0.0, 0.0, 0.0),
-        gravity: Numbers = 1.0,
-        resistance: AbstractResistance | None = None,
-    ):
-        self.mass, self.turn, self.gravity = (
-            numbers(name)(x) for name, x in (("mass", mass), ("turn", turn), ("gravity", gravity))
-        )
-        self.semiaxes, self.inertia = numbers("semiaxes", (3,))(semiaxes), principal_moments(inertia)
-        self.offset = numbers("offset", (3,))(offset)
-        self.resistance = resistance
-        if resistance is not None and resistance.holds:
+    def __check_init__(self):
+        if self.resistance is not None and self.resistance.holds:
             raise ValueError(
                 "Argument `resistance` must not be exact for a RollingEllipsoid, which has no mode of rest; leave "
                 "`exact` out."
@@ -140,10 +124,7 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState], AbstractRollingS
         return apply(state.Lambda, self._accelerations(state).reaction)
 
     def plane_reaction(self, t: Float[Array, ""], state: EllipsoidState) -> Reaction:
-        R = self._accelerations(state).reaction
-        normal = dot(R, state.Gamma)
-        friction = R - normal * state.Gamma
-        return Reaction(normal, dot(friction, friction))
+        return Reaction.of(self._accelerations(state).reaction, state.Gamma)
 
     @property
     def weight(self) -> Float[Array, "*batch"]:

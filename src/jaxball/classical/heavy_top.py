@@ -3,13 +3,14 @@
 from collections.abc import Iterator
 from typing import ClassVar, NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..numerics.arrays import Numbers, numbers
+from ..numerics.arrays import numbers
 from ..numerics.vectors import cross, dot
 from ..physics.conditions import Condition, positive, positive_inertia, real_inertia
-from .rigid_body import gyroscopic_torque, kinetic_energy, principal_moments, rates_of, versor_squared
+from .rigid_body import gyroscopic_torque, kinetic_energy, rates_of, versor_squared
 from .state import AbstractClassicalSystem, RigidBodyState
 
 
@@ -58,18 +59,13 @@ class HeavyTop(AbstractClassicalSystem[RigidBodyState]):
     2.75
     """
 
-    mass: Float[Array, ""]
-    inertia: Float[Array, "3"]
-    chi: Float[Array, "3"]
-    gravity: Float[Array, ""]
+    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
+    inertia: Float[Array, "3"] = eqx.field(converter=numbers("inertia", (3,)), kw_only=True)
+    chi: Float[Array, "3"] = eqx.field(converter=numbers("chi", (3,)), kw_only=True)
+    gravity: Float[Array, ""] = eqx.field(converter=numbers("gravity"), default=1.0, kw_only=True)
 
     title: ClassVar[str] = "heavy top"
     state_type: ClassVar[type[RigidBodyState]] = RigidBodyState
-
-    def __init__(self, *, mass: Numbers = 1.0, inertia: Numbers, chi: Numbers, gravity: Numbers = 1.0):
-        self.inertia = principal_moments(inertia)
-        self.mass, self.gravity = numbers("mass")(mass), numbers("gravity")(gravity)
-        self.chi = numbers("chi", (3,))(chi)
 
     def field(self, t: Float[Array, ""], state: RigidBodyState) -> RigidBodyState:
         """𝕀Ω̇ = 𝕀Ω × Ω + mgΓ × χ and q̇ = ½ q Ω♯, which implies Γ̇ = Γ × Ω."""

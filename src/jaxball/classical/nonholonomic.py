@@ -7,6 +7,7 @@ Ostrowski, Lewis, Murray & Burdick (1994) for the snakeboard; Krishnaprasad & Ts
 from collections.abc import Iterator
 from typing import Any, ClassVar
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -40,16 +41,12 @@ class ChaplyginSleigh(AbstractLagrangianSystem):
     0.832117
     """
 
-    mass: Float[Array, ""]
-    inertia: Float[Array, ""]
-    ahead: Float[Array, ""]
+    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
+    inertia: Float[Array, ""] = eqx.field(converter=numbers("inertia"), kw_only=True)
+    ahead: Float[Array, ""] = eqx.field(converter=numbers("ahead"), kw_only=True)
 
     coordinates = ("x", "y", "theta")
     title: ClassVar[str] = "Chaplygin sleigh"
-
-    def __init__(self, *, mass: Numbers = 1.0, inertia: Numbers, ahead: Numbers):
-        self.mass, self.inertia = numbers("mass")(mass), numbers("inertia")(inertia)
-        self.ahead = numbers("ahead")(ahead)
 
     def lagrangian(self, t: Float[Array, ""], q: Float[Array, "3"], qdot: Float[Array, "3"]) -> Float[Array, ""]:
         xdot, ydot, omega = qdot
@@ -79,17 +76,13 @@ class KnifeEdge(AbstractLagrangianSystem):
     - ``gravity``: g, length/time².
     """
 
-    mass: Float[Array, ""]
-    inertia: Float[Array, ""]
-    slope: Float[Array, ""]
-    gravity: Float[Array, ""]
+    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
+    inertia: Float[Array, ""] = eqx.field(converter=numbers("inertia"), default=1.0, kw_only=True)
+    slope: Float[Array, ""] = eqx.field(converter=numbers("slope"), kw_only=True)
+    gravity: Float[Array, ""] = eqx.field(converter=numbers("gravity"), default=1.0, kw_only=True)
 
     coordinates = ("x", "y", "theta")
     title: ClassVar[str] = "knife edge"
-
-    def __init__(self, *, mass: Numbers = 1.0, inertia: Numbers = 1.0, slope: Numbers, gravity: Numbers = 1.0):
-        self.mass, self.inertia = numbers("mass")(mass), numbers("inertia")(inertia)
-        self.slope, self.gravity = numbers("slope")(slope), numbers("gravity")(gravity)
 
     def lagrangian(self, t: Float[Array, ""], q: Float[Array, "3"], qdot: Float[Array, "3"]) -> Float[Array, ""]:
         kinetic = 0.5 * self.mass * (qdot[0] ** 2 + qdot[1] ** 2) + 0.5 * self.inertia * qdot[2] ** 2
@@ -174,26 +167,14 @@ class Snakeboard(AbstractLagrangianSystem):
     - ``half_length``: l, from the middle to the axle of a truck, length.
     """
 
-    mass: Float[Array, ""]
-    board: Float[Array, ""]
-    rotor: Float[Array, ""]
-    truck: Float[Array, ""]
-    half_length: Float[Array, ""]
+    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
+    board: Float[Array, ""] = eqx.field(converter=numbers("board"), default=0.1, kw_only=True)
+    rotor: Float[Array, ""] = eqx.field(converter=numbers("rotor"), default=0.1, kw_only=True)
+    truck: Float[Array, ""] = eqx.field(converter=numbers("truck"), default=0.01, kw_only=True)
+    half_length: Float[Array, ""] = eqx.field(converter=numbers("half_length"), default=0.5, kw_only=True)
 
     coordinates = ("x", "y", "theta", "psi", "back", "front")
     title: ClassVar[str] = "snakeboard"
-
-    def __init__(
-        self,
-        *,
-        mass: Numbers = 1.0,
-        board: Numbers = 0.1,
-        rotor: Numbers = 0.1,
-        truck: Numbers = 0.01,
-        half_length: Numbers = 0.5,
-    ):
-        self.mass, self.board, self.rotor = numbers("mass")(mass), numbers("board")(board), numbers("rotor")(rotor)
-        self.truck, self.half_length = numbers("truck")(truck), numbers("half_length")(half_length)
 
     def lagrangian(self, t: Float[Array, ""], q: Float[Array, "6"], qdot: Float[Array, "6"]) -> Float[Array, ""]:
         xdot, ydot, turn, psidot, back, front = qdot
@@ -226,24 +207,13 @@ class RollerRacer(AbstractLagrangianSystem):
     - ``lengths``: from the rear axle to the joint, and from the joint to the front axle, shape (2,).
     """
 
-    mass: Float[Array, ""]
-    rear: Float[Array, ""]
-    front: Float[Array, ""]
-    lengths: Float[Array, "2"]
+    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
+    rear: Float[Array, ""] = eqx.field(converter=numbers("rear"), default=0.2, kw_only=True)
+    front: Float[Array, ""] = eqx.field(converter=numbers("front"), default=0.05, kw_only=True)
+    lengths: Float[Array, "2"] = eqx.field(converter=numbers("lengths", (2,)), default=(0.5, 0.1), kw_only=True)
 
     coordinates = ("x", "y", "theta", "phi")
     title: ClassVar[str] = "roller racer"
-
-    def __init__(
-        self,
-        *,
-        mass: Numbers = 1.0,
-        rear: Numbers = 0.2,
-        front: Numbers = 0.05,
-        lengths: Numbers = (0.5, 0.1),
-    ):
-        self.mass, self.rear, self.front = numbers("mass")(mass), numbers("rear")(rear), numbers("front")(front)
-        self.lengths = numbers("lengths", (2,))(lengths)
 
     def lagrangian(self, t: Float[Array, ""], q: Float[Array, "4"], qdot: Float[Array, "4"]) -> Float[Array, ""]:
         xdot, ydot, turn, swing = qdot

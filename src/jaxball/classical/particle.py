@@ -8,10 +8,11 @@ mechanics of Putkaradze & Rogers (2018), ``ssec_bates``, after Bates & Śniatyck
 from collections.abc import Iterator
 from typing import ClassVar, NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..numerics.arrays import Numbers, numbers
+from ..numerics.arrays import numbers
 from ..physics.conditions import Condition, positive
 from .state import AbstractClassicalSystem, ParticleState, VakonomicState
 
@@ -61,13 +62,10 @@ class NonholonomicParticle(AbstractClassicalSystem[ParticleState]):
     [1. 1. 1.]
     """
 
-    mass: Float[Array, ""]
+    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
 
     title: ClassVar[str] = "nonholonomic particle"
     state_type: ClassVar[type[ParticleState]] = ParticleState
-
-    def __init__(self, *, mass: Numbers = 1.0):
-        self.mass = numbers("mass")(mass)
 
     def field(self, t: Float[Array, ""], state: ParticleState) -> ParticleState:
         """ẍ = −y ẋ ẏ / (1 + y²), ÿ = 0 and ż = y ẋ."""
@@ -131,13 +129,10 @@ class VakonomicParticle(AbstractClassicalSystem[VakonomicState]):
     -2.0
     """
 
-    mass: Float[Array, ""]
+    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
 
     title: ClassVar[str] = "vakonomic particle"
     state_type: ClassVar[type[VakonomicState]] = VakonomicState
-
-    def __init__(self, *, mass: Numbers = 1.0):
-        self.mass = numbers("mass")(mass)
 
     def field(self, t: Float[Array, ""], state: VakonomicState) -> VakonomicState:
         """mẍ = λ̇y + λẏ, mÿ = −λẋ, mz̈ = −λ̇ and ż = y ẋ, solved for ẍ, ÿ and λ̇."""

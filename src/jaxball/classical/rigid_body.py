@@ -3,9 +3,10 @@
 from collections.abc import Iterator
 from typing import ClassVar, NamedTuple
 
+import equinox as eqx
 from jaxtyping import Array, Float
 
-from ..numerics.arrays import Numbers, numbers
+from ..numerics.arrays import numbers
 from ..numerics.vectors import apply, cross, dot
 from ..numerics.versor import derivative
 from ..physics.conditions import Condition, positive_inertia, real_inertia
@@ -47,13 +48,10 @@ class FreeRigidBody(AbstractClassicalSystem[RigidBodyState]):
     Array(2.5, dtype=float64)
     """
 
-    inertia: Float[Array, "3"]
+    inertia: Float[Array, "3"] = eqx.field(converter=numbers("inertia", (3,)), kw_only=True)
 
     title: ClassVar[str] = "free rigid body"
     state_type: ClassVar[type[RigidBodyState]] = RigidBodyState
-
-    def __init__(self, *, inertia: Numbers):
-        self.inertia = principal_moments(inertia)
 
     def field(self, t: Float[Array, ""], state: RigidBodyState) -> RigidBodyState:
         """𝕀Ω̇ = 𝕀Ω × Ω and q̇ = ½ q Ω♯."""
@@ -71,11 +69,6 @@ class FreeRigidBody(AbstractClassicalSystem[RigidBodyState]):
     def conditions(self) -> Iterator[Condition]:
         yield positive_inertia(self.inertia)
         yield real_inertia(self.inertia)
-
-
-def principal_moments(inertia: Numbers) -> Float[Array, "3"]:
-    """Three moments as an array; a ``ValueError`` when they are not three."""
-    return numbers("inertia", (3,))(inertia)
 
 
 def rates_of(state: RigidBodyState, Omegadot: Float[Array, "3"]) -> RigidBodyState:

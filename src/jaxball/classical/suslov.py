@@ -11,14 +11,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..interface.arguments import require_function
 from ..interface.printing import Printed
-from ..numerics.arrays import Numbers, a_number, require_shape, to_array
-from ..numerics.functions import HarmonicSeries, OfKinkedFunction
+from ..numerics.arrays import Numbers, numbers, require_shape, to_array
+from ..numerics.functions import HarmonicSeries, VectorOfTime
 from ..numerics.kinks import kinks_seen
 from ..numerics.vectors import apply, dot
 from ..physics.conditions import Condition, positive_inertia, real_inertia
-from .rigid_body import gyroscopic_torque, kinetic_energy, principal_moments, rates_of, versor_squared
+from .rigid_body import gyroscopic_torque, kinetic_energy, rates_of, versor_squared
 from .state import AbstractClassicalSystem, RigidBodyState
 
 ALLOWED_SINE = 1e-6  # how far the sine of the angle between Ω and the constraint's plane may be from 0
@@ -82,7 +81,7 @@ class HarmonicAxis(AbstractAxis):
         return self.series(t)
 
 
-class FunctionAxis(OfKinkedFunction, AbstractAxis):
+class FunctionAxis(VectorOfTime, AbstractAxis):
     """ξ(t) = function(t, parameters), for any function that JAX can trace.
 
     ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again. Give the times
@@ -103,12 +102,6 @@ class FunctionAxis(OfKinkedFunction, AbstractAxis):
     >>> print(FunctionAxis(tilting, 0.5)(jnp.array(0.0)))
     [0. 0. 1.]
     """
-
-    def __check_init__(self):
-        require_function("function", self.function, (3,), t=a_number(), parameters=self.parameters)
-
-    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
-        return self.function(t, self.parameters)
 
 
 class SuslovLaws(NamedTuple):
@@ -159,7 +152,7 @@ class SuslovProblem(AbstractClassicalSystem[RigidBodyState]):
     state_type: ClassVar[type[RigidBodyState]] = RigidBodyState
 
     def __init__(self, *, inertia: Numbers, xi: Numbers | AbstractAxis):
-        self.inertia = principal_moments(inertia)
+        self.inertia = numbers("inertia", (3,))(inertia)
         self.xi = xi if isinstance(xi, AbstractAxis) else HarmonicAxis(xi)
 
     def field(self, t: Float[Array, ""], state: RigidBodyState) -> RigidBodyState:

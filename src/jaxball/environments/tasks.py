@@ -131,7 +131,7 @@ class ReachPoint(AbstractGoal):
     within: Float[Array, ""] | None = eqx.field(converter=number_or_none("within"), default=None)
 
     def __check_init__(self):
-        _require_distribution("drawn", self.drawn)
+        _require_distribution(self.drawn)
 
     def draw(self, key, moment):
         point = self.point[: moment.place.size]
@@ -205,7 +205,7 @@ class HoldSpeed(AbstractGoal):
     drawn: AbstractDistribution | None = None
 
     def __check_init__(self):
-        _require_distribution("drawn", self.drawn)
+        _require_distribution(self.drawn)
 
     def draw(self, key, moment):
         one = jnp.ones_like(moment.t)
@@ -224,8 +224,8 @@ def _row(name: str, given: Numbers) -> Float[Array, " d"]:
     return array
 
 
-def _require_distribution(name: str, given: Any) -> None:
-    require(name, given, (AbstractDistribution, type(None)), "a distribution, such as Uniform(-1.0, 1.0), or None")
+def _require_distribution(drawn: Any) -> None:
+    require("drawn", drawn, (AbstractDistribution, type(None)), "a distribution, such as Uniform(-1.0, 1.0), or None")
 
 
 class AbstractReward(Printed):

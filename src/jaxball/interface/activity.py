@@ -8,12 +8,12 @@ import time
 from collections.abc import Iterator
 from typing import Any, TextIO
 
-from .compilation import is_compiling
-
 DELAY = 0.5  # in seconds; anything shorter is not worth a line
 BETWEEN_CHANGES = 0.1  # in seconds
 TICK = 1.0  # seconds after which a line says how long it has been the same
 ERASE = "\r\x1b[K"
+
+_compilations: list[None] = []  # one for each thread that compiles
 
 
 @contextlib.contextmanager
@@ -81,7 +81,7 @@ class Line:
         self._erase()
 
     def _whole(self) -> str:
-        doing = f"{self._text} (compiling)" if is_compiling() else self._text
+        doing = f"{self._text} (compiling)" if _compilations else self._text
         return f"{doing} …, {self.age:.0f} s" if self.age >= TICK else f"{doing} …"
 
     def _erase(self) -> None:
@@ -105,3 +105,13 @@ def _width(stream: TextIO) -> int:
     with contextlib.suppress(OSError):
         return os.get_terminal_size(stream.fileno()).columns or 80
     return 80
+
+
+@contextlib.contextmanager
+def compiling() -> Iterator[None]:
+    """Around what compiles a program; blocks may be within each other, and in several threads."""
+    _compilations.append(None)
+    try:
+        yield
+    finally:
+        _compilations.pop()

@@ -267,7 +267,7 @@ def _system(
         "offset": own.inverse.of_point(own.inertial.axes.shift),
         "masses": inside.masses,
         "mechanisms": inside.mechanisms,
-        "ground": _ground(gravity, g),
+        "ground": _ground(gravity),
         "resistance": Resistance(dry=dry / radius) if dry > LEAST_FRICTION else None,
     }
     if shell.find("freejoint") is not None:
@@ -276,7 +276,7 @@ def _system(
     return Disk(inertia=own.inertial.moments[1], **given)
 
 
-def _ground(gravity: Float[np.ndarray, "3"], g: float) -> Ground | None:
+def _ground(gravity: Float[np.ndarray, "3"]) -> Ground | None:
     across = float(np.hypot(*gravity[:2]))
     if across == 0 and gravity[2] <= 0:
         return None

@@ -133,9 +133,13 @@ def numbers(
 def number_or_none(
     name: str, shape: tuple[int | str, ...] = ()
 ) -> Callable[[Numbers | None], Float[Array, "..."] | None]:
-    """The converter of a field ``name`` to a single number, or numbers of a ``shape``, which may be left out."""
+    """The converter of a field ``name`` to a single number, or to an array of a ``shape``, which may be left out."""
     convert = numbers(name, shape)
-    return lambda x: None if x is None else convert(x)
+
+    def convert_given(x: Numbers | None) -> Float[Array, "..."] | None:
+        return None if x is None else convert(x)
+
+    return convert_given
 
 
 def require_shape(name: str, value: Array, shape: tuple[int | str, ...], *, batch: bool = False) -> None:

@@ -10,8 +10,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PyTree
 
+from ..interface.arguments import require_function
 from ..interface.printing import Printed
-from .arrays import Numbers, numbers, to_array
+from .arrays import Numbers, a_number, numbers, to_array
 from .kinks import kinks_of_function
 from .linear import tridiagonal_solution
 from .vectors import sine_cosine
@@ -159,18 +160,10 @@ def periodic_cubic_spline(
 
     ``knots`` has one entry more than ``values``: its last is where the first value comes again.
     """
-    n = values.shape[0]
     h = jnp.diff(knots)
     step = h.reshape(h.shape + (1,) * (values.ndim - 1))
     chord = (jnp.roll(values, -1, axis=0) - values) / step
-    before = jnp.roll(h, 1)
-    rows = jnp.arange(n)
-    matrix = jnp.zeros((n, n), dtype=values.dtype)
-    matrix = matrix.at[rows, rows].add(2 * (before + h))
-    matrix = matrix.at[rows, (rows - 1) % n].add(before)
-    matrix = matrix.at[rows, (rows + 1) % n].add(h)
-    right = 6 * (chord - jnp.roll(chord, 1, axis=0))
-    bend = jnp.linalg.solve(matrix, right.reshape(n, -1)).reshape(values.shape)
+    bend = _bends(jnp.roll(h, 1), h, chord - jnp.roll(chord, 1, axis=0))
     return _hermite_pieces(values, chord, bend, jnp.roll(bend, -1, axis=0), step)
 
 
@@ -180,21 +173,26 @@ def cubic_spline_with_slopes(
     end_slopes: Float[Array, "2 *shape"],
 ) -> Float[Array, "n_minus_one 4 *shape"]:
     """Coefficients of the twice continuously differentiable cubic through ``values`` with given end slopes."""
-    n = values.shape[0]
     h = jnp.diff(knots)
     step = h.reshape(h.shape + (1,) * (values.ndim - 1))
     chord = jnp.diff(values, axis=0) / step
-    rows = jnp.arange(n)
     zero = jnp.zeros((1,), dtype=h.dtype)
-    before, after = jnp.concatenate([zero, h]), jnp.concatenate([h, zero])
-    matrix = jnp.zeros((n, n), dtype=values.dtype)
-    matrix = matrix.at[rows, rows].add(2 * (before + after))
-    matrix = matrix.at[rows[1:], rows[:-1]].add(h)
-    matrix = matrix.at[rows[:-1], rows[1:]].add(h)
     slopes = jnp.concatenate([end_slopes[:1], chord, end_slopes[1:]])
-    right = 6 * jnp.diff(slopes, axis=0)
-    bend = jnp.linalg.solve(matrix, right.reshape(n, -1)).reshape(values.shape)
+    bend = _bends(jnp.concatenate([zero, h]), jnp.concatenate([h, zero]), jnp.diff(slopes, axis=0))
     return _hermite_pieces(values[:-1], chord, bend[:-1], bend[1:], step)
+
+
+def _bends(
+    before: Float[Array, " n"], after: Float[Array, " n"], turns: Float[Array, "n *shape"]
+) -> Float[Array, "n *shape"]:
+    """The second derivatives at knots, the first of which follows the last, by the changes of slope there.
+
+    - ``before``, ``after``: the lengths of the intervals beside each knot; 0 where there is none.
+    """
+    rows = jnp.arange(len(before))
+    matrix = jnp.diag(2 * (before + after))
+    matrix = matrix.at[rows, rows - 1].add(before).at[rows, (rows + 1) % len(before)].add(after)
+    return jnp.linalg.solve(matrix, 6 * turns.reshape(len(before), -1)).reshape(turns.shape)
 
 
 def not_a_knot_cubic_spline(knots: Float[Array, " n"], values: Float[Array, " n"]) -> Float[Array, "n_minus_one 4"]:
@@ -240,6 +238,16 @@ class OfKinkedFunction(OfFunction):
 
     def kinks(self) -> Float[Array, " kinks"]:
         return kinks_of_function(self)
+
+
+class VectorOfTime(OfKinkedFunction):
+    """The same with values of shape (3,)."""
+
+    def __check_init__(self):
+        require_function("function", self.function, (3,), t=a_number(), parameters=self.parameters)
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        return self.function(t, self.parameters)
 
 
 class OfKinkedFunctionOfState(OfKinkedFunction):

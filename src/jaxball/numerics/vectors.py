@@ -82,12 +82,6 @@ def inverse(A: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
     return C.T * (1.0 / dot(A[0], C[0]))  # nine divisions take as long as a hundred products
 
 
-def solve(A: Float[Array, "3 3"], b: Float[Array, "3"]) -> Float[Array, "3"]:
-    """The solution x of A x = b by Cramer's rule; not finite where A is singular."""
-    C = cofactors(A)
-    return jnp.sum(C * b[:, None], axis=0) / dot(A[0], C[0])
-
-
 def cofactors(A: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
     """The vector products of the rows of A: of the second and third, the third and first, the first and second."""
     after = jnp.concatenate([A[1:], A[:1]])

@@ -14,11 +14,6 @@ from .vectors import cross, dot
 SMALL_ANGLE = 1e-4  # squared; the series below it have an error of a rounding
 
 
-def identity() -> Float[Array, "4"]:
-    """The versor of no rotation, (1, 0, 0, 0)."""
-    return jnp.array([1.0, 0.0, 0.0, 0.0])
-
-
 def product(p: Float[Array, "4"], q: Float[Array, "4"]) -> Float[Array, "4"]:
     """The quaternion product p q."""
     scalar = p[0] * q[0] - dot(p[1:], q[1:])
@@ -33,12 +28,6 @@ def conjugate(q: Float[Array, "4"]) -> Float[Array, "4"]:
 def normalize(q: Float[Array, "4"]) -> Float[Array, "4"]:
     """q / |q|."""
     return q / jnp.sqrt(jnp.sum(q * q))
-
-
-def from_axis_angle(axis: Float[Array, "3"], angle: Float[Array, ""]) -> Float[Array, "4"]:
-    """The versor that turns by ``angle`` (radians) about ``axis``, which need not be a unit vector."""
-    unit = axis / jnp.sqrt(jnp.sum(axis * axis))
-    return jnp.concatenate([jnp.cos(angle / 2)[None], jnp.sin(angle / 2) * unit])
 
 
 def exponential(rotation: Float[Array, "3"]) -> Float[Array, "4"]:

@@ -33,7 +33,7 @@ from .prescribed.recorded import coverages, is_recorded
 from .prescribed.schedules import AbstractSchedule
 from .rolling import AbstractRollingSystem, Reaction
 from .state import BallState, DiskState, ReducedState, RotationState, State
-from .system import AbstractSystem
+from .system import AbstractSystem, AnyState
 
 AnyBody = TypeVar("AnyBody", bound="AbstractBody")
 
@@ -192,6 +192,15 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
     def from_packed(self, t: Float[Array, ""], packed: Any) -> Any:
         return from_locked(self, t, packed)
 
+    def field(self, t: Float[Array, ""], state: Any) -> Any:
+        """``rolling_ball_ode_f``, ``uncon_ball_eqns_explicit_full`` or ``uncon_ball_eqns_explicit``, by the state.
+
+        Of a disk ``eq_rdisk_dynamics``: φ̈ is −Ω̇₂ of the ball's equation.
+        """
+        acting = load(self, t, state)
+        moves = accelerations(self, t, state, acting)
+        return rates(self, t, state, moves.Omegadot, moves.angles, acting.footing)
+
     def field_of_packed(self, t: Float[Array, ""], packed: Any) -> Any:
         return field_of_locked(self, t, packed)
 
@@ -218,6 +227,54 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
         yield from breaches(self, times, None if theta is None else np.asarray(theta))
         if state is not None:
             yield from _wild_masses(self, times[0], state)
+
+
+class AbstractBodyWithModes(AbstractSystem[AnyState]):
+    """A ball or a disk whose motion has modes: what no mode changes is that of its ``body``.
+
+    Its states have the state of the body as their ``body``.
+    """
+
+    body: eqx.AbstractVar[AbstractBody]
+
+    def require_state(self, state: Any) -> None:
+        type(self.body).require_state(self.body, state)
+
+    def conditions(self) -> Iterator[Condition]:
+        yield from self.body.conditions()
+
+    def start_conditions(self, t: Float[Array, ""], state: Any) -> Iterator[Condition | ExplainedCondition]:
+        yield from self.body.start_conditions(t, state.body)
+
+    def run_conditions(self, times: Float[AnyArray, " T"]) -> Iterator[Condition | ExplainedCondition]:
+        yield from self.body.run_conditions(times)
+
+    def numbers(self) -> Iterator[tuple[str, Array]]:
+        yield from self.body.numbers()
+
+    def driving_kinks(self) -> Float[Array, " kinks"]:
+        """All kinks: accelerations, on which the modes depend, jump with those of prescribed motions."""
+        return jnp.concatenate([self.body.driving_kinks(), self.body.motion_kinks()])
+
+    def is_confined(self, times: Float[Array, " T"], state: Any) -> Bool[Array, ""]:
+        return self.body.is_confined(times, state.body)
+
+    def time_of_leaving(self, times: Float[Array, " T"], states: Any) -> Float[Array, ""] | None:
+        return self.body.time_of_leaving(times, states.body)
+
+    def clearance(self, t: Float[Array, ""], state: Any) -> Float[Array, ""] | None:
+        return self.body.clearance(t, state.body)
+
+    def breaches(self, times: Any, state: Any, states: Any) -> Iterator[Problem]:
+        bodies = (None if of_modes is None else of_modes.body for of_modes in (state, states))
+        yield from self.body.breaches(times, *bodies)
+
+    @property
+    def shown(self) -> AbstractBody:
+        return self.body
+
+    def state_to_show(self, state: Any) -> Any:
+        return state.body
 
 
 class Ball(AbstractBody):
@@ -262,12 +319,6 @@ class Ball(AbstractBody):
     title: ClassVar[str] = "ball"
     state_type: ClassVar[Any] = BallState
     other_state_types: ClassVar[tuple[Any, ...]] = (RotationState, ReducedState)
-
-    def field(self, t: Float[Array, ""], state: Any) -> Any:
-        """``rolling_ball_ode_f``, ``uncon_ball_eqns_explicit_full`` or ``uncon_ball_eqns_explicit``, by the state."""
-        acting = load(self, t, state)
-        found = accelerations(self, t, state, acting)
-        return rates(self, t, state, found.Omegadot, found.angles, acting.footing)
 
     def require_state(self, state: Any) -> None:
         AbstractBody.require_state(self, state)
@@ -317,12 +368,6 @@ class Disk(AbstractBody):
     planar: ClassVar[bool] = True
     title: ClassVar[str] = "disk"
     state_type: ClassVar[Any] = DiskState
-
-    def field(self, t: Float[Array, ""], state: DiskState) -> DiskState:
-        """``eq_rdisk_dynamics``: φ̈ is −Ω̇₂ of the ball's equation."""
-        acting = load(self, t, state)
-        found = accelerations(self, t, state, acting)
-        return rates(self, t, state, found.Omegadot, found.angles, acting.footing)
 
     def embed(self) -> Ball:
         """The disk as a ball with three equal moments that rolls in the plane of e1 and e3."""

@@ -1,7 +1,7 @@
 """Feedback laws: θ̈ = u(t, state) for the masses and joints whose θ̈ is not given otherwise."""
 
 import abc
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from ..interface.arguments import require_callable, require_each, traceable
 from ..interface.printing import Printed
-from ..numerics.arrays import Numbers, default_dtype, numbers, require_shape
+from ..numerics.arrays import Numbers, default_dtype, number_or_none, numbers, require_shape
 from ..numerics.functions import OfKinkedFunctionOfState
 from ..numerics.kinks import kinks_of_function, kinks_seen
 from .prescribed.schedules import AbstractSchedule
@@ -169,6 +169,10 @@ class Servo(AbstractLaw):
         return Servo(tuple(s.prepare() for s in self.targets), self.stiffness, self.damping)
 
 
+def _factor(name: str, columns: int | str) -> Callable[[Numbers | None], Float[Array, "driven columns"] | None]:
+    return number_or_none(name, ("driven", columns))
+
+
 class LinearLaw(AbstractLaw):
     """u = theta θ + thetadot θ̇ + Omega Ω + Gamma Γ + z (z) + omega ω + signals(t): linear, each factor a matrix.
 
@@ -202,28 +206,22 @@ class LinearLaw(AbstractLaw):
     Array([-4.], dtype=float64)
     """
 
-    theta: Float[Array, "*group driven coordinates"] | None
-    thetadot: Float[Array, "*group driven coordinates"] | None
-    Omega: Float[Array, "*group driven 3"] | None
-    Gamma: Float[Array, "*group driven 3"] | None
-    z: Float[Array, "*group driven place"] | None
-    signals: tuple[AbstractSignal | AbstractSchedule, ...]
-    omega: Float[Array, "*group driven 3"] | None
+    theta: Float[Array, "*group driven coordinates"] | None = eqx.field(
+        converter=_factor("theta", "coordinates"), default=None
+    )
+    thetadot: Float[Array, "*group driven coordinates"] | None = eqx.field(
+        converter=_factor("thetadot", "coordinates"), default=None
+    )
+    Omega: Float[Array, "*group driven 3"] | None = eqx.field(converter=_factor("Omega", 3), default=None)
+    Gamma: Float[Array, "*group driven 3"] | None = eqx.field(converter=_factor("Gamma", 3), default=None)
+    z: Float[Array, "*group driven place"] | None = eqx.field(converter=_factor("z", "n"), default=None)
+    signals: tuple[AbstractSignal | AbstractSchedule, ...] = eqx.field(
+        converter=lambda given: tuple(as_signal(f"signals[{index}]", signal) for index, signal in enumerate(given)),
+        default=(),
+    )
+    omega: Float[Array, "*group driven 3"] | None = eqx.field(converter=_factor("omega", 3), default=None)
 
-    def __init__(
-        self,
-        theta: Numbers | None = None,
-        thetadot: Numbers | None = None,
-        Omega: Numbers | None = None,
-        Gamma: Numbers | None = None,
-        z: Numbers | None = None,
-        signals: "Sequence[AbstractSignal | AbstractSchedule | Numbers]" = (),
-        omega: Numbers | None = None,
-    ):
-        self.theta, self.thetadot = _factor("theta", theta, "coordinates"), _factor("thetadot", thetadot, "coordinates")
-        self.Omega, self.Gamma, self.z = _factor("Omega", Omega, 3), _factor("Gamma", Gamma, 3), _factor("z", z, "n")
-        self.omega = _factor("omega", omega, 3)
-        self.signals = tuple(as_signal(f"signals[{index}]", signal) for index, signal in enumerate(signals))
+    def __check_init__(self):
         counts = self._counts()
         if len(set(counts.values())) != 1:
             has = ", ".join(f"{count} in `{name}`" for name, count in counts.items()) or "none in any of them"
@@ -263,10 +261,6 @@ class LinearLaw(AbstractLaw):
     def prepare(self) -> "LinearLaw":
         signals = tuple(signal.prepare() for signal in self.signals)
         return LinearLaw(self.theta, self.thetadot, self.Omega, self.Gamma, self.z, signals, self.omega)
-
-
-def _factor(name: str, given: Numbers | None, columns: int | str) -> Float[Array, "driven columns"] | None:
-    return None if given is None else numbers(name, ("driven", columns))(given)
 
 
 def _numbers_of(state: State, name: str, factor: Float[Array, "driven columns"]) -> Float[Array, " columns"]:

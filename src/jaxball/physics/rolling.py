@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..numerics.vectors import root
+from ..numerics.vectors import dot, root
 from .system import AbstractSystem, AnyState
 
 
@@ -29,6 +29,13 @@ class Reaction(NamedTuple):
 
     normal: Float[Array, "*batch"]
     friction_squared: Float[Array, "*batch"]
+
+    @classmethod
+    def of(cls, R: Float[Array, "3"], Gamma: Float[Array, "3"]) -> "Reaction":
+        """N = R·Γ and |f|², f = R − NΓ, of the plane's force in body axes."""
+        normal = dot(R, Gamma)
+        friction = R - normal * Gamma
+        return cls(normal, dot(friction, friction))
 
     @property
     def friction(self) -> Float[Array, "*batch"]:

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..numerics import versor
-from ..numerics.arrays import Numbers, numbers, to_array
+from ..numerics.arrays import numbers
 from ..numerics.vectors import cross, dot, hat, sine_cosine
 from .conditions import UNIT, Condition
 from .system import AbstractState, AnyState
@@ -265,22 +265,13 @@ class DiskState(AbstractBodyState):
 
     rotation_rate: ClassVar[str] = "phidot"
 
-    phi: Float[Array, "*batch"]
-    phidot: Float[Array, "*batch"]
-    z: Float[Array, "*batch"]
-    theta: Float[Array, "*batch driven"]
-    thetadot: Float[Array, "*batch driven"]
-
-    def __init__(
-        self,
-        phi: Numbers = 0.0,
-        phidot: Numbers = 0.0,
-        z: Numbers = 0.0,
-        theta: Numbers = EMPTY,
-        thetadot: Numbers = EMPTY,
-    ):
-        self.phi, self.phidot, self.z = to_array(phi, "phi"), to_array(phidot, "phidot"), to_array(z, "z")
-        self.theta, self.thetadot = to_array(theta, "theta"), to_array(thetadot, "thetadot")
+    phi: Float[Array, "*batch"] = eqx.field(converter=numbers("phi", batch=True), default=0.0)
+    phidot: Float[Array, "*batch"] = eqx.field(converter=numbers("phidot", batch=True), default=0.0)
+    z: Float[Array, "*batch"] = eqx.field(converter=numbers("z", batch=True), default=0.0)
+    theta: Float[Array, "*batch driven"] = eqx.field(converter=numbers("theta", ("driven",), batch=True), default=EMPTY)
+    thetadot: Float[Array, "*batch driven"] = eqx.field(
+        converter=numbers("thetadot", ("driven",), batch=True), default=EMPTY
+    )
 
     @property
     def Lambda(self) -> Float[Array, "*batch 3 3"]:

@@ -102,11 +102,8 @@ def _draw_squares(
     confidence: float,
 ) -> None:
     """Numbers that are distributed as χ² with a number of degrees of freedom, and their bounds."""
-    bounds = [np.where(degrees > 0, chi2.ppf(p, np.maximum(degrees, 1)), np.nan) for p in _tails(confidence)]
+    tails = (1 - confidence) / 2, (1 + confidence) / 2
+    bounds = [np.where(degrees > 0, chi2.ppf(p, np.maximum(degrees, 1)), np.nan) for p in tails]
     lines = [Series(found, "", COMPONENTS[0]), *(Series(bound, "", INK, DASHED) for bound in bounds)]
     over_time(None, times, lines, name, ax)
     label_axes(ax, "$t$", name)
-
-
-def _tails(confidence: float) -> tuple[float, float]:
-    return (1 - confidence) / 2, (1 + confidence) / 2

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from ..simulation.trajectory import Trajectory
 
-FORMATS = ("png", "pdf", "svg")
 # The metadata field of each format for the description. In a file it is plain text.
 METADATA = {"png": "Description", "pdf": "Subject", "svg": "Description"}
 LONGEST_NAME = 60  # letters of a name

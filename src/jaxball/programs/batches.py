@@ -69,12 +69,6 @@ def in_threads(
     return results
 
 
-def even_size(rows: int, largest: int, threads: int) -> int:
-    """The batch size with which every thread gets equally many batches, none larger than ``largest``."""
-    count = threads * -(-rows // (largest * threads))
-    return -(-rows // count)
-
-
 def map_rows(function: Callable[..., Any], *rows: Any) -> Any:
     """``function`` of each row of PyTrees of arrays that have the rows as leading axis; JAX can trace it.
 
@@ -147,8 +141,8 @@ def map_batches(function: Callable[[Any], Any], rows: Any, size: int) -> Any:
     The rows are shared out among batches of equal size; JAX can trace it.
     """
     count = len(jax.tree.leaves(rows)[0])
-    size = even_size(count, size, 1)
     parts = -(-count // size)
+    size = -(-count // parts)
     if parts == 1:
         return jax.vmap(function)(rows)
 

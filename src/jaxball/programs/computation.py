@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..compat import Program, captures, evaluate, setting_of_traces, settings
-from ..interface.compilation import compiling
+from ..interface.activity import compiling
 from . import native
 from .compiled import QUICKLY, Compiled, Place, Rest, is_kept_by_jax, place_in
 from .derivatives.differentiation import differentiate_forward, without_captured_derivatives

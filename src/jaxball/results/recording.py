@@ -57,7 +57,7 @@ def write_mcap(
         if attributes["scenario"]:
             text = str(attributes["scenario"]).encode()
             writer.add_attachment(0, 0, "scenario.toml", "application/toml", text)
-        for topic in _topics(trajectory, variables, since, rows):
+        for topic in _topics(trajectory, variables, rows):
             schema = writer.register_schema(topic.schema["title"], "jsonschema", json.dumps(topic.schema).encode())
             channel = writer.register_channel(topic.name, "json", schema)
             for row, message in topic.messages:
@@ -72,9 +72,7 @@ def _is_known(leaf: Any) -> np.ndarray:
     return np.isfinite(leaf).reshape(len(leaf), -1).all(axis=1)
 
 
-def _topics(
-    trajectory: Trajectory[Any, Any], variables: Variables, since: list[int], rows: np.ndarray
-) -> Iterator[Topic]:
+def _topics(trajectory: Trajectory[Any, Any], variables: Variables, rows: np.ndarray) -> Iterator[Topic]:
     system, state = trajectory.system, trajectory.state
     if isinstance(system, AbstractBody) and not isinstance(state, ReducedState):
         yield Topic("/tf", FRAME, _frames(trajectory, rows))
@@ -91,16 +89,13 @@ def _topics(
 def _frames(trajectory: Trajectory[Any, Any], rows: np.ndarray) -> Iterator[tuple[int, dict[str, Any]]]:
     """The body in the world, and each mass in the body, whose axes it keeps."""
     seen = trajectory.observables
-    centre, q = np.asarray(seen.geometric_centre), np.asarray(jax.vmap(_versor)(trajectory.state))
+    centre = np.asarray(seen.geometric_centre)
+    q = np.asarray(jax.vmap(lambda state: state.in_space().q)(trajectory.state))
     masses = np.asarray(seen.mass_positions_body)
     for row in rows:
         yield int(row), _frame(WORLD, BODY, centre[row], q[row])
         for k, place in enumerate(masses[row]):
             yield int(row), _frame(BODY, f"mass[{k}]", place, np.array([1.0, 0.0, 0.0, 0.0]))
-
-
-def _versor(state: Any) -> Any:
-    return state.in_space().q
 
 
 def _frame(parent: str, child: str, place: Float[np.ndarray, "3"], q: Float[np.ndarray, "4"]) -> dict[str, Any]:

@@ -113,13 +113,13 @@ def with_pushes(system: Any, pushes: Sequence[Push]) -> System:
     return eqx.tree_at(lambda s: s.force, system, whole, is_leaf=lambda x: x is None)
 
 
-def loop_along(scenario: "Scenario", feedback: AbstractFeedback, start: Any = None) -> ClosedLoop:
-    """The closed loop of a scenario, from ``start`` beside its motion or else from its own."""
+def loop_along(scenario: "Scenario", feedback: AbstractFeedback) -> ClosedLoop:
+    """The closed loop of a scenario, from its own start."""
     settings = settings_of(scenario)
     with in_keys():
         return closed_loop(
             feedback,
-            settings.start if start is None else start,
+            settings.start,
             system=robot_of(scenario),
             limits=settings.limits,
             delay=settings.delay,

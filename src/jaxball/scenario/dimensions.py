@@ -72,9 +72,9 @@ def _of_coefficient(dimension: Dimension, path: str, name: str) -> Dimension:
     return dimension._replace(time=dimension.time - indices[place])
 
 
-def check_units_of_logs(document: Mapping[str, Any], units: Units | None, path: str = "") -> None:
+def check_units_of_logs(document: Mapping[str, Any], units: Units | None) -> None:
     """Raises a :class:`ScenarioError` for the first log whose ``unit`` is not that of its numbers in ``units``."""
-    _check_logs(document, units, path, document)
+    _check_logs(document, units, "", document)
 
 
 def _check_logs(value: Any, units: Units | None, path: str, document: Mapping[str, Any]) -> None:

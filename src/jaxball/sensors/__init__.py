@@ -2,9 +2,8 @@
 
 from ..interface.names import interface as _interface
 from .base import AbstractSensor as AbstractSensor
-from .camera import Position as Position
 from .errors import SensorErrors as SensorErrors
-from .inertial import Accelerometer as Accelerometer, Gyroscope as Gyroscope
 from .joints import Encoder as Encoder, Tachometer as Tachometer
+from .mounted import Accelerometer as Accelerometer, Gyroscope as Gyroscope, Position as Position
 
 __all__, __dir__ = _interface(globals())

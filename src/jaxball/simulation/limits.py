@@ -55,7 +55,7 @@ def _of_contact(history: ContactHistory, trajectory: Trajectory[Any, Any]) -> Tr
     times, state = np.asarray(trajectory.times), trajectory.state
     sides = _sides(trajectory, history)
     size = len(times) + 2 * history.law.capacity
-    order = _order(times, sides, history.law.capacity)
+    order = _order(times, sides)
     rows = np.concatenate([order, np.full(size - len(order), len(times) + 2 * history.law.capacity)])
 
     def join_rows(saved: Any, limits: Any, nothing: float | int) -> Any:
@@ -154,7 +154,7 @@ def _is_still(trajectory: Trajectory[Any, Any], sides: _Sides) -> Bool[np.ndarra
     return (sides.modes == Mode.SLIDING) & slow
 
 
-def _order(times: Float[np.ndarray, " T"], sides: _Sides, capacity: int) -> Int[np.ndarray, " rows"]:
+def _order(times: Float[np.ndarray, " T"], sides: _Sides) -> Int[np.ndarray, " rows"]:
     """The rows of the run in the order of time: saved ones by their index, sides by theirs after all of these."""
     when = sides.times[: 2 * sides.kept]
     rows = np.arange(len(when))

@@ -201,12 +201,12 @@ def approach_of(solver: diffrax.AbstractSolver) -> float:
     return getattr(solver, "approach", APPROACH)
 
 
-class AbstractStageSolver(diffrax.AbstractImplicitSolver, diffrax.AbstractAdaptiveSolver):
-    """An implicit one-step method for diffrax whose stages a :class:`AbstractStageIteration` finds."""
+class AbstractImplicit(diffrax.AbstractImplicitSolver, diffrax.AbstractAdaptiveSolver):
+    """What implicit methods for diffrax share: a field as its terms, and a limit of their iterations in a step."""
 
     term_structure: ClassVar = diffrax.AbstractTerm
 
-    root_finder: eqx.AbstractVar[AbstractStageIteration]  # pyright: ignore[reportIncompatibleVariableOverride]
+    root_finder: eqx.AbstractVar[Any]  # pyright: ignore[reportIncompatibleVariableOverride]
 
     @property
     def root_find_max_steps(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -215,3 +215,9 @@ class AbstractStageSolver(diffrax.AbstractImplicitSolver, diffrax.AbstractAdapti
 
     def func(self, terms, t0, y0, args):
         return terms.vf(t0, y0, args)
+
+
+class AbstractStageSolver(AbstractImplicit):
+    """An implicit one-step method for diffrax whose stages a :class:`AbstractStageIteration` finds."""
+
+    root_finder: eqx.AbstractVar[AbstractStageIteration]  # pyright: ignore[reportIncompatibleVariableOverride]

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Float, Int, PyTree
 
-from .base import FlatProblem
+from .base import AbstractImplicit, FlatProblem
 
 # Two steps are equal if their lengths differ by less than this, relative to them.
 EQUAL = 0.01
@@ -193,7 +193,7 @@ class NDFController(AbstractMultistepController):
     solver: ClassVar[str] = "NDF"
 
 
-class AbstractMultistep(diffrax.AbstractImplicitSolver, diffrax.AbstractAdaptiveSolver):
+class AbstractMultistep(AbstractImplicit):
     """A multistep method for diffrax that chooses its order together with its step.
 
     In diffrax a controller only gets the error of a step, and a solver only gets the ends of the steps to come. So the
@@ -201,19 +201,9 @@ class AbstractMultistep(diffrax.AbstractImplicitSolver, diffrax.AbstractAdaptive
     its plan to the controller, a ``controller_cls``, instead of a bare error.
     """
 
-    term_structure: ClassVar = diffrax.AbstractTerm
     controller_cls: ClassVar[type[AbstractMultistepController]]
 
     max_order: eqx.AbstractVar[int]
-    root_finder: eqx.AbstractVar[Any]  # pyright: ignore[reportIncompatibleVariableOverride]
-
-    @property
-    def root_find_max_steps(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The most corrections of a step."""
-        return self.root_finder.max_steps
-
-    def func(self, terms, t0, y0, args):
-        return terms.vf(t0, y0, args)
 
     def require_controller(self) -> None:
         """Raises ``TypeError`` where the tolerances are not those of the controller that this method needs."""

@@ -82,7 +82,7 @@ def bfgs(function: Function, y: Float[np.ndarray, "starts n"], evaluations: int,
     inverse = np.broadcast_to(np.eye(n), (starts, n, n)).copy()
     fresh = np.ones(starts, dtype=bool)
     direction = _towards(at, inverse)
-    length = _first(at, direction)
+    length = _first(direction)
     low, high = np.zeros(starts), np.full(starts, np.inf)
     for _ in range(evaluations):
         converged = np.max(np.abs(at.gradient), axis=1) <= stationary
@@ -107,7 +107,7 @@ def bfgs(function: Function, y: Float[np.ndarray, "starts n"], evaluations: int,
         inverse[reset], fresh[reset] = np.eye(n), True
         begin = taken | reset
         direction = np.where(begin[:, None], _towards(at, inverse), direction)
-        length = np.where(taken & ~fresh, 1.0, np.where(begin, _first(at, direction), length))
+        length = np.where(taken & ~fresh, 1.0, np.where(begin, _first(direction), length))
         low, high = np.where(begin, 0.0, low), np.where(begin, np.inf, high)
     return at
 
@@ -116,7 +116,7 @@ def _towards(at: Point, inverse: np.ndarray) -> np.ndarray:
     return -np.einsum("sij,sj->si", inverse, np.where(np.isfinite(at.gradient), at.gradient, 0.0))
 
 
-def _first(at: Point, direction: np.ndarray) -> np.ndarray:
+def _first(direction: np.ndarray) -> np.ndarray:
     """Lengths of first steps that move y by no more than 0.1, a tenth of its scale."""
     return np.minimum(LONGEST_NEWTON_STEP, 0.1 / np.maximum(np.linalg.norm(direction, axis=1), 1e-300))
 

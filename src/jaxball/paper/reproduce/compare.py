@@ -91,10 +91,6 @@ class Comparison:
         return self.measurement.solver
 
 
-def _measurement_of(comparison: Comparison) -> Measurement:
-    return comparison.measurement
-
-
 TABLE: Table[Comparison] = Table(
     name="solvers",
     columns=(
@@ -102,7 +98,7 @@ TABLE: Table[Comparison] = Table(
         Column("Paper's solver", lambda c: c.paper_solver, 14, left=True),
         Column("Counterpart", lambda c: c.counterpart, 13, left=True),
         Column("Form", lambda c: c.form, 4, left=True),
-        *(column.of(_measurement_of) for column in STEPS),
+        *(column.of(lambda c: c.measurement) for column in STEPS),
         Column("Time", lambda c: f"{1e3 * c.measurement.run_time:.2f} ms", 9),
         Column("Compile", lambda c: f"{c.measurement.compile_time:.1f} s", 7),
         Column("Authors' time", lambda c: UNKNOWN if c.authors_time is None else f"{c.authors_time:.2f} s", 13),

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...numerics.vectors import cross, dot
+from ...numerics.vectors import cross
 from ..rolling import Reaction, friction_ratio
 from ..state import State
 from .equations import accelerations
@@ -38,16 +38,11 @@ def reaction_in_body(
 
 
 def reaction(system: BodyParameters, t: Float[Array, ""], state: State) -> Reaction:
-    """N and |f|² from any kind of state, in body axes, so that the heading need not be known.
-
-    N = R̃·Γ, and f̃ = R̃ − NΓ.
-    """
+    """N and |f|² from any kind of state, in body axes, so that the heading need not be known."""
     acting = load(system, t, state)
     found = accelerations(system, t, state, acting)
     R = reaction_in_body(found.at, system.radius, acting, state.Omega, found.Omegadot)
-    normal = dot(R, acting.Gamma)
-    friction = R - normal * acting.Gamma
-    return Reaction(normal, dot(friction, friction))
+    return Reaction.of(R, acting.Gamma)
 
 
 def total_inertial_force(

@@ -101,6 +101,38 @@ def release_joints(
     return jax.lax.fori_loop(0, directions.size, lambda _, directions: with_one_less(directions), directions)
 
 
+def sticking_guards(
+    system: BodyParameters,
+    directions: Float[Array, " sticking"],
+    thetadot: Float[Array, " rates"],
+    holding: Float[Array, " sticking"],
+) -> Float[Array, " guards"]:
+    """Two for each joint: θ̇ in its direction and 1 where it slips, what friction has to spare where it sticks."""
+    sticks, largest = directions == 0, largest_frictions(system)
+    onward = directions * thetadot[sticking_slots(system)]
+    first = jnp.where(sticks, largest - holding, onward)
+    return jnp.concatenate([first, jnp.where(sticks, largest + holding, 1.0)])
+
+
+def change_joint(
+    system: BodyParameters,
+    directions: Float[Array, " sticking"],
+    thetadot: Float[Array, " rates"],
+    which: Int[Array, ""],
+) -> tuple[Float[Array, " sticking"], Float[Array, " rates"]]:
+    """Directions and θ̇ after one of :func:`sticking_guards`: a joint that slipped is held, and one that was held slips.
+
+    - ``which``: the index of the guard; negative where it is none of these, and nothing changes.
+    """
+    joints = np.arange(directions.size)
+    changes = (joints == which % joints.size) & (which >= 0)
+    loose = jnp.where(which < joints.size, -1.0, 1.0)
+    stopped = np.zeros((thetadot.size, joints.size), dtype=bool)
+    stopped[sticking_slots(system), joints] = True
+    rests = jnp.any(jnp.asarray(stopped) & changes[None], axis=1)
+    return jnp.where(changes, jnp.where(directions == 0, loose, 0.0), directions), jnp.where(rests, 0.0, thetadot)
+
+
 def describe_changes(
     joints: Sequence[str], before: Float[Array, " joints"], after: Float[Array, " joints"]
 ) -> list[str]:

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from ...interface.arguments import require_callable, require_function, require_value
 from ...interface.printing import Printed
 from ...numerics.arrays import Numbers, a_number, default_dtype, numbers, require_shape, to_array
-from ...numerics.functions import HarmonicSeries, OfKinkedFunction, OfKinkedFunctionOfState
+from ...numerics.functions import HarmonicSeries, OfKinkedFunctionOfState, VectorOfTime
 from ...numerics.kinks import kinks_of_function, kinks_seen
 from ...numerics.vectors import apply
 
@@ -153,7 +153,7 @@ class HarmonicForce(AbstractForce):
         return self.series(t)
 
 
-class FunctionForce(OfKinkedFunction, AbstractForce):
+class FunctionForce(VectorOfTime, AbstractForce):
     """Fe(t) = function(t, parameters), for any function that JAX can trace.
 
     ``function`` is compiled into programs: one that is written anew compiles again unless it only uses equal numbers.
@@ -173,12 +173,6 @@ class FunctionForce(OfKinkedFunction, AbstractForce):
     >>> FunctionForce(wind, 0.3)(jnp.array(0.0))
     Array([0.3, 0. , 0. ], dtype=float64)
     """
-
-    def __check_init__(self):
-        require_function("function", self.function, (3,), t=a_number(), parameters=self.parameters)
-
-    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
-        return self.function(t, self.parameters)
 
 
 class FunctionWrench(OfKinkedFunctionOfState, AbstractWrench):

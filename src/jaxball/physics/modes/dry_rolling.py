@@ -23,8 +23,8 @@ from ...numerics.arrays import select_tree
 from ...numerics.directions import unit
 from ...numerics.vectors import apply, root
 from ...programs.derivatives.differentiation import without_derivatives
-from ..body import AbstractBody
-from ..conditions import Condition, ExplainedCondition, Problem
+from ..body import AbstractBody, AbstractBodyWithModes
+from ..conditions import Condition
 from ..contact import slip as slips
 from ..contact.slip import HALFWAY, Beginning, Heading
 from ..dynamics.equations import turning
@@ -45,7 +45,7 @@ from ..hybrid import (
     at_zero,
 )
 from ..state import PlacedState, ReducedState
-from ..system import AbstractState, AbstractSystem
+from ..system import AbstractState
 
 
 class DryRollingState(AbstractState):
@@ -124,7 +124,7 @@ class RestHistory(AbstractHistory):
 ROLLING, SPINNING = 0, 1  # guards, and the events where they fall to zero
 
 
-class DryRolling(AbstractSystem[DryRollingState]):
+class DryRolling(AbstractBodyWithModes[DryRollingState]):
     """A ball or a disk that exact dry resistance may hold at rest."""
 
     body: AbstractBody
@@ -132,44 +132,16 @@ class DryRolling(AbstractSystem[DryRollingState]):
     title: ClassVar[str] = "body with exact dry resistance"
     state_type: ClassVar[Any] = DryRollingState
 
-    # States, conditions, kinks and confinement are those of the body.
-
     def require_state(self, state: Any) -> None:
         if isinstance(state, ReducedState):
             raise TypeError(
                 "Argument `state` must be a BallState or a RotationState where resistance is `exact`, because what "
                 "comes to rest has a place and a direction in space, but it is a ReducedState."
             )
-        type(self.body).require_state(self.body, state)
-
-    def conditions(self) -> Iterator[Condition]:
-        yield from self.body.conditions()
-
-    def start_conditions(self, t: Float[Array, ""], state: DryRollingState) -> Iterator[Condition | ExplainedCondition]:
-        yield from self.body.start_conditions(t, state.body)
-
-    def numbers(self) -> Iterator[tuple[str, Array]]:
-        yield from self.body.numbers()
+        super().require_state(state)
 
     def prepare(self) -> "DryRolling":
         return DryRolling(self.body.prepare())
-
-    def driving_kinks(self) -> Float[Array, " kinks"]:
-        """All kinks: accelerations jump with those of prescribed motions."""
-        return jnp.concatenate([self.body.driving_kinks(), self.body.motion_kinks()])
-
-    def is_confined(self, times: Float[Array, " T"], state: DryRollingState) -> Bool[Array, ""]:
-        return self.body.is_confined(times, state.body)
-
-    def time_of_leaving(self, times: Float[Array, " T"], states: DryRollingState) -> Float[Array, ""] | None:
-        return self.body.time_of_leaving(times, states.body)
-
-    def clearance(self, t: Float[Array, ""], state: DryRollingState) -> Float[Array, ""] | None:
-        return self.body.clearance(t, state.body)
-
-    def breaches(self, times: Any, state: DryRollingState | None, states: DryRollingState | None) -> Iterator[Problem]:
-        bodies = (None if given is None else given.body for given in (state, states))
-        yield from self.body.breaches(times, *bodies)
 
     # What a solve advances.
 
@@ -428,13 +400,6 @@ class DryRolling(AbstractSystem[DryRollingState]):
 
     # What a run shows.
 
-    @property
-    def shown(self) -> AbstractBody:
-        return self.body
-
-    def state_to_show(self, state: DryRollingState) -> PlacedState:
-        return state.body
-
     def history(self, times: Float[Array, " T"], states: DryRollingState, record: Record | None) -> RestHistory:
         assert record is not None
         before, after = record.before, record.after
@@ -480,10 +445,14 @@ class _FromRest(NamedTuple):
 @jax.jit
 def rates(body: AbstractBody, t: Float[Array, ""], state: PlacedState, mode: TurningMode) -> PlacedState:
     """ẋ of a body in a mode that is given along the axes of the contact."""
+    return in_mode(body, t, state, mode).field(t, state)
+
+
+def in_mode(body: AbstractBody, t: Float[Array, ""], state: PlacedState, mode: TurningMode) -> AbstractBody:
+    """The body in a mode that is given along the axes of the contact."""
     into_body = ContactAxes.of(body, t, state).rows.T
     own = mode._replace(sigma=apply(into_body, mode.sigma), braking=apply(into_body, mode.braking))
-    moving = eqx.tree_at(lambda body: body.resistance.mode, body, own, is_leaf=lambda x: x is None)
-    return moving.field(t, state)
+    return eqx.tree_at(lambda body: body.resistance.mode, body, own, is_leaf=lambda x: x is None)
 
 
 def _pull(about: tuple[Resistance, Turning, TurningMode], sigma: Float[Array, "2"]) -> slips.Pull:

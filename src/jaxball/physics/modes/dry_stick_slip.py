@@ -12,7 +12,6 @@ from typing import Any, ClassVar, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ...numerics.arrays import select_tree
@@ -22,11 +21,18 @@ from ..body import AbstractBody
 from ..dynamics.equations import holding_friction
 from ..dynamics.footing import ContactAxes
 from ..dynamics.rest import begin, needs, resist
-from ..dynamics.sticking import describe_changes, largest_frictions, sticking_slots, with_directions
+from ..dynamics.sticking import (
+    change_joint,
+    describe_changes,
+    largest_frictions,
+    sticking_guards,
+    sticking_slots,
+    with_directions,
+)
 from ..forces.resistance import TurningMode
 from ..hybrid import Record
 from ..state import PlacedState
-from .dry_rolling import DryRolling, DryRollingState, Happened, RestHistory, RestSwitches
+from .dry_rolling import DryRolling, DryRollingState, Happened, RestHistory, RestSwitches, in_mode
 
 OF_TURNING = 2  # guards of rolling and of spinning, before those of the joints
 
@@ -92,23 +98,16 @@ class DryStickSlip(DryRolling):
     # The guards.
 
     def guards_in_step(self, t: Float[Array, ""], state: Any, reference: Any) -> Float[Array, " guards"]:
-        """Those of the body, and two for each joint, as in ``stick_slip``."""
+        """Those of the body, and two for each joint."""
         of_turning = super().guards_in_step(t, state, reference)
         holding = self.holding(t, state.body, state.slips, self.mode(t, state))
-        sticks, largest = state.slips == 0, largest_frictions(self.body)
-        onward = state.slips * state.body.thetadot[sticking_slots(self.body)]
-        first = jnp.where(sticks, largest - holding, onward)
-        return jnp.concatenate([of_turning, first, jnp.where(sticks, largest + holding, 1.0)])
+        return jnp.concatenate([of_turning, sticking_guards(self.body, state.slips, state.body.thetadot, holding)])
 
     def holding(
         self, t: Float[Array, ""], state: PlacedState, directions: Float[Array, " sticking"], mode: TurningMode
     ) -> Float[Array, " sticking"]:
         """The friction in joints that stick, where the body turns in a mode that is given in space axes."""
-        into_body = ContactAxes.of(self.body, t, state).rows.T
-        own = mode._replace(sigma=apply(into_body, mode.sigma), braking=apply(into_body, mode.braking))
-        body = with_directions(self.body, directions)
-        known = eqx.tree_at(lambda body: body.resistance.mode, body, own, is_leaf=lambda x: x is None)
-        return holding_friction(known, t, state)
+        return holding_friction(in_mode(with_directions(self.body, directions), t, state, mode), t, state)
 
     # How modes follow each other.
 
@@ -132,16 +131,9 @@ class DryStickSlip(DryRolling):
 
     def _joints_changed(self, state: DryStickSlipState, given: Happened) -> DryStickSlipState:
         """The state after an event of a joint: one that stopped is held, and one that was held slips."""
-        count, slots = state.slips.size, sticking_slots(self.body)
         which = given.event - OF_TURNING
-        changes = (jnp.arange(count) == which % count) & (which >= 0)
-        loose = jnp.where(which < count, -1.0, 1.0)
-        directions = jnp.where(changes, jnp.where(state.slips == 0, loose, 0.0), state.slips)
-        stopped = np.zeros((state.body.thetadot.size, count), dtype=bool)
-        stopped[slots, np.arange(count)] = True
-        rests = jnp.any(jnp.asarray(stopped) & changes[None], axis=1)
-        body = eqx.tree_at(lambda x: x.thetadot, state.body, jnp.where(rests, 0.0, state.body.thetadot))
-        return eqx.tree_at(lambda x: (x.body, x.slips), state, (body, directions))
+        directions, thetadot = change_joint(self.body, state.slips, state.body.thetadot, which)
+        return eqx.tree_at(lambda x: (x.body.thetadot, x.slips), state, (thetadot, directions))
 
     def _release(
         self,

@@ -11,18 +11,23 @@ from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ...numerics.arrays import AnyArray
 from ...programs.derivatives.differentiation import without_derivatives
-from ..body import AbstractBody
-from ..conditions import Condition, ExplainedCondition, Problem
+from ..body import AbstractBody, AbstractBodyWithModes
+from ..conditions import Condition
 from ..dynamics.equations import holding_friction
-from ..dynamics.sticking import describe_changes, largest_frictions, release_joints, sticking_slots, with_directions
+from ..dynamics.sticking import (
+    change_joint,
+    describe_changes,
+    release_joints,
+    sticking_guards,
+    sticking_slots,
+    with_directions,
+)
 from ..hybrid import AbstractHistory, Record, Switches
 from ..state import State
-from ..system import AbstractState, AbstractSystem
+from ..system import AbstractState
 
 
 class StickSlipState(AbstractState):
@@ -87,7 +92,7 @@ class StickSlipHistory(AbstractHistory):
         return dataclasses.replace(self, directions=self.directions[rows])
 
 
-class StickSlip(AbstractSystem[StickSlipState]):
+class StickSlip(AbstractBodyWithModes[StickSlipState]):
     """A ball or a disk with joints that dry friction may hold."""
 
     body: AbstractBody
@@ -95,42 +100,8 @@ class StickSlip(AbstractSystem[StickSlipState]):
     title: ClassVar[str] = "body with joints that stick and slip"
     state_type: ClassVar[Any] = StickSlipState
 
-    # States, conditions, kinks and confinement are those of the body.
-
-    def require_state(self, state: Any) -> None:
-        type(self.body).require_state(self.body, state)
-
-    def conditions(self) -> Iterator[Condition]:
-        yield from self.body.conditions()
-
-    def start_conditions(self, t: Float[Array, ""], state: StickSlipState) -> Iterator[Condition | ExplainedCondition]:
-        yield from self.body.start_conditions(t, state.body)
-
-    def run_conditions(self, times: Float[AnyArray, " T"]) -> Iterator[Condition | ExplainedCondition]:
-        yield from self.body.run_conditions(times)
-
-    def numbers(self) -> Iterator[tuple[str, Array]]:
-        yield from self.body.numbers()
-
     def prepare(self) -> "StickSlip":
         return StickSlip(self.body.prepare())
-
-    def driving_kinks(self) -> Float[Array, " kinks"]:
-        """All kinks: accelerations jump with those of prescribed motions."""
-        return jnp.concatenate([self.body.driving_kinks(), self.body.motion_kinks()])
-
-    def is_confined(self, times: Float[Array, " T"], state: StickSlipState) -> Bool[Array, ""]:
-        return self.body.is_confined(times, state.body)
-
-    def time_of_leaving(self, times: Float[Array, " T"], states: StickSlipState) -> Float[Array, ""] | None:
-        return self.body.time_of_leaving(times, states.body)
-
-    def clearance(self, t: Float[Array, ""], state: StickSlipState) -> Float[Array, ""] | None:
-        return self.body.clearance(t, state.body)
-
-    def breaches(self, times: Any, state: StickSlipState | None, states: StickSlipState | None) -> Iterator[Problem]:
-        bodies = (None if given is None else given.body for given in (state, states))
-        yield from self.body.breaches(times, *bodies)
 
     # The motion.
 
@@ -139,23 +110,13 @@ class StickSlip(AbstractSystem[StickSlipState]):
         return StickSlipState(moved, jnp.zeros_like(state.slips))
 
     def guards(self, t: Float[Array, ""], state: StickSlipState) -> Float[Array, " guards"]:
-        """Two for each joint: θ̇ in its direction and 1 where it slips, what friction has to spare where it sticks."""
         holding = holding_friction(with_directions(self.body, state.slips), t, state.body)
-        sticks, largest = state.slips == 0, largest_frictions(self.body)
-        onward = state.slips * state.body.thetadot[sticking_slots(self.body)]
-        first = jnp.where(sticks, largest - holding, onward)
-        return jnp.concatenate([first, jnp.where(sticks, largest + holding, 1.0)])
+        return sticking_guards(self.body, state.slips, state.body.thetadot, holding)
 
     def reset(self, t: Float[Array, ""], state: StickSlipState, which: Int[Array, ""]) -> StickSlipState:
         """A joint that broke loose slips against the friction that held it; one that stopped is held if it can be."""
-        joints, slots = np.arange(state.slips.size), sticking_slots(self.body)
-        changes = joints == which % joints.size
-        loose = jnp.where(which < joints.size, -1.0, 1.0)
-        directions = jnp.where(changes, jnp.where(state.slips == 0, loose, 0.0), state.slips)
-        stopped = np.zeros((state.body.thetadot.size, joints.size), dtype=bool)
-        stopped[slots, joints] = True
-        rests = jnp.any(jnp.asarray(stopped) & changes[None], axis=1)
-        body = eqx.tree_at(lambda x: x.thetadot, state.body, jnp.where(rests, 0.0, state.body.thetadot))
+        directions, thetadot = change_joint(self.body, state.slips, state.body.thetadot, which)
+        body = eqx.tree_at(lambda x: x.thetadot, state.body, thetadot)
         return StickSlipState(body, self._release(t, body, directions))
 
     def start(self, t: Float[Array, ""], state: State) -> StickSlipState:
@@ -170,13 +131,6 @@ class StickSlip(AbstractSystem[StickSlipState]):
         return release_joints(body, directions, lambda body: holding_friction(body, t, state))
 
     # What a run shows.
-
-    @property
-    def shown(self) -> AbstractBody:
-        return self.body
-
-    def state_to_show(self, state: StickSlipState) -> State:
-        return state.body
 
     def history(self, times: Float[Array, " T"], states: StickSlipState, record: Record | None) -> StickSlipHistory:
         assert record is not None

@@ -13,11 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...interface.arguments import require, require_function
+from ...interface.arguments import require
 from ...interface.printing import Printed
-from ...numerics.arrays import a_number, numbers, require_shape
+from ...numerics.arrays import numbers, require_shape
 from ...numerics.calculus import two_derivatives
-from ...numerics.functions import HarmonicSeries, OfKinkedFunction
+from ...numerics.functions import HarmonicSeries, VectorOfTime
 from ...numerics.kinks import kinks_seen
 from .rails import AbstractRail
 from .schedules import AbstractSchedule
@@ -215,7 +215,7 @@ class Oscillating(AbstractPrescribedMotion):
         return self.path(t)
 
 
-class Free(OfKinkedFunction, AbstractPrescribedMotion):
+class Free(VectorOfTime, AbstractPrescribedMotion):
     """Any free motion χ(t) = function(t, parameters), on a surface or in the volume.
 
     ``function`` is compiled into programs: one that is written anew compiles again unless it only uses equal numbers.
@@ -236,9 +236,3 @@ class Free(OfKinkedFunction, AbstractPrescribedMotion):
     >>> print(Free(helix, 0.1).kinematics(jnp.array(jnp.pi / 2)).chi.round(3))
     [0.    0.5   0.157]
     """
-
-    def __check_init__(self):
-        require_function("function", self.function, (3,), t=a_number(), parameters=self.parameters)
-
-    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
-        return self.function(t, self.parameters)

@@ -18,7 +18,7 @@ from ...numerics.arrays import AnyArray, is_traced, numbers
 from ...numerics.functions import PiecewisePolynomial, not_a_knot_cubic_spline
 from ...numerics.kinks import CLOSE_KINKS
 from ..conditions import ExplainedCondition, Problem
-from .schedules import AbstractSchedule
+from .schedules import AbstractSchedule, PiecewiseSchedule
 from .signals import AbstractIntegrableSignal
 
 Interpolation: TypeAlias = Literal["previous", "linear", "spline"]
@@ -45,6 +45,13 @@ class AbstractRecorded(Printed):
     @abc.abstractmethod
     def is_bounded(self) -> bool:
         """Whether a run must lie within the log."""
+
+    @abc.abstractmethod
+    def prepare(self) -> Any:
+        """The curve through the samples."""
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        return self.prepare()(t)
 
     def __check_init__(self):
         if self.times.shape != self.values.shape or self.times.shape[-1] < 2:
@@ -126,9 +133,6 @@ class RecordedSignal(AbstractRecorded, AbstractIntegrableSignal):
     @property
     def is_bounded(self) -> bool:
         return self.outside == "refuse"
-
-    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
-        return self.prepare()(t)
 
     def impulse(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.prepare().impulse(t)
@@ -217,9 +221,6 @@ class RecordedSchedule(AbstractRecorded, AbstractSchedule):
     def is_bounded(self) -> bool:
         return self.outside == "refuse"
 
-    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
-        return self.prepare()(t)
-
     def shift(self, by: Float[Array, ""]) -> "RecordedSchedule":
         return eqx.tree_at(lambda s: s.values, self, self.values + by)
 
@@ -242,17 +243,10 @@ class RecordedSchedule(AbstractRecorded, AbstractSchedule):
         return PreparedSchedule(_curve(self.times, first, inner, last), self.kinks())
 
 
-class PreparedSchedule(AbstractSchedule):
+class PreparedSchedule(PiecewiseSchedule):
     """A recorded schedule as polynomials, with its kinks."""
 
-    curve: PiecewisePolynomial
     kink_times: Float[Array, "*group kinks"]
-
-    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
-        return self.curve(t)
-
-    def shift(self, by: Float[Array, ""]) -> "PreparedSchedule":
-        return eqx.tree_at(lambda s: s.curve.coefficients, self, self.curve.coefficients.at[..., 0].add(by))
 
     def kinks(self) -> Float[Array, " kinks"]:
         return self.kink_times

@@ -28,16 +28,14 @@ def varying(program: Program, constants: Sequence[bool], operands: Sequence[bool
     return list(map(does, jaxpr.outvars))
 
 
-def varying_in_loop(
-    body: Program, constants: Sequence[bool], carried: Sequence[bool], others: Sequence[bool] = ()
-) -> list[bool]:
+def varying_in_loop(body: Program, constants: Sequence[bool], carried: Sequence[bool]) -> list[bool]:
     """Which of the arrays that a loop carries vary at its start or after any number of turns.
 
-    - ``constants``: of the program ``body``; its operands are those carried and ``others``.
+    - ``constants``: of the program ``body``; its operands are those carried.
     """
     lasts = list(carried)
     while True:
-        after = varying(body, constants, [*lasts, *others])
+        after = varying(body, constants, lasts)
         following = [one or other for one, other in zip(lasts, after, strict=False)]
         if following == lasts:
             return lasts

@@ -126,9 +126,11 @@ class Program:
         try:
             self._run_rows(address)
         except BaseException:
+            # No block is left to take, and who computes one stops at its next look for signals.
             shared[0], shared[5] = blocks, 1
             raise
         finally:
+            # They write into the results and read the table, which must not be freed before.
             for thread in others:
                 thread.join()
         avals = [array_type(array.shape, array.dtype, is_weak) for array, is_weak in zip(results, weak, strict=True)]

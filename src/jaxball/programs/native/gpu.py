@@ -68,6 +68,7 @@ def compile_for_gpus(ptx: str) -> bytes:
     **Raises:** :class:`~.cuda.CudaError`.
     """
     gpu = driver()
+    # Machine code is for one kind; each GPU's driver compiles PTX when it loads it.
     return gpu.compile(ptx) if len(set(gpu.capabilities())) == 1 else ptx.encode() + b"\0"
 
 

@@ -71,7 +71,7 @@ MOST_INLINED = 200
 
 # Instructions of a program: more take LLVM longer than XLA.
 MOST_LINES = 400_000
-# Numbers along an axis that XLA would rather compute in loops of its own, see `extent.py`.
+# Numbers along an axis that XLA would rather compute in loops of its own, see `pipeline.py`.
 LONG_AXIS = 64
 # Characters of a program of which quick code needs half a megabyte of stack, twice what optimised code does.
 MOST_QUICKLY = 8_000_000

@@ -56,6 +56,7 @@ class Lowered:
             return function(arrays)
 
         self.name = call.__name__ = call.__qualname__ = name
+        # All arguments stay, because the program is called with all of them.
         self.function = jax.jit(call, keep_unused=True)
         self.takes, self._natively = list(map(type_of, arrays)), natively
         self._depends, self._context = False, context
@@ -105,7 +106,8 @@ class Lowered:
 
         try:
             with seldom_collected():
-                takes, gives = _types_in(self.traced.jaxpr.in_avals), _describe_results(self.traced.jaxpr.out_avals)
+                takes = list(map(_numpy_type, self.traced.jaxpr.in_avals))
+                gives = _describe_results(self.traced.jaxpr.out_avals)
                 module = self.for_cpu().compiler_ir("stablehlo")
                 return Program(compile_for_cpu(module, takes, gives, large=large, quickly=quickly, rows=rows))
         except UnsupportedError as error:
@@ -141,6 +143,7 @@ class Lowered:
 
     def for_xla(self) -> "Lowered":
         """The same, traced for XLA; this one, where that does not matter."""
+        # A function that asked who compiles it may have been traced differently for the other one.
         if self.traced and not self._depends:
             return self
         again = copy.copy(self)
@@ -148,10 +151,6 @@ class Lowered:
         for name in ("traced", "lowered"):
             vars(again).pop(name, None)
         return again
-
-
-def _types_in(avals: Sequence[Any]) -> list[np.dtype]:
-    return [_numpy_type(aval) for aval in avals]
 
 
 def _describe_results(avals: Sequence[Any]) -> list[Given]:

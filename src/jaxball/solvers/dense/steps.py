@@ -14,7 +14,6 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 from .pauses import AfterPauses
 
 Values = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " k"]]
-Field = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " size"]]
 LOBATTO_NODES = 5
 FINENESS = 32
 # The half width of the next window, relative to this one: a few times the error of a quartic.

@@ -7,6 +7,7 @@ the program. The other runs on the CPU beside XLA's handler: it starts the kerne
 from collections.abc import Iterator, Sequence
 
 from ..limits import FEWEST_THREADS, MOST_LOCAL, ROWS_OF_LAUNCH, THREADS
+from .handler import load_function, write_arguments
 from .table import DONE, NEXT, ROWS, Part, bytes_of_table, write_places
 
 MEMORY = DONE  # where the array to work in is: a number of the table that a grid does not need
@@ -64,6 +65,7 @@ def _compute_rows(takes: Sequence[Part], gives: Sequence[Part], workspace: int) 
     yield "  %rows = load i64, ptr %rows.place"
     yield "  br label %row"
     yield "row:"
+    # Threads side by side take rows side by side, which they read together.
     yield "  %k = phi i64 [ %first, %entry ], [ %following, %compute ]"
     yield "  %is_row = icmp slt i64 %k, %rows"
     yield "  br i1 %is_row, label %compute, label %end"
@@ -109,6 +111,7 @@ def _text(name: str, content: str) -> str:
 
 # The table is an argument of the kernel, by value: what the next slice writes to it does not reach the one before. The
 # array to work in is given back as soon as all is started, because whoever gets it next runs on the same stream.
+# Where memory lacks, half as many threads are tried, and half of these: each then computes more rows.
 _LAUNCHER = f"""
 declare i32 @snprintf(ptr, i64, ptr, ...)
 {_text("lacks_memory", _LACKS_MEMORY)}
@@ -138,11 +141,9 @@ entry:
   %wanted.up = add i64 %wanted, {THREADS - 1}
   %wanted.groups = udiv i64 %wanted.up, {THREADS}
   %useful = mul i64 %wanted.groups, {THREADS}
-  %asked = alloca [32 x i8], align 8
-  call void @begin_arguments(ptr %asked, i64 32, ptr %context)
-  %stream_of.place = getelementptr i8, ptr %api, i64 80
-  %stream_of = load ptr, ptr %stream_of.place
-  %no_stream = call ptr %stream_of(ptr %asked)
+{write_arguments(32, "%context", stream="ptr null")}
+{load_function("Stream_Get")}
+  %no_stream = call ptr %function(ptr %arguments)
   %has_stream = icmp eq ptr %no_stream, null
   br i1 %has_stream, label %memory, label %end
 memory:
@@ -165,7 +166,6 @@ begin:
   %memory.size = phi i64 [ 0, %memory ], [ %size, %allocate ]
   %memory.place = getelementptr i8, ptr %shared, i64 {MEMORY}
   store ptr %memory.array, ptr %memory.place
-  %stream.place = getelementptr i8, ptr %asked, i64 24
   %stream = load ptr, ptr %stream.place
   %parameters = alloca [1 x ptr], align 8
   store ptr %shared, ptr %parameters
@@ -209,17 +209,9 @@ end:
 }}
 
 define internal ptr @allocate(ptr %api, ptr %context, i64 %size) {{
-  %arguments = alloca [48 x i8], align 8
-  call void @begin_arguments(ptr %arguments, i64 48, ptr %context)
-  %size.place = getelementptr i8, ptr %arguments, i64 24
-  store i64 %size, ptr %size.place
-  %alignment = getelementptr i8, ptr %arguments, i64 32
-  store i64 128, ptr %alignment
-  %data.place = getelementptr i8, ptr %arguments, i64 40
-  store ptr null, ptr %data.place
-  %allocate.place = getelementptr i8, ptr %api, i64 120
-  %allocate = load ptr, ptr %allocate.place
-  %error = call ptr %allocate(ptr %arguments)
+{write_arguments(48, "%context", size="i64 %size", alignment="i64 128", data="ptr null")}
+{load_function("DeviceMemory_Allocate")}
+  %error = call ptr %function(ptr %arguments)
   %is_well = icmp eq ptr %error, null
   br i1 %is_well, label %got, label %failed
 got:
@@ -234,15 +226,9 @@ define internal void @give_back(ptr %api, ptr %context, ptr %array, i64 %size) {
   %is_there = icmp ne ptr %array, null
   br i1 %is_there, label %free, label %end
 free:
-  %arguments = alloca [40 x i8], align 8
-  call void @begin_arguments(ptr %arguments, i64 40, ptr %context)
-  %size.place = getelementptr i8, ptr %arguments, i64 24
-  store i64 %size, ptr %size.place
-  %data.place = getelementptr i8, ptr %arguments, i64 32
-  store ptr %array, ptr %data.place
-  %free.place = getelementptr i8, ptr %api, i64 128
-  %free.function = load ptr, ptr %free.place
-  %error = call ptr %free.function(ptr %arguments)
+{write_arguments(40, "%context", size="i64 %size", data="ptr %array")}
+{load_function("DeviceMemory_Free")}
+  %error = call ptr %function(ptr %arguments)
   %is_well = icmp eq ptr %error, null
   br i1 %is_well, label %end, label %failed
 failed:
@@ -260,13 +246,9 @@ define internal ptr @new_error(ptr %api, i32 %result) {{
   %code = select i1 %lacks.any, i32 8, i32 13
   %message = alloca [512 x i8], align 8
   %length = call i32 (ptr, i64, ptr, ...) @snprintf(ptr %message, i64 512, ptr %format, i64 WORKSPACE, i32 %result)
-  %arguments = alloca [32 x i8], align 8
-  call void @begin_arguments(ptr %arguments, i64 28, ptr %message)
-  %code.place = getelementptr i8, ptr %arguments, i64 24
-  store i32 %code, ptr %code.place
-  %create.place = getelementptr i8, ptr %api, i64 48
-  %create = load ptr, ptr %create.place
-  %error = call ptr %create(ptr %arguments)
+{write_arguments(28, "%message", code="i32 %code")}
+{load_function("Error_Create")}
+  %error = call ptr %function(ptr %arguments)
   ret ptr %error
 }}
 """

@@ -42,6 +42,7 @@ def _body_of_call(takes: Sequence[Part], gives: Sequence[Part], block: int) -> I
             yield f"  %rank.{j} = load i64, ptr %rank.place.{j}"
             yield f"  %dims.place.{j} = getelementptr i8, ptr %buffer.{j}, i64 40"
             yield f"  %dims.{j} = load ptr, ptr %dims.place.{j}"
+            # An array without an axis of rows is the same for all: its step from row to row is 0.
             yield f"  %is_row.{j} = icmp ne i64 %rank.{j}, {parts[j].rank}"
             yield f"  %count.place.{j} = select i1 %is_row.{j}, ptr %dims.{j}, ptr %one"
             yield f"  %count.{j} = load i64, ptr %count.place.{j}"
@@ -52,6 +53,7 @@ def _body_of_call(takes: Sequence[Part], gives: Sequence[Part], block: int) -> I
             yield f"  store ptr %data.{j}, ptr %base.place.{j}"
             yield f"  %step.place.{j} = getelementptr i8, ptr %shared, i64 {PARTS + 16 * j + 8}"
             yield f"  store i64 %step.{j}, ptr %step.place.{j}"
+    # Arrays with rows have equally many, so any of them says how many; the last one's number was handed on so far.
     rows = f"%rows.{len(parts) - 1}" if parts else "1"
     yield f"  %more = add i64 {rows}, {block - 1}"
     yield f"  %blocks = udiv i64 %more, {block}"
@@ -96,25 +98,58 @@ answer:
   ret ptr null
 execute:""".splitlines()
 
-_DECLARED = """
+# Where XLA's table has its functions.
+_PLACES = {
+    "Error_Create": 48,
+    "Error_Destroy": 64,
+    "Stream_Get": 80,
+    "DeviceMemory_Allocate": 120,
+    "DeviceMemory_Free": 128,
+    "ThreadPool_Schedule": 136,
+    "ThreadPool_NumThreads": 144,
+}
+
+
+def load_function(name: str) -> str:
+    """Writes the lines that read a function of XLA's as ``%function`` from its table ``%api``."""
+    return f"""\
+  %function.place = getelementptr i8, ptr %api, i64 {_PLACES[name]}
+  %function = load ptr, ptr %function.place"""
+
+
+def write_arguments(length: int, first: str, /, **others: str) -> str:
+    """Writes the lines that make ``%arguments`` of a function of XLA's.
+
+    - ``length``: the bytes of this structure.
+    - ``first``: the pointer in it that each function takes; ``others``: those behind it, by names, of 8 bytes each.
+    """
+    lines = [
+        f"  %arguments = alloca [{-(-length // 8) * 8} x i8], align 8",
+        f"  call void @begin_arguments(ptr %arguments, i64 {length}, ptr {first})",
+    ]
+    for k, (name, value) in enumerate(others.items()):
+        lines.append(f"  %{name}.place = getelementptr i8, ptr %arguments, i64 {24 + 8 * k}")
+        lines.append(f"  store {value}, ptr %{name}.place")
+    return "\n".join(lines)
+
+
+_DECLARED = f"""
 declare ptr @malloc(i64)
 declare void @free(ptr)
 
-define internal void @begin_arguments(ptr %arguments, i64 %size, ptr %first) {
+define internal void @begin_arguments(ptr %arguments, i64 %size, ptr %first) {{
   store i64 %size, ptr %arguments
   %extension = getelementptr i8, ptr %arguments, i64 8
   store ptr null, ptr %extension
   %first.place = getelementptr i8, ptr %arguments, i64 16
   store ptr %first, ptr %first.place
   ret void
-}
+}}
 
-define internal void @drop_error(ptr %api, ptr %error) {
-  %arguments = alloca [24 x i8], align 8
-  call void @begin_arguments(ptr %arguments, i64 24, ptr %error)
-  %destroy.place = getelementptr i8, ptr %api, i64 64
-  %destroy = load ptr, ptr %destroy.place
-  call void %destroy(ptr %arguments)
+define internal void @drop_error(ptr %api, ptr %error) {{
+{write_arguments(24, "%error")}
+{load_function("Error_Destroy")}
+  call void %function(ptr %arguments)
   ret void
-}
+}}
 """

@@ -7,6 +7,7 @@ XLA's, or of Python's, which call ``rows(shared)``. A block is the same to the l
 from collections.abc import Iterator, Sequence
 
 from ..limits import MOST_HELPER_THREADS, PATIENCE, SPARE
+from .handler import load_function, write_arguments
 from .table import BLOCKS, DONE, ROWS, STOPPED, USERS, Part, write_places
 
 NEVER = 2**63 - 1  # instructions: XLA's threads do not look for signals
@@ -36,6 +37,8 @@ def _body_of_block(takes: Sequence[Part], gives: Sequence[Part], block: int, pad
     parts = [*takes, *gives]
     yield f"  %first = mul i64 %k, {block}"
     yield from write_places(takes, gives, "%first")
+    # The program reads and writes whole blocks, and behind the last row lies memory of others. What pads it is the last
+    # row once more: zeros might take more steps than any row.
     if padded:
         yield f"  %rows.place = getelementptr i8, ptr %shared, i64 {ROWS}"
         yield "  %rows = load i64, ptr %rows.place"
@@ -49,8 +52,8 @@ def _body_of_block(takes: Sequence[Part], gives: Sequence[Part], block: int, pad
             if part.in_rows:
                 yield f"  %padded.{j} = getelementptr i8, ptr %memory, i64 {offset}"
                 if j < len(takes):
-                    given = f"ptr %padded.{j}, ptr %own.{j}, i64 {part.size}, i64 %left, i64 {block}"
-                    yield f"  call void @repeat_last({given})"
+                    operands = f"ptr %padded.{j}, ptr %own.{j}, i64 {part.size}, i64 %left, i64 {block}"
+                    yield f"  call void @repeat_last({operands})"
                 yield f"  store ptr %padded.{j}, ptr %place.{j}"
                 offset += block * part.size
         yield "  br label %compute"
@@ -134,6 +137,7 @@ define internal void @restore_mode(i64 %mode) alwaysinline {
   ret void
 }
 """
+# 8064 are all exceptions of x86-64 masked, rounding to the nearest, and no flushing to 0; on ARM, that is 0.
 _MODE = {
     "x86_64": """
 declare void @llvm.x86.sse.stmxcsr(ptr)
@@ -192,8 +196,12 @@ done:
 }
 """.splitlines()
 
+# `next` says which blocks are taken, and `done` how many are finished: each is counted when its results are written,
+# and the order of atomic additions makes these visible to whoever sees them all counted.
 # A thread that comes late finds nothing left to do. So the caller waits only for blocks that somebody computes, and
 # neither needs the other threads nor how many there are. What is shared is freed by the last who uses it.
+# A helper counts as a user before it is scheduled, because it may run, and leave, before the next instruction here. XLA
+# of older versions has a shorter table of functions, without a pool of threads: the caller then computes alone.
 _THREADS = f"""
 define internal void @compute_blocks(ptr %shared, ptr %control) {{
 entry:
@@ -260,13 +268,9 @@ define internal void @help(ptr %shared) {{
 define internal i64 @threads_of(ptr %api, ptr %context) {{
   %number = alloca i64, align 8
   store i64 1, ptr %number
-  %arguments = alloca [32 x i8], align 8
-  call void @begin_arguments(ptr %arguments, i64 32, ptr %context)
-  %number.place = getelementptr i8, ptr %arguments, i64 24
-  store ptr %number, ptr %number.place
-  %asked.place = getelementptr i8, ptr %api, i64 144
-  %asked = load ptr, ptr %asked.place
-  %error = call ptr %asked(ptr %arguments)
+{write_arguments(32, "%context", number="ptr %number")}
+{load_function("ThreadPool_NumThreads")}
+  %error = call ptr %function(ptr %arguments)
   %none = icmp eq ptr %error, null
   br i1 %none, label %known, label %unknown
 known:
@@ -300,14 +304,8 @@ count:
   %few = icmp slt i64 %useful, {MOST_HELPER_THREADS}
   %helpers = select i1 %few, i64 %useful, i64 {MOST_HELPER_THREADS}
   %users.place = getelementptr i8, ptr %shared, i64 {USERS}
-  %arguments = alloca [40 x i8], align 8
-  call void @begin_arguments(ptr %arguments, i64 40, ptr %context)
-  %task = getelementptr i8, ptr %arguments, i64 24
-  store ptr @help, ptr %task
-  %data = getelementptr i8, ptr %arguments, i64 32
-  store ptr %shared, ptr %data
-  %schedule.place = getelementptr i8, ptr %api, i64 136
-  %schedule = load ptr, ptr %schedule.place
+{write_arguments(40, "%context", task="ptr @help", data="ptr %shared")}
+{load_function("ThreadPool_Schedule")}
   br label %more
 more:
   %k = phi i64 [ 0, %count ], [ %next, %begun ]
@@ -315,7 +313,7 @@ more:
   br i1 %is_more, label %begin, label %compute
 begin:
   %users = atomicrmw add ptr %users.place, i64 1 seq_cst
-  %error = call ptr %schedule(ptr %arguments)
+  %error = call ptr %function(ptr %arguments)
   %next = add i64 %k, 1
   %is_begun = icmp eq ptr %error, null
   br i1 %is_begun, label %begun, label %alone

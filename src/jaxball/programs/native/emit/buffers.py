@@ -72,7 +72,10 @@ class Buffers:
         """Makes a buffer of memory that is unused, if there is any of this size."""
         unused = self._unused.get(size)
         name = unused.pop() if unused else self.builder.allocate(size)
+        # A new object: arrays that nobody reads may still refer to the one that had this memory, and must not free it
+        # again.
         buffer = Buffer(name, size, lanes=lanes, level=self.builder.level)
+        # What an operation only works in never gets an owner, so that losing the last one cannot free it.
         self._recent.append(buffer)
         return buffer
 

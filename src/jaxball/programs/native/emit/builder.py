@@ -110,11 +110,11 @@ class Builder(Instructions):
         if is_known(x) and is_known(y) and predicate in COMPARED:
             return np.bool_(COMPARED[predicate](x, y))
         # Only what JAX writes to wrap negative indices and to clamp slices: i < 0, and i ≥ n.
-        one, other = self.range_of(x), self.range_of(y)
-        if predicate not in ("slt", "sge") or one is None or other is None:
+        x_range, y_range = self.range_of(x), self.range_of(y)
+        if predicate not in ("slt", "sge") or x_range is None or y_range is None:
             return self.apply(f"{kind} {predicate}", dtype, x, y)
-        if one[1] < other[0] or one[0] >= other[1]:
-            return np.bool_((one[1] < other[0]) == (predicate == "slt"))
+        if x_range[1] < y_range[0] or x_range[0] >= y_range[1]:
+            return np.bool_((x_range[1] < y_range[0]) == (predicate == "slt"))
         return self.apply(f"{kind} {predicate}", dtype, x, y)
 
     def select(self, dtype: np.dtype, condition: Element, x: Element, y: Element) -> Element:
@@ -125,8 +125,8 @@ class Builder(Instructions):
         if write_element(x) == write_element(y):
             return x
         name = self.choose(dtype, condition, x, y)
-        if dtype.kind == "i" and (one := self.range_of(x)) and (other := self.range_of(y)):
-            self.note_bounds(name, (min(one[0], other[0]), max(one[1], other[1])))
+        if dtype.kind == "i" and (x_range := self.range_of(x)) and (y_range := self.range_of(y)):
+            self.note_bounds(name, (min(x_range[0], y_range[0]), max(x_range[1], y_range[1])))
         return name
 
     def call(
@@ -150,11 +150,11 @@ class Builder(Instructions):
             rows = ([self.lane(dtype, x, lane) for x in operands] for lane in range(wide))
             calls = [self.call(function, dtype, *row, to=to, attributes=attributes) for row in rows]
             return self.gather(result, calls, wide)
-        given, gives = llvm_type(dtype), llvm_type(result)
-        head = f"declare {gives} @{function}({', '.join([given] * len(operands))}) nounwind willreturn {attributes}"
-        self.module.declared.setdefault(f"@{function}", head)
-        numbers = ", ".join(f"{given} {self.operand(dtype, x)}" for x in operands)
-        return self.pure(f"call {gives} @{function}({numbers})")
+        operand_type, result_type = llvm_type(dtype), llvm_type(result)
+        head = f"declare {result_type} @{function}({', '.join([operand_type] * len(operands))})"
+        self.module.declared.setdefault(f"@{function}", f"{head} nounwind willreturn {attributes}")
+        numbers = ", ".join(f"{operand_type} {self.operand(dtype, x)}" for x in operands)
+        return self.pure(f"call {result_type} @{function}({numbers})")
 
     # Indices, of 64 bits
 

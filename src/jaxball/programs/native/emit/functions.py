@@ -73,26 +73,28 @@ def compile_function(caller: Function, name: str, varying: Sequence[bool]) -> Si
     if signature.name in compiler.compiled:
         return signature
     function = Function(compiler, "ret void" if signature.type == "void" else f"ret {signature.type} zeroinitializer")
+    # Where it computes one number of each lane, its own loops cannot be in lanes.
     function.in_lanes = caller.in_lanes
     b, storage = function.builder, function.storage
-    given, arguments = ["ptr %control", "ptr %workspace"], []
+    parameters, arguments = ["ptr %control", "ptr %workspace"], []
     # A function never writes to its arguments: it copies what it overwrites, since callers may still read them.
     for position, (value, form) in enumerate(zip(block.arguments, signature.arguments, strict=True)):
         if form.passing is None:
-            given.append(f"ptr noalias readonly %a{position}")
+            # The caller passes memory of its own for results, in which no argument lies, and LLVM may know that.
+            parameters.append(f"ptr noalias readonly %a{position}")
             buffer = Buffer(f"%a{position}", 0, writable=False, lanes=form.varying)
             arguments.append(Memory(value.shape, value.dtype, buffer))
             continue
         numbers: list[Element] = []
         for k, (dtype, wide) in enumerate(form.kinds):
             kind, name = vector_type(dtype, LANES * wide), f"%a{position}.{k}"
-            given.append(f"{kind} {name}")
+            parameters.append(f"{kind} {name}")
             # Lanes can be taken out of a vector that has a line of its own.
             name = b.effect(f"bitcast {kind} {name} to {kind}", LANES) if form.passing.stacked else name
             numbers.append(Vector(name) if wide else name)
         arguments.append(form.passing.within(function).join(numbers))
     if signature.mask_writes:
-        given.append(f"{vector_type(BOOL)} %mask")
+        parameters.append(f"{vector_type(BOOL)} %mask")
         b.mask, b.level = Vector("%mask"), 1
     with function.write_block(block, arguments) as results:
         returned: list[Element] = []
@@ -100,7 +102,7 @@ def compile_function(caller: Function, name: str, varying: Sequence[bool]) -> Si
             if form.passing is not None:
                 returned += form.passing.within(function).split(array)
             else:
-                given.append(f"ptr noalias %r{position}")
+                parameters.append(f"ptr noalias %r{position}")
                 target = Buffer(f"%r{position}", 0, lanes=form.varying, level=b.level)
                 storage.fill(Memory(array.shape, array.dtype, target), array)
     # LLVM returns such a structure in registers as far as these go.
@@ -108,7 +110,8 @@ def compile_function(caller: Function, name: str, varying: Sequence[bool]) -> Si
     for position, (kind, number) in enumerate(zip(signature.types_of_results(), returned, strict=True)):
         result = b.effect(f"insertvalue {signature.type} {result}, {_with_type(b, kind, number)}, {position}")
     b.write("ret void" if signature.type == "void" else f"ret {signature.type} {result}")
-    compiler.module.functions.append(b.function(f"internal {signature.type} @{signature.name}({', '.join(given)})"))
+    head = f"internal {signature.type} @{signature.name}({', '.join(parameters)})"
+    compiler.module.functions.append(b.function(head))
     compiler.compiled[signature.name] = b.cost
     return signature
 
@@ -117,23 +120,23 @@ def call_function(function: Function, name: str, block: Block, operands: Sequenc
     """The results of a call."""
     signature = compile_function(function, name, [array.varying for array in operands])
     b, storage = function.builder, function.storage
-    given = ["ptr %control", "ptr %workspace"]
+    operand_texts = ["ptr %control", "ptr %workspace"]
     for array, form in zip(operands, signature.arguments, strict=True):
         if form.passing is not None:
             numbers = form.passing.split(array)
-            given += [_with_type(b, kind, number) for kind, number in zip(form.kinds, numbers, strict=True)]
+            operand_texts += [_with_type(b, kind, number) for kind, number in zip(form.kinds, numbers, strict=True)]
         else:
-            given.append(f"ptr {storage.to_memory(array).buffer.name}")
+            operand_texts.append(f"ptr {storage.to_memory(array).buffer.name}")
     if signature.mask_writes:
-        given.append(f"{vector_type(BOOL)} {b.mask}")
+        operand_texts.append(f"{vector_type(BOOL)} {b.mask}")
     # Large results are written where the caller has room, so that nothing is copied behind the call.
     memory: list[Array] = []
     for value, form in zip(block.results, signature.results, strict=True):
         if form.passing is None:
             target = storage.allocate(value.shape, value.dtype, form.varying)
-            given.append(f"ptr {target.buffer.name}")
+            operand_texts.append(f"ptr {target.buffer.name}")
             memory.append(target)
-    call = f"call {signature.type} @{signature.name}({', '.join(given)})"
+    call = f"call {signature.type} @{signature.name}({', '.join(operand_texts)})"
     # A loop of calls looks for signals as often as one of the instructions that they execute.
     b.cost += function.compiler.compiled[signature.name]
     if signature.type == "void":

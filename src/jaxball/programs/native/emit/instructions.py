@@ -68,6 +68,7 @@ class Instructions:
 
     def load(self, kind: str, address: Name, wide: int = 0) -> Name:
         """A number, or a vector, in memory."""
+        # Not found again by its text: the same address may hold another number by then.
         name = self.effect(f"load {kind}, ptr {address}", wide)
         self._loaded.add(name)
         return name
@@ -223,13 +224,13 @@ class Instructions:
     ) -> Name:
         """A function of LLVM's; ``to``: the type of its result, if another; ``flags``: one more operand."""
         result, wide = to or dtype, width_of(*operands)
-        given, gives = (vector_type(kind, wide) for kind in (dtype, result))
+        operand_type, result_type = (vector_type(kind, wide) for kind in (dtype, result))
         types = (dtype,) if to is None else (result, dtype)
         name = f"@{function}" + "".join(f".v{wide}{suffix(kind)}" if wide else f".{suffix(kind)}" for kind in types)
-        kinds = ", ".join(filter(None, [*[given] * len(operands), flags.partition(" ")[0]]))
-        self.module.declared.setdefault(name, f"declare {gives} {name}({kinds})")
-        numbers = [f"{given} {self.operand(dtype, x, wide)}" for x in operands]
-        return self.pure(f"call {gives} {name}({', '.join(filter(None, [*numbers, flags]))})", wide)
+        kinds = ", ".join(filter(None, [*[operand_type] * len(operands), flags.partition(" ")[0]]))
+        self.module.declared.setdefault(name, f"declare {result_type} {name}({kinds})")
+        numbers = [f"{operand_type} {self.operand(dtype, x, wide)}" for x in operands]
+        return self.pure(f"call {result_type} {name}({', '.join(filter(None, [*numbers, flags]))})", wide)
 
     # Blocks
 

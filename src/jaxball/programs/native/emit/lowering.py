@@ -35,6 +35,7 @@ class Compiler:
         self.longest_map = 0  # turns of the longest loop of independent turns that is not in vectors
         self.refuses = False
         self._survey("main")
+        # Every run would stop there, and be begun again by XLA. Behind a branch most runs do not.
         if any(map(is_callback, self._always_executed(functions["main"]))):
             raise UnsupportedError("A callback of Python")
 
@@ -82,6 +83,8 @@ class Compiler:
 
     def in_registers(self, value: Value, most: int = 0) -> bool:
         """Whether a value that is handed on, to a function or to a loop's next turn, is in registers."""
+        # A register has no place that a number could index: such an array would be written to memory at each handing
+        # on.
         return (is_small(value.shape) or value.size <= most) and value not in self.indexed
 
 
@@ -126,6 +129,7 @@ class Function:
                 self.bind(value, array)
         else:
             self.bind(operation.results[0], results)
+        # Behind the results, which would otherwise be put into memory from which they are still computed.
         for value in operation.last:
             self.unbind(value)
         self.storage.free_unused(mark)
@@ -193,8 +197,10 @@ class Function:
 
     def combination(self, block: Block) -> Callable[..., Sequence[Element]]:
         """What a region computes of single numbers."""
+        # Here, because its module imports this one.
         from .operations.elementwise import ELEMENTWISE, scalar
 
+        # Usually a sum or a maximum, of many elements: no array is made around each of them.
         if len(block.operations) == 1:
             (operation,) = block.operations
             plain = operation.name.partition(".")[2] in ELEMENTWISE and block.results == operation.results

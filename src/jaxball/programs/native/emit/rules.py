@@ -5,10 +5,8 @@ A rule takes the function being compiled, the operation, and its operands; it re
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
-
-from ..ir.elements import Element
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ..ir.program import Operation
@@ -16,7 +14,6 @@ if TYPE_CHECKING:
     from .values import Array
 
 Rule = Callable[["Function", "Operation", "list[Array]"], "Array | list[Array]"]
-Scalar = Callable[..., Element]
 
 RULES: dict[str, Rule] = {}
 
@@ -34,6 +31,3 @@ def rule(*names: str) -> Callable[[Rule], Rule]:
 def short(name: str) -> str:
     """An operation's name without its dialect."""
     return name.partition(".")[2]
-
-
-__all__ = ["RULES", "Any", "Rule", "Scalar", "Sequence", "rule", "short"]

@@ -16,6 +16,7 @@ class Storage(Buffers):
 
     def allocate(self, shape: Sequence[int], dtype: np.dtype, lanes: bool = False) -> Memory:
         """An array with nothing in it yet; ``lanes``: one for each lane."""
+        # An empty array has an address too, and a size of 0 would mean that its memory is not used again.
         size = max(size_of(shape) * dtype.itemsize, 8) * (LANES if lanes else 1)
         return Memory(tuple(shape), dtype, self.allocate_buffer(size, lanes))
 
@@ -69,6 +70,7 @@ class Storage(Buffers):
         elif isinstance(source, Registers):
             for index in indices(source.shape):
                 target.put(builder, index, source.element(builder, index))
+        # What is there already need not be written, masked or not.
         elif not isinstance(source, Memory) or source.buffer.name != target.buffer.name:
             with self.every_index(source.shape) as index:
                 target.put(builder, index, source.element(builder, index))
@@ -114,6 +116,7 @@ class Storage(Buffers):
         Up to ``most_steps`` are written one after another, more are a loop. ``varying``: they become vectors.
         """
         dtypes, numbers = [dtype for dtype, _ in start], [number for _, number in start]
+        # A phi that begins as one number cannot become a vector in a later turn.
         if varying:
             numbers = [self.spread(dtype, number) for dtype, number in start]
         if size_of(shape) <= most_steps:
@@ -183,5 +186,6 @@ def is_uniform(numbers: np.ndarray) -> bool:
         return False
     if not any(numbers.strides):
         return True
+    # By bytes, because 0 equals −0, and NaN does not equal itself.
     first = numbers.reshape(-1)[:1]
     return numbers.tobytes() == first.tobytes() * numbers.size

@@ -121,9 +121,9 @@ class Memory:
         if not self.buffer.lanes and not self.buffer.shared:
             raise UnsupportedError("An array that becomes one of each lane")
         for lane in range(LANES):
-            own = None if mask is None else builder.lane(BOOL, mask, lane)
+            lane_mask = None if mask is None else builder.lane(BOOL, mask, lane)
             number = lane_of(builder, self.dtype, element, lane)
-            store(builder, self.dtype, number, self._of_lane(builder, place, lane), False, own)
+            store(builder, self.dtype, number, self._of_lane(builder, place, lane), False, lane_mask)
 
     def _parts(self, builder: Builder, place: Index) -> list[Name]:
         """Where the number at a place is, or the two parts of a complex one."""

@@ -42,8 +42,8 @@ def side_by_side(
     width, parts = _parts(columns)
     rows: list[list[Element]] = [[] for _ in results]
     for part in parts:
-        found = compute(*[pack(builder, dtype, column, width) for dtype, column in zip(dtypes, part, strict=True)])
-        for row, dtype, number in zip(rows, results, found, strict=True):
+        computed = compute(*[pack(builder, dtype, column, width) for dtype, column in zip(dtypes, part, strict=True)])
+        for row, dtype, number in zip(rows, results, computed, strict=True):
             row += builder.lanes_of(dtype, number, len(part[0]))
     return rows
 
@@ -52,19 +52,19 @@ def _pays(builder: Builder, dtypes: Sequence[np.dtype], columns: Sequence[Sequen
     """Whether numbers of these types are computed in vectors."""
     if any(dtype.kind == "c" for dtype in dtypes):
         return False
-    known = True
+    all_known = True
     for column in columns:
         for element in column:
             if isinstance(element, (Vector, Pair)):
                 return False
-            known = known and not isinstance(element, str)
+            all_known = all_known and not isinstance(element, str)
     # One number for all lanes is computed once, and known ones while compiling.
-    if known or all(map(_is_uniform, columns)):
+    if all_known or all(map(_is_uniform, columns)):
         return False
     if FEWEST_ALWAYS <= len(columns[0]) <= LANES:
         return True
     width, parts = _parts(columns)
-    return all(_cost(builder, part, width) <= MOST_TO_PACK for part in parts)
+    return all(sum(_cost(builder, column, width) for column in part) <= MOST_TO_PACK for part in parts)
 
 
 def _parts(columns: Sequence[Sequence[Element]]) -> tuple[int, list[list[Sequence[Element]]]]:
@@ -126,6 +126,7 @@ def in_vectors(builder: Builder, dtype: np.dtype, shape: Sequence[int], numbers:
     """The numbers of an array, row by row, as vectors along its first axis."""
     places = len(numbers) // shape[0]
     columns = [numbers[place::places] for place in range(places)]
+    # All of one width, and never a single number: the other end of the jump or of the call expects these types.
     vectors = [pack(builder, dtype, column[part], LANES) for column in columns for part in vectors_of(shape[0])]
     return [builder.spread(dtype, vector, LANES) for vector in vectors]
 
@@ -139,6 +140,7 @@ def one_by_one(builder: Builder, dtype: np.dtype, shape: Sequence[int], vectors:
 
 
 def _is_uniform(numbers: Sequence[Element]) -> bool:
+    # By their text, as 0 and −0 are equal numbers that give different results.
     first = write_element(numbers[0])
     return all((number if isinstance(number, str) else write_element(number)) == first for number in numbers)
 
@@ -156,12 +158,8 @@ def _sources(numbers: Sequence[Element], width: int) -> tuple[list[Vector], list
     return (vectors, lanes) if len(vectors) <= 2 else ([], [])
 
 
-def _cost(builder: Builder, columns: Sequence[Sequence[Element]], width: int) -> int:
-    """Instructions, in every turn of the loop that is being written, that make vectors of numbers."""
-    return sum(_cost_of_one(builder, column, width) for column in columns)
-
-
-def _cost_of_one(builder: Builder, numbers: Sequence[Element], width: int) -> int:
+def _cost(builder: Builder, numbers: Sequence[Element], width: int) -> int:
+    """Instructions, in every turn of the loop that is being written, that make a vector of numbers."""
     # Made once before the loop.
     if all(map(builder.is_same_in_every_turn, numbers)):
         return 0

@@ -45,6 +45,7 @@ def find_counters(operation: Operation) -> dict[int, Counter]:
         limit = limits.get(counter)
         if limit is not None and limit + step - 1 > np.iinfo(argument.dtype).max:
             limit = None  # it might pass the last integer and go on with the first
+        # Only if the condition is this comparison alone: of several, joined by and, another one may end the loop.
         decides = counter in limits and last is not None and last.operands[0] is counter
         counters[position] = Counter(step, limit, decides)
     return counters
@@ -73,6 +74,7 @@ def _limits(value: Value, block: Block, makers: dict[Value, Operation]) -> Itera
     if name == "stablehlo.and":
         yield from _limits(operands[0], block, makers)
         yield from _limits(operands[1], block, makers)
+    # These leave a single truth value what it is.
     elif (name == "stablehlo.convert" and operands[0].dtype.kind == "b") or (
         name == "stablehlo.reduce" and not operation.attribute("dimensions")
     ):

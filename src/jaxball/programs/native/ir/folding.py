@@ -16,6 +16,7 @@ FOLDED: dict[str, Callable[[Any, Any], Any]] = {
     "or": operator.or_,
     "xor": operator.xor,
 }
+# Numbers that are known have a type, so that the same operator compares signed and unsigned ones.
 COMPARED: dict[str, Callable[[Any, Any], Any]] = {
     "eq": operator.eq,
     "ne": operator.ne,
@@ -52,6 +53,7 @@ def suffix(dtype: np.dtype) -> str:
 
 def simpler_float(operation: str, x: Element, y: Element) -> Element | None:
     """What equals the result whatever the other number is: also for −0, infinities and NaN."""
+    # Not x + 0, which is 0 where x is −0, and not 0 x, which is −0 of a negative number, and NaN of an infinite one.
     if operation in ("mul", "div") and is_known(y) and y == 1:
         return x
     if operation == "mul" and is_known(x) and x == 1:
@@ -67,6 +69,7 @@ def simpler_float(operation: str, x: Element, y: Element) -> Element | None:
 
 def simpler_integer(operation: str, dtype: np.dtype, x: Element, y: Element) -> Element | None:
     for number, other in ((y, x), (x, y)):
+        # 0 − y is not y.
         if not is_known(number) or (operation == "sub" and number is x):
             continue
         if number == 0 and operation in ("add", "sub", "or", "xor"):

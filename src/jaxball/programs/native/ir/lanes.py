@@ -94,11 +94,14 @@ def _is_written_at(result: Value, array: Value, index: Value, block: Block, func
         return False
     if operation.name == "func.call":
         inner = functions[operation.attribute("callee")]
-        given = dict(zip(operation.operands, inner.arguments, strict=True))
-        own = inner.results[operation.results.index(result)]
-        return array in given and index in given and _is_written_at(own, given[array], given[index], inner, functions)
+        arguments = dict(zip(operation.operands, inner.arguments, strict=True))
+        if array not in arguments or index not in arguments:
+            return False
+        inner_result = inner.results[operation.results.index(result)]
+        return _is_written_at(inner_result, arguments[array], arguments[index], inner, functions)
     if operation.name != "stablehlo.dynamic_update_slice" or operation.operands[0] is not array:
         return False
+    # A whole row at the turn's own index, so that no two turns write to the same place.
     _, update, first, *others = operation.operands
     rest_is_whole = update.shape[1:] == array.shape[1:] and all(constant_of(makers, other) == 0 for other in others)
     return update.shape[0] == 1 and rest_is_whole and (first is index or _is_wrapped(makers, first, index))
@@ -173,6 +176,7 @@ class Varying:
         """Of a function's results."""
         key = name, tuple(arguments)
         if key not in self._called:
+            # With values of its own: elsewhere the same function is called with other arguments.
             self._called[key] = Varying(self._functions, self._known).results(self._functions[name], arguments)
         return self._called[key]
 
@@ -184,5 +188,6 @@ class Varying:
             return self.branches(operation, operands[0])
         if operation.name == "func.call":
             return self.call(operation.attribute("callee"), operands)
+        # A region's result may follow from what the region reads around it alone.
         captured = (self._is(value) for value in operation.reads if value not in operation.operands)
         return [any(operands) or any(captured)] * len(operation.results)

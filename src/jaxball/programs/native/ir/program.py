@@ -83,8 +83,8 @@ class Operation:
 
     def has_effects(self) -> bool:
         """Whether it does more than to make its results, or something within it does."""
-        own = not self.results or (self.has("has_side_effect") and self.attribute("has_side_effect"))
-        return own or any(inner.has_effects() for region in self.regions for inner in region.operations)
+        acts_itself = not self.results or (self.has("has_side_effect") and self.attribute("has_side_effect"))
+        return acts_itself or any(inner.has_effects() for region in self.regions for inner in region.operations)
 
     def constant(self) -> np.ndarray:
         """The array of a ``stablehlo.constant``, which views one number where all are equal."""

@@ -43,6 +43,7 @@ class Scopes:
     def note(self, instruction: str, name: Name) -> Loop | None:
         """Notes a new instruction; the loop ahead of which it is to be written, if not here."""
         home, loop, scope, ahead_of = self._home(instruction), self.loop, len(self._added) - 1, None
+        # Out of loop after loop. It is known as far out as it is written, so that what follows the loop finds it too.
         while loop is not home and loop is not None:
             ahead_of, scope, loop = loop, loop.scope, loop.outer
         self._known[instruction] = name

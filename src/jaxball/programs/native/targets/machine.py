@@ -91,6 +91,7 @@ class Code:
     def __init__(self, code: bytes, routines: Sequence[tuple[str, str]] = ()):
         llvm = _llvm()
         for library, name in routines:
+            # Code from a store was compiled by another process, where the routine had another address.
             llvm.add_symbol(f"scipy.{library}.{name}", routine(library, name))
         with _lock:
             # An engine owns its module and its target machine. One for each program, so that its memory is given back.

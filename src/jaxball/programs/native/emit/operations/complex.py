@@ -36,8 +36,8 @@ def library(name: str) -> Callable[..., Pair]:
         kinds = ", ".join(["double"] * len(parts))
         head = f"declare {{ double, double }} @{name}({kinds}) nounwind willreturn memory(none)"
         b.module.declared.setdefault(f"@{name}", head)
-        given = ", ".join(f"double {b.operand(DOUBLE, number)}" for number in parts)
-        result = b.pure(f"call {{ double, double }} @{name}({given})")
+        operand_texts = ", ".join(f"double {b.operand(DOUBLE, number)}" for number in parts)
+        result = b.pure(f"call {{ double, double }} @{name}({operand_texts})")
         numbers = (b.pure(f"extractvalue {{ double, double }} {result}, {k}") for k in (0, 1))
         return Pair(*(real.convert(b, DOUBLE, part, number) for number in numbers))
 
@@ -81,6 +81,7 @@ def divide(b: Builder, dtype: np.dtype, x: Pair, y: Pair) -> Pair:
     wide = b.compare("oge", part, *sizes)  # |Re y| ≥ |Im y|
     large, small = b.select(part, wide, y.real, y.imag), b.select(part, wide, y.imag, y.real)
     ratio = op("div", small, large)
+    # Of 0/0 there is no ratio, but x/0 has its infinite parts.
     ratio = b.select(part, b.compare("oeq", part, small, part.type(0)), small, ratio)
     divisor = op("add", large, op("mul", small, ratio))
     first, second = b.select(part, wide, x.real, x.imag), b.select(part, wide, x.imag, x.real)
@@ -112,14 +113,11 @@ def comparison(direction: str, total: bool) -> Callable[..., Element]:
     def compute(b: Builder, dtype: np.dtype, x: Pair, y: Pair) -> Element:
         if direction not in ("EQ", "NE"):
             raise UnsupportedError("An order of complex numbers")
-        parts = (b.compare(real.ORDERED[direction], part_of(dtype), u, v) for u, v in _zip(x, y))
+        pairs = (x.real, y.real), (x.imag, y.imag)
+        parts = (b.compare(real.ORDERED[direction], part_of(dtype), *pair) for pair in pairs)
         return b.binary("and" if direction == "EQ" else "or", real.BOOL, *parts)
 
     return compute
-
-
-def _zip(x: Pair, y: Pair) -> list[tuple[Element, Element]]:
-    return [(x.real, y.real), (x.imag, y.imag)]
 
 
 def convert(b: Builder, source: np.dtype, target: np.dtype, x: Element) -> Element:

@@ -96,6 +96,7 @@ def exponential(c: _Numbers, z: Pair) -> Pair:
     factor = c.select(large, _EXP_FACTOR, _1)
     sine, cosine = c.sin_and_cos(y)
     real, imag = (c.mul(c.mul(size, number), factor) for number in (cosine, sine))
+    # Of a real number, where 0 times an infinite size would be NaN; and of −∞, whose exponential is 0 in any direction.
     imag = c.select(c.compare("oeq", y, 0.0), y, imag)
     nothing = c.both(c.compare("uno", sine, 0.0), c.compare("oeq", x, -math.inf))
     return Pair(_or_undirected(c, x, sine, size, real), c.select(nothing, _0, imag))
@@ -122,6 +123,7 @@ def sqrt(c: _Numbers, z: Pair) -> Pair:
     width, height = c.size(z.real), c.size(z.imag)
     most = c.builder.call("llvm.maxnum", DOUBLE, width, height)
     large, small = c.compare("ogt", most, 2.0**1000), c.compare("olt", most, 2.0**-900)
+    # Powers of four, whose roots are exact: back by that root.
     scale = c.select(large, _number(2.0**-4), c.select(small, _number(2.0**120), _1))
     back = c.select(large, _number(2.0**2), c.select(small, _number(2.0**-60), _1))
     x, y = c.mul(width, scale), c.mul(height, scale)
@@ -167,6 +169,7 @@ def cosh(c: _Numbers, z: Pair) -> Pair:
 def tanh(c: _Numbers, z: Pair) -> Pair:
     """Computes (β ρ s + i t)/(1 + β s²), t = tan y, β = 1 + t², s = sinh x, ρ² = 1 + s²; beyond 22, ±1 + …"""
     x, y = z.real, z.imag
+    # There 1 − |tanh x| is below a rounding of 1, and the squares of sinh x would overflow in the end.
     large = c.compare("ogt", c.size(x), 22.0)
     t, s = c.function("tan", y), c.function("sinh", c.select(large, _0, x))
     beta, square = c.add(c.mul(t, t), _1), c.mul(s, s)
@@ -198,6 +201,7 @@ def acos(c: _Numbers, z: Pair) -> Pair:
     """Computes 2 arg(Re √(1 + z) + i Re √(1 − z)) + i arsinh Im(conj √(1 + z) √(1 − z))."""
     less, more = _beside_1(c, z)
     u, v, turned = _roots(c, more, less)
+    # The roots of an infinite number have no direction; its own angle is the limit.
     endless = _is_endless(c, z)
     angle = c.mul(c.function("atan2", v.real, u.real), _2)
     angle = c.select(endless, c.function("atan2", c.size(z.imag), z.real), angle)
@@ -229,6 +233,7 @@ def atanh(c: _Numbers, z: Pair) -> Pair:
     """Computes log(1 + 4 x/((1 − x)² + y²))/4 of |x|, and half the angle of 1 − x² − y² + 2 i y."""
     x, y = c.size(z.real), z.imag
     length = c.function("hypot", x, y)
+    # Its square might overflow, and there the function is 1/z ± i π/2 to rounding.
     far = c.compare("ogt", length, 2.0**100)
     u, v = c.select(far, _0, x), c.select(far, _0, y)
     left = c.sub(_1, u)

@@ -92,11 +92,13 @@ class _Branches:
 
     def set_target(self, position: int, target: Memory) -> None:
         """Chooses the memory of a result, for all branches."""
+        # It has no owner until all branches are written: a value of a later branch would be put there.
         self.function.storage.pin(target)
         self.targets[position] = target
 
     def end_branch(self, mark: int) -> None:
         """Makes values and owners again what they were before the branch, and frees what it worked in."""
+        # This branch may have been the last to read some of them, and the next one reads them again.
         self.function.values.update(self.last)
         self.owners.restore()
         self.function.storage.free_unused(mark)
@@ -136,6 +138,7 @@ class _OneWay(_Branches):
         mark = storage.mark()
         with self.function.write_block(region, []) as results:
             numbers = []
+            # Before arrays move, which may overwrite what these numbers are read from.
             for position, (passing, array) in enumerate(zip(self.passing, results, strict=True)):
                 if passing is None and self.targets[position] is None:
                     self._choose_target(position, region, array)
@@ -155,6 +158,7 @@ class _OneWay(_Branches):
         value, taken = region.results[position], {target.buffer.name for target in self.targets if target is not None}
         stays = isinstance(array, Memory) and array.buffer.writable and array.buffer.owners == 1
         stays &= value.block is region or value in self.last
+        # Another branch may give each lane an array of its own, for which one of all lanes has no room.
         stays &= array.varying == self.varying[position]
         if not isinstance(array, Memory) or not stays or array.buffer.name in taken:
             array = self.function.storage.allocate(array.shape, array.dtype, self.varying[position])
@@ -198,6 +202,7 @@ def _each_way(function: Function, operation: Operation, chosen: Vector) -> list[
                 branches.end_branch(mark)
                 last = b.label
                 b.jump(after)
+            # If no lane goes this way, its block is jumped over, and the numbers are those of the ways before.
             b.begin(after)
             numbers = [b.phi(kind, [(y, before), (x, last)]) for kind, x, y in zip(kinds, new, numbers, strict=True)]
     return branches.end(iter(numbers))
@@ -209,6 +214,7 @@ def _ways(function: Function, operation: Operation, chosen: Vector) -> list[Vect
     if operation.name == "stablehlo.if":
         return [chosen, Vector(b.binary("xor", BOOL, chosen, np.bool_(True)))]
     ways = [Vector(b.compare("eq", dtype, chosen, dtype.type(k))) for k in range(len(operation.regions) - 1)]
+    # Numbers out of range mean the last region, so it is that of the lanes that no other one takes.
     none: Element = b.spread(BOOL, np.bool_(True))
     for way in ways:
         none = b.binary("and", BOOL, none, b.binary("xor", BOOL, way, np.bool_(True)))

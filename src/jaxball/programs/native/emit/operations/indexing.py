@@ -74,13 +74,13 @@ def gather(function: Function, operation: Operation, operands: list[Array]) -> A
     n, sizes = operation.attribute("dimension_numbers"), operation.attribute("slice_sizes")
     offset = list(n.offset_dims)
     batch = [k for k in range(len(result.shape)) if k not in offset]
-    own = [k for k in range(len(array.shape)) if k not in (*n.collapsed_slice_dims, *n.operand_batching_dims)]
-    known = isinstance(numbers, Registers) and numbers.known and is_small(result.shape)
+    kept = [k for k in range(len(array.shape)) if k not in (*n.collapsed_slice_dims, *n.operand_batching_dims)]
+    indices_known = isinstance(numbers, Registers) and numbers.known and is_small(result.shape)
     numbers = storage.evaluate(numbers)
     # An index that is not known reads from memory, and then so do all. What only moves numbers that are there is not
     # copied for it: of a long table, such as a log, a step reads a few rows.
     array = array if isinstance(array, Formula) and array.cheap else storage.evaluate(array)
-    array = array if known else storage.anywhere(array)
+    array = array if indices_known else storage.anywhere(array)
     if not is_small(result.shape):
         numbers = storage.anywhere(numbers)
 
@@ -92,7 +92,7 @@ def gather(function: Function, operation: Operation, operands: list[Array]) -> A
             place[dimension] = builder.clamp(i, array.shape[dimension] - sizes[dimension])
         for dimension, k in zip(n.operand_batching_dims, n.start_indices_batching_dims, strict=True):
             place[dimension] = of_batch[k - (k > n.index_vector_dim)]
-        for dimension, k in zip(own, offset, strict=True):
+        for dimension, k in zip(kept, offset, strict=True):
             place[dimension] = builder.plus(place[dimension], index[k])
         return array.element(builder, place)
 
@@ -121,6 +121,7 @@ def scatter(function: Function, operation: Operation, operands: list[Array]) -> 
     if places.known and all(isinstance(array, Registers) for array in (*arrays, *updates)):
         return _scatter_registers(function, places, combine, arrays, updates)
     varying = any(array.varying for array in (places.numbers, *arrays, *updates))
+    # Updates are computed before, as they may read what is overwritten.
     targets = [function.overwritable(operation, k, array, varying) for k, array in enumerate(arrays)]
 
     def add_update(place: Sequence[Index], index: Sequence[Index]) -> None:
@@ -155,7 +156,7 @@ class _Places:
         self.known = isinstance(numbers, Registers) and numbers.known
         windows = list(self.n.update_window_dims)
         left_out = (*self.n.inserted_window_dims, *self.n.input_batching_dims)
-        self.own = [k for k in range(len(self.shape)) if k not in left_out]
+        self.kept = [k for k in range(len(self.shape)) if k not in left_out]
         self.windows = windows
         self.batch = [k for k in range(len(update)) if k not in windows]
 
@@ -181,7 +182,7 @@ class _Places:
             start[dimension] = of_batch[k - (k > n.index_vector_dim)]
         lengths = [1] * len(self.shape)
         place = list(start)
-        for dimension, k in zip(self.own, self.windows, strict=True):
+        for dimension, k in zip(self.kept, self.windows, strict=True):
             lengths[dimension] = self.update[k]
             place[dimension] = b.plus(start[dimension], index[k])
         inside: Element = np.bool_(True)

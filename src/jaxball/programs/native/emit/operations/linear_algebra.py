@@ -15,9 +15,10 @@ from ...limits import COLUMNS_OF_BLOCK
 from ...targets import machine
 from ..builder import INDEX
 from ..instructions import BOOL
-from ..lowering import Function
+from ..lowering import Function, is_callback
+from ..rules import rule
 from ..storage import parts
-from ..values import Array, Memory
+from ..values import Array, Memory, Registers
 
 INTEGER = np.dtype(np.int32)
 _LETTERS = {"s": np.dtype("f4"), "d": np.dtype("f8"), "c": np.dtype("c8"), "z": np.dtype("c16")}
@@ -128,6 +129,7 @@ def _eigenvalues(r: _Routine, operands: list[Memory]) -> list[Memory]:
     if r.dtype.kind == "c":
         work.append(r.memory(part_of(r.dtype), 2 * n))
     left, right = vectors
+    # Where it is not 0, JAX returns NaN; −4 is LAPACK's for its fourth argument, which is the matrix.
     with storage.every_index(info.shape) as index:
         storage.put(info, index, np.int32(-4))
     with b.where(_all_finite(r, a)):  # a search for eigenvalues may not end
@@ -142,6 +144,8 @@ def _eigenvalues(r: _Routine, operands: list[Memory]) -> list[Memory]:
             second = b.compare("olt", r.dtype, turned, zero)
             back = b.as_index(b.select(INDEX, second, np.int64(1), np.int64(0)), INDEX)
             k = b.clamp(b.plus(j, b.times(back, -1)), n - 1)
+            # Moved into the array for the last vector, which has no next one: its value is real, and `other` is not
+            # used.
             real, other = (source.element(b, (b.clamp(b.plus(k, d), n - 1), i)) for d in (0, 1))
             imaginary = b.select(r.dtype, second, b.negative(r.dtype, other), other)
             imaginary = b.select(r.dtype, b.compare("oeq", r.dtype, turned, zero), zero, imaginary)
@@ -183,11 +187,11 @@ def _tridiagonal_solution(r: _Routine, operands: list[Memory]) -> list[Memory]:
     """The lower diagonal has a first element without a meaning."""
     low, middle, high, x = operands
     (m,), info = middle.shape, r.memory(INTEGER, 1)
-    own = r.memory(r.dtype, m)
+    lower = r.memory(r.dtype, m)
     with r.function.storage.every_index((m - 1,)) as (i,):
         number = low.element(r.function.builder, (r.function.builder.plus(i, 1),))
-        r.function.storage.put(own, (i,), number)
-    r.call("gtsv", m, x.shape[0], own, middle, high, x, m, info)
+        r.function.storage.put(lower, (i,), number)
+    r.call("gtsv", m, x.shape[0], lower, middle, high, x, m, info)
     return [low, middle, high, x, info]
 
 
@@ -206,13 +210,26 @@ _ROUTINES: dict[str, Factorisation] = {
 }
 
 
-def routine_named(target: str) -> tuple[str, str] | None:
+@rule("stablehlo.custom_call")
+def custom_call(function: Function, operation: Operation, operands: list[Array]) -> list[Array]:
+    """A routine of LAPACK; a callback ends the program, which is then run by XLA."""
+    if is_callback(operation):
+        function.refuse()
+        return [Registers(result.dtype, np.zeros(result.shape, result.dtype)) for result in operation.results]
+    target = operation.attribute("call_target_name")
+    routine = _routine_named(target)
+    if routine is None:
+        raise UnsupportedError(f"{operation.name} of {target}")
+    return _call(function, operation, operands, *routine)
+
+
+def _routine_named(target: str) -> tuple[str, str] | None:
     """The letter and the name of a routine that is known, of ``lapack_dgetrf_ffi``."""
     letter, name = target[7:8], target[8:].removesuffix("_ffi")
     return (letter, name) if target.startswith("lapack_") and letter in _LETTERS and name in _ROUTINES else None
 
 
-def solve(function: Function, operation: Operation, operands: list[Array], letter: str, name: str) -> list[Array]:
+def _call(function: Function, operation: Operation, operands: list[Array], letter: str, name: str) -> list[Array]:
     """A routine of LAPACK's or BLAS's, of each matrix."""
     storage, compute = function.storage, _ROUTINES[name]
     routine = _Routine(function, operation, letter)
@@ -221,11 +238,11 @@ def solve(function: Function, operation: Operation, operands: list[Array], lette
     targets = [storage.allocate(result.shape, result.dtype) for result in operation.results]
     batch = arrays[0].shape[: -1 if name == "gtsv" else -2]
     with storage.every_index(batch) as place:
-        own = [routine.memory(array.dtype, *array.shape[len(batch) :]) for array in arrays]
-        for memory, array in zip(own, arrays, strict=True):
+        copies = [routine.memory(array.dtype, *array.shape[len(batch) :]) for array in arrays]
+        for memory, array in zip(copies, arrays, strict=True):
             with storage.every_index(array.shape[len(batch) :]) as index:
                 storage.put(memory, index[::-1], array.element(function.builder, [*place, *index]))
-        for memory, target_ in zip(compute(routine, own), targets, strict=True):
+        for memory, target_ in zip(compute(routine, copies), targets, strict=True):
             with storage.every_index(target_.shape[len(batch) :]) as index:
                 inside: Sequence[Index] = index[::-1] or [0]
                 storage.put(target_, [*place, *index], memory.element(function.builder, inside))

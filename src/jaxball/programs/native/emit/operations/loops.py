@@ -25,6 +25,7 @@ _OF_CONDITIONS = {
 @rule("stablehlo.while")
 def while_(function: Function, operation: Operation, operands: list[Array]) -> list[Array]:
     """The body's results are the next turn's arguments, for as long as the condition holds."""
+    # Within a loop in lanes, one of its own could only be in vectors of vectors: it turns for all lanes at once.
     if not function.in_lanes:
         loop = independent(operation, [_read_integer(array) for array in operands], function.compiler.functions)
         if loop is not None and function.uses_vectors:
@@ -57,6 +58,8 @@ class _Loop:
         ]
         b = function.builder
         self.before, self.header, self.inside, self.after = b.label, *map(b.new_label, ("while", "body", "done"))
+        # Lanes that have left carry their last numbers into the body, where a counter then is at its limit, not below
+        # it.
         self.counters = {} if function.in_lanes else find_counters(operation)
 
     def write(self) -> list[Array]:
@@ -144,6 +147,8 @@ class _Carry:
         condition, body = operation.regions
         arguments = condition.arguments[position], body.arguments[position]
         unchanged = body.results[position] is body.arguments[position]
+        # Condition and body are given the same array. Where either indexes it by a number of the program, it must be in
+        # memory for both.
         # What a loop only reads may be larger: it takes no phis, and LLVM spills it at worst.
         most = MOST_UNCHANGED if unchanged else 0
         small = all(function.compiler.in_registers(value, most) for value in arguments) or not arguments[0].size
@@ -163,6 +168,7 @@ class _Carry:
         # The operand is not read in the loop but as the body's argument, which thus is the only owner there.
         self.owners = OwnersBefore([self.target] if self.target else [])
         self.owners.clear()
+        # Between two turns no value owns it, and its memory would be the next array's.
         storage.pin(self.array)
 
     def begin_turn(self) -> None:
@@ -188,6 +194,7 @@ class _Carry:
     def fill_phis(self, before: str, following: Sequence[Element]) -> None:
         """Writes, at the beginning of a turn, what the last one gave, or what there was before the loop."""
         b = self.function.builder
+        # The last turn need not end in the block in which it began.
         for (place, dtype, name), first, new in zip(self.phis, self.first, following, strict=True):
             b.fill_phi(place, name, dtype, [(first, before), (new, b.label)])
 
@@ -233,6 +240,7 @@ def _few_turns(function: Function, operation: Operation, operands: list[Array]) 
     if any(inner.name == "stablehlo.gather" for inner in operations):
         return None  # by indices that operations compute, as the rows of pivots, which stay in memory
     size = sum(result.size for inner in operations for result in inner.results)
+    # The first counter at its end ends the loop.
     turns = max(min(ends), 0)
     return turns if 0 < turns <= MOST_TURNS and turns * size <= MOST_NUMBERS else None
 
@@ -274,6 +282,7 @@ def _in_lanes(function: Function, operation: Operation, operands: list[Array], l
             # In lanes an array would be one of each lane, but here each lane writes an element of the same.
             array.buffer.shared = True
         elif position != loop.counter:
+            # A formula would be computed again in every turn.
             array = storage.evaluate(array)
         storage.pin(array)
         arrays.append(array)
@@ -284,12 +293,13 @@ def _in_lanes(function: Function, operation: Operation, operands: list[Array], l
         first = b.spread(INDEX, b.times(turn.index, LANES))
         # The last vector computes the last turn in the lanes that would be beyond it, and writes the same once more.
         index = b.clamp(Vector(b.pure(f"add nuw nsw {vector_type(INDEX)} {first}, <{numbers}>", True)), loop.turns - 1)
+        # The body compares its counter with constants of its own type.
         if dtype.itemsize < INDEX.itemsize:
             index = Vector(b.convert("trunc", INDEX, dtype, index))
-        given = [*arrays]
-        given[loop.counter] = registers(dtype, [index], ())
+        body_arguments = [*arrays]
+        body_arguments[loop.counter] = registers(dtype, [index], ())
         function.in_lanes = True
-        with function.write_block(body, given):
+        with function.write_block(body, body_arguments):
             pass
         function.in_lanes = False
         function.looks_for_signals(b.cost - cost)

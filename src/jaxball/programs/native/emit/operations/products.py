@@ -119,10 +119,10 @@ class _Products:
     def _sum(self, factors: Sequence[Element]) -> Element:
         """A sum of many products as that of several sums, which a processor adds at once."""
         numbers = list(map(self._multiply, factors[::2], factors[1::2]))
-        known, others = [x for x in numbers if is_known(x)], [x for x in numbers if not is_known(x)]
-        apart = PARTIAL_SUMS if len(others) >= 2 * PARTIAL_SUMS else 1
-        sums = [functools.reduce(self._add, others[first::apart]) for first in range(apart) if others]
-        sums += [functools.reduce(self._add, known)] if known else []
+        constants, variables = [x for x in numbers if is_known(x)], [x for x in numbers if not is_known(x)]
+        apart = PARTIAL_SUMS if len(variables) >= 2 * PARTIAL_SUMS else 1
+        sums = [functools.reduce(self._add, variables[first::apart]) for first in range(apart) if variables]
+        sums += [functools.reduce(self._add, constants)] if constants else []
         while len(sums) > 1:
             sums = [self._add(*sums[k : k + 2]) if k + 1 < len(sums) else sums[k] for k in range(0, len(sums), 2)]
         return sums[0]

@@ -126,6 +126,7 @@ def sign(b: Builder, dtype: np.dtype, x: Element) -> Element:
     """−1, 0 or 1; NaN and zeros are their own signs."""
     one, zero = dtype.type(1), dtype.type(0)
     if dtype.kind == "f":
+        # Unordered or equal: true of NaN, 0 and −0.
         itself = b.apply("fcmp ueq", dtype, x, zero)
         return b.select(dtype, itself, x, b.call("llvm.copysign", dtype, one, x))
     above = b.select(dtype, b.compare("eq", dtype, x, zero), zero, one)
@@ -166,6 +167,7 @@ def shift(operation: str) -> Callable[..., Element]:
     """Shifts by the number of bits, or more, leave no bit, or the sign."""
 
     def compute(b: Builder, dtype: np.dtype, x: Element, y: Element) -> Element:
+        # Of LLVM's shifts by as many bits or more the result is undefined.
         bits = 8 * dtype.itemsize
         inside = b.compare("ult", np.dtype(f"u{dtype.itemsize}"), y, bits) if not is_known(y) else 0 <= y < bits
         most = bits - 1 if operation == "ashr" else 0
@@ -224,9 +226,11 @@ def next_after(b: Builder, dtype: np.dtype, x: Element, y: Element) -> Element:
     """Computes the number next to x in the direction of y: y where they are equal, and NaN if either is."""
     integer = np.dtype(f"i{dtype.itemsize}")
     bits = bitcast(b, dtype, integer, x)
+    # Numbers of one sign are in the order of their bits, so that the next one's are one more or one less.
     outwards = b.compare("eq", BOOL, b.compare("olt", dtype, x, y), b.compare("sge", integer, bits, integer.type(0)))
     step = b.select(integer, outwards, integer.type(1), integer.type(-1))
     moved = bitcast(b, integer, dtype, b.binary("add", integer, bits, step))
+    # Beside 0 the sign may change, and the bits with it.
     least = b.call("llvm.copysign", dtype, np.finfo(dtype).smallest_subnormal, y)
     moved = b.select(dtype, b.compare("oeq", dtype, x, dtype.type(0)), least, moved)
     moved = b.select(dtype, b.compare("oeq", dtype, x, y), y, moved)
@@ -236,6 +240,7 @@ def next_after(b: Builder, dtype: np.dtype, x: Element, y: Element) -> Element:
 def _in_order(b: Builder, dtype: np.dtype, integer: np.dtype, x: Element) -> Element:
     """An integer that is ordered as the number is."""
     bits = bitcast(b, dtype, integer, x)
+    # The bits of negative numbers grow as these fall: all but the sign are inverted.
     sign = b.apply("ashr", integer, bits, integer.type(8 * integer.itemsize - 1))
     return b.apply("xor", integer, bits, b.apply("lshr", integer, sign, integer.type(1)))
 
@@ -261,6 +266,7 @@ def convert(b: Builder, source: np.dtype, target: np.dtype, x: Element) -> Eleme
     if source.kind == "f" and target.kind == "f":
         return b.convert("fpext" if target.itemsize > source.itemsize else "fptrunc", source, target, x)
     if source.kind == "f":
+        # Without saturation, numbers beyond the range have no defined result.
         return b.call(f"llvm.fpto{'s' if target.kind == 'i' else 'u'}i.sat", source, x, to=target)
     if target.kind == "f":
         return b.convert("sitofp" if source.kind == "i" else "uitofp", source, target, x)
@@ -279,6 +285,8 @@ def reduce_precision(b: Builder, dtype: np.dtype, x: Element, exponent: int, man
     rounded: Element = x
     if mantissa < own_mantissa:
         bits, dropped = bitcast(b, dtype, integer, x), own_mantissa - mantissa
+        # Half a unit less one, and one more if the last bit kept is set: ties go to even. A carry into the exponent is
+        # right.
         last = b.binary("and", integer, b.apply("lshr", integer, bits, integer.type(dropped)), integer.type(1))
         bits = b.binary("add", integer, bits, b.binary("add", integer, last, integer.type((1 << (dropped - 1)) - 1)))
         bits = b.binary("and", integer, bits, ~integer.type((1 << dropped) - 1))

@@ -67,17 +67,17 @@ def _in_vectors(
     dtypes = [result.dtype for result in results]
     shape = results[0].shape
     table = [np.moveaxis(array.objects(), reduced, range(-len(reduced), 0)) for array in arrays]
-    found: list[list[list[Element]]] = [[] for _ in results]
+    columns_of_results: list[list[list[Element]]] = [[] for _ in results]
     for place in np.ndindex(*shape[1:]):
         numbers = [[number] * shape[0] for number in first]
         for within in np.ndindex(*table[0].shape[len(shape) :]):
             columns = [*numbers, *(t[(slice(None), *place, *within)].tolist() for t in table)]
             numbers = side_by_side(function.builder, dtypes * 2, dtypes, columns, combine)
-        for columns, column in zip(found, numbers, strict=True):
+        for columns, column in zip(columns_of_results, numbers, strict=True):
             columns.append(column)
     return [
         Registers(dtype, as_array(row_by_row(columns), shape, dtype))
-        for dtype, columns in zip(dtypes, found, strict=True)
+        for dtype, columns in zip(dtypes, columns_of_results, strict=True)
     ]
 
 
@@ -114,6 +114,7 @@ def reduce_window(function: Function, operation: Operation, operands: list[Array
     combine = function.combination(operation.regions[0])
     varying = in_lanes(*first) or any(array.varying for array in arrays)
     window = _Window(operation, arrays[0].shape)
+    # Window by window, a cumulative sum of n numbers would take n² additions.
     dimension = window.running()
     if dimension is not None:
         return _running(function, operation, arrays, first, combine, dimension, window.low[dimension] == 0)
@@ -151,21 +152,21 @@ def select_and_scatter(function: Function, operation: Operation, operands: list[
 
         def step(within: list[Index], best: list[Element]) -> list[Element]:
             inside, place = window.place(builder, index, within)
-            number, found, *chosen = best
+            number, is_found, *chosen = best
             other = array.element(builder, place)
-            kept = builder.binary("and", BOOL, found, selects(number, other)[0])
+            kept = builder.binary("and", BOOL, is_found, selects(number, other)[0])
             # Padding is never chosen, whatever would be compared with it.
             kept = builder.binary("or", BOOL, kept, builder.binary("xor", BOOL, inside, np.bool_(True)))
             pairs = zip(parts([dtype], [number]), parts([dtype], [other]), strict=True)
             new = join_parts([dtype], [builder.select(part, kept, x, y) for (part, x), (_, y) in pairs])
             numbers = [np.int64(i) if isinstance(i, int) else i for i in place]
             moved = [builder.select(INDEX, kept, i, j) for i, j in zip(chosen, numbers, strict=True)]
-            return [*new, builder.binary("or", BOOL, found, inside), *moved]
+            return [*new, builder.binary("or", BOOL, is_found, inside), *moved]
 
         start = [(dtype, zero), (BOOL, np.bool_(False)), *[(INDEX, np.int64(0))] * len(array.shape)]
-        _, found, *chosen = storage.accumulate(window.lengths, start, step)
+        _, is_found, *chosen = storage.accumulate(window.lengths, start, step)
         place = [builder.as_index(i, INDEX) for i in chosen]
-        with builder.where(found):
+        with builder.where(is_found):
             new = combine(target.element(builder, place), source.element(builder, index))
             storage.put(target, place, new[0])
     return target
@@ -211,6 +212,7 @@ class _Window:
                 within_base = builder.binary("and", BOOL, within_base, builder.compare("eq", INDEX, rest, np.int64(0)))
                 position = builder.apply("sdiv", INDEX, number, np.int64(self.spread[k]))
             inside = builder.binary("and", BOOL, inside, within_base)
+            # It is read whether it is inside or not, so that it must lie in the array.
             place.append(builder.clamp(position, max(self.shape[k] - 1, 0)))
         return inside, place
 

@@ -50,7 +50,8 @@ def iota(function: Function, operation: Operation, operands: list[Array]) -> Arr
     shape, dtype, builder = result.shape, result.dtype, function.builder
     if is_small(shape):
         numbers = np.arange(shape[dimension]).astype(dtype)
-        return Registers(dtype, np.broadcast_to(np.expand_dims(numbers, _others(shape, dimension)), shape))
+        others = [k for k in range(len(shape)) if k != dimension]
+        return Registers(dtype, np.broadcast_to(np.expand_dims(numbers, others), shape))
     conversion = complex.convert if dtype.kind == "c" else real.convert
 
     def at(index: Sequence[Index]) -> Element:
@@ -58,10 +59,6 @@ def iota(function: Function, operation: Operation, operands: list[Array]) -> Arr
         return conversion(builder, np.dtype(np.int64), dtype, np.int64(i) if isinstance(i, int) else i)
 
     return Formula(shape, dtype, at, (), cheap=True)
-
-
-def _others(shape: Sequence[int], dimension: int) -> tuple[int, ...]:
-    return tuple(k for k in range(len(shape)) if k != dimension)
 
 
 @rule("stablehlo.broadcast_in_dim")
@@ -89,12 +86,13 @@ def reshape(function: Function, operation: Operation, operands: list[Array]) -> 
     array, shape = operands[0], operation.results[0].shape
     builder = function.builder
     if not isinstance(array, Registers) and not is_small(shape) and _unit_free(array.shape) == _unit_free(shape):
-        own = [k for k, length in enumerate(array.shape) if length != 1]
-        new = [k for k, length in enumerate(shape) if length != 1]
+        # Only dimensions of length one differ. By the position, each index would take divisions.
+        old_axes = [k for k, length in enumerate(array.shape) if length != 1]
+        new_axes = [k for k, length in enumerate(shape) if length != 1]
 
         def source(index: Sequence[Index]) -> list[Index]:
             old: list[Index] = [0] * len(array.shape)
-            for k, d in zip(own, new, strict=True):
+            for k, d in zip(old_axes, new_axes, strict=True):
                 old[k] = index[d]
             return old
 
@@ -156,8 +154,8 @@ def concatenate(function: Function, operation: Operation, operands: list[Array])
     storage = function.storage
     if is_small(result.shape):
         parts = [storage.to_registers(array) for array in operands]
-        known = all(part.known for part in parts)
-        arrays = [part.elements if known else part.objects() for part in parts]
+        all_known = all(part.known for part in parts)
+        arrays = [part.elements if all_known else part.objects() for part in parts]
         return Registers(result.dtype, np.concatenate(arrays, axis=dimension))
     varying = any(array.varying for array in operands)
     target, offset = storage.allocate(result.shape, result.dtype, varying), 0
@@ -205,6 +203,7 @@ def pad(function: Function, operation: Operation, operands: list[Array]) -> Arra
         ends = zip(place, result.shape, low, operation.attribute("edge_padding_high"), strict=True)
         inside: Element = np.bool_(True)
         for i, length, *edges in ends:
+            # Elsewhere every element has a place, and nothing is compared in the loop.
             if min(edges) < 0:
                 inside = builder.binary("and", real.BOOL, inside, builder.within(i, 0, length))
         with builder.where(inside):

@@ -16,7 +16,7 @@ import functools
 
 from ....ir.elements import Element, Name, vector_type, width_of
 from ...builder import Builder
-from . import errors, exponentials, hyperbolic, remainders, roots, trigonometric
+from . import errors, exponentials, hyperbolic, roots, trigonometric
 from .writer import DOUBLE, Function, Writer
 
 # With how many arguments.
@@ -43,7 +43,7 @@ FUNCTIONS: dict[str, tuple[Function, int]] = {
     "log_hypot": (roots.log_hypot, 2),
     "erf": (errors.erf, 1),
     "erfc": (errors.erfc, 1),
-    "fmod": (remainders.fmod, 2),
+    "fmod": (roots.fmod, 2),
 }
 
 
@@ -66,9 +66,9 @@ def declarations(name: str, lanes: int = 1) -> dict[str, str]:
 def _write_function(name: str, lanes: int) -> tuple[str, dict[str, str]]:
     compute, count = FUNCTIONS[name]
     w = Writer(lanes)
-    given = [w.argument(f"%x{k}") for k in range(count)]
-    kind = vector_type(DOUBLE, width_of(*given))
-    results = compute(w, given)
+    arguments = [w.argument(f"%x{k}") for k in range(count)]
+    kind = vector_type(DOUBLE, width_of(*arguments))
+    results = compute(w, arguments)
     returned = kind if len(results) == 1 else f"{{ {', '.join([kind] * len(results))} }}"
     result = results[0]
     if len(results) > 1:
@@ -76,7 +76,7 @@ def _write_function(name: str, lanes: int) -> tuple[str, dict[str, str]]:
         for k, number in enumerate(results):
             result = w.effect(f"insertvalue {returned} {result}, {kind} {w.operand(DOUBLE, number)}, {k}")
     w.write(f"ret {returned} {w.operand(DOUBLE, result)}")
-    head = f"internal {returned} {name_of(name, lanes)}({', '.join(f'{kind} {x}' for x in given)})"
+    head = f"internal {returned} {name_of(name, lanes)}({', '.join(f'{kind} {x}' for x in arguments)})"
     return w.function(f"{head} nounwind memory(none)"), w.module.declared
 
 
@@ -90,6 +90,6 @@ def write_call(b: Builder, name: str, *operands: Element, part: int | None = Non
     b.module.declared.setdefault(name_of(name, lanes), definition(name, lanes))
     kind = vector_type(DOUBLE, width)
     returned = kind if part is None else f"{{ {kind}, {kind} }}"
-    given = ", ".join(f"{kind} {b.operand(DOUBLE, x, width)}" for x in operands)
-    result = b.pure(f"call {returned} {name_of(name, lanes)}({given})", width)
+    operand_texts = ", ".join(f"{kind} {b.operand(DOUBLE, x, width)}" for x in operands)
+    result = b.pure(f"call {returned} {name_of(name, lanes)}({operand_texts})", width)
     return result if part is None else b.pure(f"extractvalue {returned} {result}, {part}", width)

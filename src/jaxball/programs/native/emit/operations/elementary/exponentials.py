@@ -34,6 +34,7 @@ def _exponent(w: Writer, x: str) -> tuple[str, str, str]:
 
 def exp_of_pair(w: Writer, x: str, more: str | None) -> str:
     """Computes the exponential of a sum of two numbers, of which the second is small, or None."""
+    # Beyond, the result is 0 or infinite all the same, and n would not fit into the bits of two exponents.
     n, r, rest = _exponent(w, between(w, x, -800.0, 800.0))
     if more is not None:
         r, rest = w.sum(r, w.add(rest, more))
@@ -153,6 +154,7 @@ def pow(w: Writer, operands: list[str]) -> list[str]:
     high, low = w.select(ordinary, high, beyond), w.select(ordinary, low, 0.0)
     power = w.mul(y, high)
     rest = w.fma(y, low, w.fma(y, high, w.neg(power)))
+    # Of an infinite product the rest is NaN.
     rest = w.select(w.compare("olt", w.call("fabs", power), 800.0), rest, 0.0)
     result = exp_of_pair(w, power, rest)
     result = w.select(w.compare("uno", x, y), math.nan, result)

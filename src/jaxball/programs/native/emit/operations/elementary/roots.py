@@ -1,12 +1,14 @@
-"""Cube roots, and the length of a vector of two numbers and its logarithm."""
+"""Cube roots, the length of a vector of two numbers and its logarithm, and remainders of divisions, which are exact."""
 
 import math
 
+from ....ir.elements import width_of
 from .exponentials import log_beside_ends, log_of_sum, mantissa
-from .writer import DOUBLE, LONG, Writer
+from .writer import DOUBLE, LONG, Writer, scale
 
 # ∛m, √½ ≤ m ≤ √2, to 1.4e-5 of itself: the polynomial that is equal to it at Chebyshev's points.
 _CBRT = (0.45368850939425087, 0.8967392149835332, -0.5237666939884396, 0.20934605121199612, -0.036000192083417926)
+_BITS = 52  # of a quotient that are found at once: with one more, it is rounded to a whole number
 
 
 def cbrt(w: Writer, operands: list[str]) -> list[str]:
@@ -27,8 +29,8 @@ def cbrt(w: Writer, operands: list[str]) -> list[str]:
     y = w.sub(y, w.div(error, w.mul(square, 3.0)))
     exponent = w.cast("fptosi", DOUBLE, LONG, third)
     ordinary = w.both(w.compare("ogt", size, 0.0), w.compare("olt", size, math.inf))
-    scale = w.power_of_two(w.select(ordinary, exponent, 0, LONG))
-    return [w.select(ordinary, w.call("copysign", w.mul(y, scale), x), x)]
+    power = w.power_of_two(w.select(ordinary, exponent, 0, LONG))
+    return [w.select(ordinary, w.call("copysign", w.mul(y, power), x), x)]
 
 
 def _squares(w: Writer, x: str, y: str) -> tuple[list[str], list[str], str, str]:
@@ -40,8 +42,8 @@ def _squares(w: Writer, x: str, y: str) -> tuple[list[str], list[str], str, str]
     steep = w.compare("ogt", height, width)
     more, less = w.select(steep, height, width), w.select(steep, width, height)
     large, small = w.compare("ogt", more, 2.0**500), w.compare("olt", more, 2.0**-400)
-    scale = w.select(large, 2.0**-600, w.select(small, 2.0**600, 1.0))
-    pairs = [w.product(number, number) for number in (w.mul(more, scale), w.mul(less, scale))]
+    factor = w.select(large, 2.0**-600, w.select(small, 2.0**600, 1.0))
+    pairs = [w.product(number, number) for number in (w.mul(more, factor), w.mul(less, factor))]
     return [square for square, _ in pairs], [rest for _, rest in pairs], large, small
 
 
@@ -77,3 +79,35 @@ def log_hypot(w: Writer, operands: list[str]) -> list[str]:
     more = w.div(w.select(near, w.add(one_rest, above_rest), w.add(error, rest)), y)
     result = w.mul(log_beside_ends(w, y, log_of_sum(w, y, more, shift)), 0.5)
     return [_or_endless(w, operands, result)]
+
+
+def fmod(w: Writer, operands: list[str]) -> list[str]:
+    """Computes the remainder of x/y with the sign of x: of r = |x|, it subtracts multiples of |y| 2ᵏ, for falling k."""
+    x, y = operands
+    size, divisor = w.call("fabs", x), w.call("fabs", y)
+    divides = w.both(w.compare("olt", size, math.inf), w.compare("ogt", divisor, 0.0))
+    shorter = w.compare("olt", size, divisor)
+    ordinary = w.both(w.both(divides, w.compare("olt", divisor, math.inf)), w.compare("oge", size, divisor))
+    first, unit = w.select(ordinary, size, 0.0), w.select(ordinary, divisor, 1.0)
+    unit_exponent = _exponent(w, unit)
+    before = w.label
+    w.jump("loop")
+    w.begin("loop")
+    place, r = w.reserve(), w.fresh(width_of(x))
+    rest = w.integer("sub", w.integer("sub", _exponent(w, r), unit_exponent), _BITS)
+    multiple = scale(w, unit, w.select(w.integer("icmp sgt", rest, 0), rest, 0, LONG))
+    times = w.call("trunc", w.div(r, multiple))  # at most one too many
+    left = w.fma(w.neg(times), multiple, r)  # exact
+    left = w.select(w.compare("olt", left, 0.0), w.add(left, multiple), left)
+    w.fill_phi(place, r, DOUBLE, [(first, before), (left, "loop")])
+    w.branch(w.any_lane(w.compare("oge", left, unit)), "loop", "end")
+    w.begin("end")
+    result = w.select(w.both(divides, shorter), size, w.select(ordinary, left, math.nan))
+    return [w.call("copysign", result, x)]
+
+
+def _exponent(w: Writer, x: str) -> str:
+    """Computes n of 2ⁿ ≤ x < 2ⁿ⁺¹, and less than any other of 0."""
+    small = w.compare("olt", x, 2.0**-1022)
+    bits = w.bits(w.select(small, w.mul(x, 2.0**54), x))
+    return w.integer("sub", w.integer("lshr", bits, 52), w.select(small, 1023 + 54, 1023, LONG))

@@ -60,6 +60,7 @@ def sin_and_cos(w: Writer, operands: list[str]) -> list[str]:
     odd = w.is_set(quadrant, 1)
     sine, cosine = w.select(odd, cosine, sine), w.select(odd, sine, cosine)
     sine = w.select(w.is_set(quadrant, 2), w.neg(sine), sine)
+    # Keeps the sign of −0.
     sine = w.select(w.compare("oeq", x, 0.0), x, sine)
     return [sine, w.select(w.is_set(w.integer("add", quadrant, 1), 2), w.neg(cosine), cosine)]
 
@@ -86,6 +87,7 @@ def _angle(w: Writer, y: str, x: str | float, y_rest: str | float = 0.0, x_rest:
     steep = w.compare("ogt", height, width)
     more, less = w.select(steep, height, width), w.select(steep, width, height)
     endless = w.compare("oeq", more, math.inf)
+    # Of infinite operands, the angle of a point on an axis or on the diagonal, as IEEE 754 has it, without ∞/∞.
     less = w.select(endless, w.select(w.compare("oeq", less, math.inf), 1.0, 0.0), less)
     more = w.select(w.compare("oeq", more, 0.0), 1.0, w.select(endless, 1.0, more))
     scale = w.select(w.compare("ogt", more, 2.0**900), 2.0**-200, 1.0)

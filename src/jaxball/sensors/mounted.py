@@ -1,8 +1,9 @@
-"""Inertial sensors: accelerometers and gyroscopes."""
+"""Sensors on a mount: accelerometers, gyroscopes, and the position that a camera sees."""
 
 from typing import ClassVar
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..interface.arguments import require
@@ -16,7 +17,26 @@ from ..physics.prescribed.motion import Kinematics
 from .base import AbstractSensor, Mount, mount, mounts
 
 
-class Accelerometer(AbstractSensor):
+class _OnMount(AbstractSensor):
+    """A sensor on the shell, a link or a mass."""
+
+    @classmethod
+    def places(cls, system: AbstractBody) -> tuple[str, ...]:
+        return mounts(system)
+
+
+def _require_mount(on: str | None, *frames: AbstractFrame) -> None:
+    require("on", on, (str, type(None)), 'the name of a link or a mass, such as "mechanisms[0].joints[0]", or None')
+    for frame in frames:
+        require("frame", frame, AbstractFrame, "a frame, such as VersorFrame(...)")
+
+
+def _in_axes(frame: AbstractFrame, on: Mount, vector: Float[Array, "3"]) -> Float[Array, "3"]:
+    """A vector of the body's axes in those of a sensor."""
+    return apply(frame.matrix().T, apply(on.turn.T, vector))
+
+
+class Accelerometer(_OnMount):
     """The specific force at a mount, its acceleration minus that of gravity, in the axes of the sensor.
 
     At rest on a level plane it is g upwards, and at the centre of mass of a falling body it is 0. The acceleration is
@@ -51,19 +71,15 @@ class Accelerometer(AbstractSensor):
     def __check_init__(self):
         _require_mount(self.on, self.frame)
 
-    @classmethod
-    def places(cls, system: AbstractBody) -> tuple[str, ...]:
-        return mounts(system)
-
     def reading(self, system: AbstractBody, t: Float[Array, ""], movement: Movement) -> Float[Array, "3"]:
         on = mount(system, t, movement.angles, self.on, self.at)
         point = Kinematics(*(x[None] for x in on.point))
         state = movement.state
         a = accelerations_of_masses(system.radius, point, state.Omega, movement.Omegadot, movement.acting.Gamma)[0]
-        return _in_sensor(self.frame, on, a + movement.weight)
+        return _in_axes(self.frame, on, a + movement.weight)
 
 
-class Gyroscope(AbstractSensor):
+class Gyroscope(_OnMount):
     """The angular velocity in space of its mount, in the axes of the sensor.
 
     **Arguments:**
@@ -90,21 +106,45 @@ class Gyroscope(AbstractSensor):
     def __check_init__(self):
         _require_mount(self.on, self.frame)
 
-    @classmethod
-    def places(cls, system: AbstractBody) -> tuple[str, ...]:
-        return mounts(system)
-
     def reading(self, system: AbstractBody, t: Float[Array, ""], movement: Movement) -> Float[Array, "3"]:
         Omega = movement.state.Omega
         on = mount(system, t, movement.angles, self.on, 0.0 * Omega)
-        return _in_sensor(self.frame, on, Omega + on.rate)
+        return _in_axes(self.frame, on, Omega + on.rate)
 
 
-def _require_mount(on: str | None, frame: AbstractFrame) -> None:
-    require("on", on, (str, type(None)), 'the name of a link or a mass, such as "mechanisms[0].joints[0]", or None')
-    require("frame", frame, AbstractFrame, "a frame, such as VersorFrame(...)")
+class Position(_OnMount):
+    """The position of a mount relative to the plane, (z₁, z₂) and the height above that of a rolling body's centre.
 
+    It is what a camera over the plane measures of a marker.
 
-def _in_sensor(frame: AbstractFrame, on: Mount, vector: Float[Array, "3"]) -> Float[Array, "3"]:
-    """A vector of the body's axes in those of a sensor."""
-    return apply(frame.matrix().T, apply(on.turn.T, vector))
+    **Arguments:**
+
+    - ``at``, ``on``: as for an :class:`Accelerometer`; by default the geometric centre.
+
+    **Example:**
+
+    >>> from jaxball import Ball, BallState, simulate
+    >>> from jaxball.sensors import Position
+    >>> rolling = BallState(Omega=(0.0, 1.0, 0.0))
+    >>> run = simulate(Ball(mass=1.0, inertia=(0.4, 0.4, 0.4)), [0.0, 2.0], rolling)
+    >>> run.measured({"seen": Position(at=(0.0, 0.5, 0.0))})["seen"]
+    Array([[0. , 0.5, 0. ],
+           [2. , 0.5, 0. ]], dtype=float64)
+    """
+
+    at: Float[Array, "3"] = eqx.field(converter=numbers("at", (3,)), default=(0.0, 0.0, 0.0))
+    on: str | None = eqx.field(static=True, default=None)
+
+    units: ClassVar[str] = "length"
+    meaning: ClassVar[str] = "position relative to the plane"
+
+    def __check_init__(self):
+        _require_mount(self.on)
+
+    def reading(self, system: AbstractBody, t: Float[Array, ""], movement: Movement) -> Float[Array, "3"]:
+        chi = mount(system, t, movement.angles, self.on, self.at).point.chi
+        height = jnp.zeros_like(t) if movement.slip is None else movement.slip.height
+        state = movement.state
+        under = movement.acting.footing
+        centre = jnp.append(state.z, height) if under is None else under.centre
+        return centre + apply(state.Lambda, chi)
