@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 OF_CONTACT = 3  # guards of the contact, before those of the joints
 FIRST_OF_JOINTS = 16  # among the events of a step: that of the first guard of the joints, more than any cause
-ROUNDING_OF_RATE = 64  # of the rate that an impact may give a joint, in units of rounding: what is smaller is none
+ROUNDING_OF_STRIKE = 64  # of the rate that an impact may give a joint, in units of rounding: what is smaller is none
 
 
 def transition(
@@ -101,7 +101,7 @@ def _strike(plane: "StickingOnPlane", done: Progress) -> Progress:
     rate, gains = state.body.thetadot[slots], jnp.abs(found.yielding.thetaddot[:, slots])
     change = slip_velocity(plane.body, t, state.released) - slip_velocity(plane.body, t, before.released)
     least = jnp.sqrt(jnp.sum(change**2)) * jnp.max(gains, axis=0) + jnp.abs(before.body.thetadot[slots])
-    slips = jnp.where(jnp.abs(rate) <= ROUNDING_OF_RATE * eps * least, 0.0, jnp.sign(rate))
+    slips = jnp.where(jnp.abs(rate) <= ROUNDING_OF_STRIKE * eps * least, 0.0, jnp.sign(rate))
     return done._replace(state=eqx.tree_at(lambda x: x.slips, state, jax.lax.stop_gradient(slips)))
 
 
