@@ -232,8 +232,6 @@ def test_laws_of_friction():
 
 def test_what_joints_that_stick_are_not_combined_with(no_type_checks):
     disk, start = block(), moved(START)
-    with pytest.raises(TypeError, match=r"`contact` must be None .* `?mechanisms\[0\].joints\[0\] has a JointFriction"):
-        jaxball.simulate(disk, TIMES, start, contact=jaxball.Contact(0.3))
     with pytest.raises(TypeError, match="must be smooth"):
         lyapunov_spectrum(disk, (0.0, 1.0), start)
     with pytest.raises(TypeError, match="`dae` must be False"):
