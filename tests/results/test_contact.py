@@ -139,5 +139,5 @@ def test_a_file_with_names_of_an_earlier_version_is_read_with_a_warning(disk, tm
     assert_same(run, disk)
     assert len(warned) == 1
     assert run.rejected == disk.rejected
-    np.testing.assert_array_equal(run.contact.rubbed, disk.contact.friction_loss)
-    np.testing.assert_array_equal(run.contact.struck, disk.contact.impact_loss)
+    np.testing.assert_array_equal(run.contact.friction_loss, disk.contact.friction_loss)
+    np.testing.assert_array_equal(run.contact.impact_loss, disk.contact.impact_loss)

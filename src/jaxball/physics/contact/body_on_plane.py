@@ -25,16 +25,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ...interface.printing import format_value, is_single
-from ...numerics.arrays import AnyArray
 from ...numerics.vectors import root
-from ..body import AbstractBody
-from ..conditions import Condition, ExplainedCondition, Problem
+from ..body import AbstractBody, AbstractBodyWithModes
+from ..conditions import Condition, ExplainedCondition
 from ..dynamics.load import Load
 from ..grounds import AbstractSurface
 from ..hybrid import NONE, WINDOW, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
 from ..rolling import Reaction
 from ..state import ReducedState
-from ..system import AbstractSystem
 from . import friction, over_surface as over, slip as slips
 from .law import Contact
 from .modes import ContactState, ContactSwitches, Mode, SwitchCause, cause_of
@@ -59,7 +57,7 @@ NOWHERE = -1  # the mode at times to which a solve did not come
 NOTHING = 1e-9  # a normal force below this part of its size in a step counts as zero
 
 
-class BodyOnPlane(AbstractSystem[ContactState]):
+class BodyOnPlane(AbstractBodyWithModes[ContactState]):
     """A ball or a disk with a law of contact, on a plane or a surface."""
 
     body: AbstractBody
@@ -67,8 +65,6 @@ class BodyOnPlane(AbstractSystem[ContactState]):
 
     title: ClassVar[str] = "body with a law of contact"
     state_type: ClassVar[Any] = ContactState
-
-    # States, conditions, kinks and confinement are those of the body, with those of the law.
 
     def require_state(self, state: Any) -> None:
         if isinstance(state, ReducedState):
@@ -88,31 +84,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
             holds = state.V[1] == 0
             yield Condition(holds, "state.V", state.V, "in the plane of the disk, with 0 for its second entry")
 
-    def run_conditions(self, times: Float[AnyArray, " T"]) -> Iterator[Condition | ExplainedCondition]:
-        yield from self.body.run_conditions(times)
-
-    def numbers(self) -> Iterator[tuple[str, Array]]:
-        yield from self.body.numbers()
-
     def prepare(self) -> "BodyOnPlane":
         return BodyOnPlane(self.body.prepare(), self.contact)
-
-    def driving_kinks(self) -> Float[Array, " kinks"]:
-        """All kinks: sliding friction is proportional to N, which jumps with prescribed accelerations."""
-        return jnp.concatenate([self.body.driving_kinks(), self.body.motion_kinks()])
-
-    def is_confined(self, times: Float[Array, " T"], state: ContactState) -> Bool[Array, ""]:
-        return self.body.is_confined(times, state.body)
-
-    def time_of_leaving(self, times: Float[Array, " T"], states: ContactState) -> Float[Array, ""] | None:
-        return self.body.time_of_leaving(times, states.body)
-
-    def clearance(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""] | None:
-        return self.body.clearance(t, state.body)
-
-    def breaches(self, times: Any, state: ContactState | None, states: ContactState | None) -> Iterator[Problem]:
-        bodies = (None if given is None else given.body for given in (state, states))
-        yield from self.body.breaches(times, *bodies)
 
     # What a solve advances. A body is evaluated with a versor of length 1: near the end of a slip small errors turn it
     # far, and where a mode ends, the forces in it and in the next one must be those of the same attitude.
@@ -357,13 +330,6 @@ class BodyOnPlane(AbstractSystem[ContactState]):
     # What a run shows.
 
     @property
-    def shown(self) -> AbstractBody:
-        return self.body
-
-    def state_to_show(self, state: ContactState) -> PlacedState:
-        return state.body
-
-    @property
     def max_switches(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
         """How many switches are kept."""
         return self.contact.capacity
@@ -450,16 +416,6 @@ class ContactHistory(AbstractHistory):
     @property
     def coefficients(self) -> dict[str, Array]:
         return {"friction": self.law.friction, "static_friction": self.law.static_friction}
-
-    @property
-    def rubbed(self) -> Float[Array, "*batch T"]:
-        """``friction_loss``, by its older name."""
-        return self.friction_loss
-
-    @property
-    def struck(self) -> Float[Array, "*batch T"]:
-        """``impact_loss``, by its older name."""
-        return self.impact_loss
 
     def at_rows(self, rows: slice) -> "ContactHistory":
         return dataclasses.replace(self, **{name: array[rows] for name, array in self.over_time.items()})
