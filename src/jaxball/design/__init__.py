@@ -91,4 +91,4 @@ from .search.verify import (
     verify as verify,
 )
 
-__all__, __dir__ = _interface(globals(), "control")
+__all__, __dir__ = _interface(globals(), "optimal_control")
