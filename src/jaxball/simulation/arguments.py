@@ -65,8 +65,8 @@ def check_times(times: Numbers) -> Array | np.ndarray:
     array = _as_array("times", times)
     if array.ndim != 1 or array.size < 2:
         raise ValueError(
-            "Argument `times` must be two or more increasing numbers, from the start to the end of the run, "
-            f"but its shape is {array.shape}."
+            "Argument `times` must be two or more increasing numbers, from the start to the end of the run, such as "
+            f"[0.0, 10.0], but its shape is {array.shape}."
         )
     if isinstance(array, np.ndarray) and not ((array[1:] > array[:-1]).all() and np.isfinite(array[-1])):
         raise ValueError(
