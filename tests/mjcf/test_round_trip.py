@@ -264,7 +264,7 @@ def test_what_is_no_ball_with_mechanisms_is_refused_by_name(case):
         ("roboball", "Key `resistance.rolling` must be 0"),
         ("roboball-2", "Joint `mechanisms[0].joints[0]` must have the same friction at rest and at every rate"),
         ("vibrating-plane", "Key `ground.motion` must be left out"),
-        ("washboard", "Key `ground` must be a plane to be written as MJCF, but it is a Washboard; MuJoCo has"),
+        ("ball-in-a-bowl", "Key `ground` must be a plane, the outside of a sphere, or a height over x and y"),
         ("ellipse-and-eight", "Mass `masses[0]` must move by a schedule"),
     ],
 )

@@ -6,27 +6,24 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..interface.arguments import describe, require, require_flags
+from ..interface.arguments import require, require_flags
 from ..numerics.arrays import to_array
 from ..physics.body import System
 from ..physics.contact.released import ReleasedState, release
 from ..physics.forces.resistance import Resistance
-from ..physics.grounds import AbstractSurface
 from ..physics.grounds.ground import Ground
 from ..physics.mechanisms import AbstractJointForce, AbstractMechanism, EndStops, JointForces, JointFriction
-from ..physics.prescribed.schedules import ConstantRate
 from ..physics.state import BallState, DiskState, RotationState
 from ..physics.system import AbstractState
 from ..scenario import Scenario
 from .drives import LIMITS, Control, control_values
 from .elements import MJCFError, add
+from .grounds import centre_at_start, check_ground, write_ground
 from .links import SHOWN_RADIUS, Links, write_links
 from .sensors import write_sensors
 
 TIMESTEP = 0.002  # MuJoCo's own
 STICKING = 1.0  # the coefficient of friction of a body that always rolls: MuJoCo's own
-TABLE_RADIUS = 100.0  # the radius of a turntable, in radii of the body
-FLYWHEEL = 1e6  # the moment of inertia of a turntable in M r²; solvers lose small ones beside 1e8 to rounding
 ROOT = {
     "x": {"type": "slide", "axis": (1.0, 0.0, 0.0)},
     "z": {"type": "slide", "axis": (0.0, 0.0, 1.0)},
@@ -56,7 +53,9 @@ class Exported(NamedTuple):
         return control_values(self.signals, np.asarray(times, dtype=float))
 
 
-def to_mjcf(scenario: Scenario, *, timestep: float = TIMESTEP, any_units: bool = False) -> Exported:
+def to_mjcf(
+    scenario: Scenario, *, timestep: float = TIMESTEP, any_units: bool = False, extent: float | None = None
+) -> Exported:
     """A scenario with a ball or a disk as MJCF, with the same equations of motion in free flight.
 
     A link of a mechanism is a body, and each mass a body fixed in it. Hinges and sliders are those of MuJoCo, a
@@ -71,9 +70,12 @@ def to_mjcf(scenario: Scenario, *, timestep: float = TIMESTEP, any_units: bool =
     - ``any_units``: whether to write the numbers as they are, if the scenario states units that are not those of SI. A
       file of MuJoCo does not say its units, and other programs take them for SI. Dimensionless numbers are always
       written as they are.
+    - ``extent``: half the side of the square around the start on which a ground that is a height over x and y is
+      written, as a height field of flat triangles, length; 10 radii of the body if not given.
 
     **Raises:** :class:`MJCFError` for what MJCF cannot express: laws, forces that are functions, curved rails of free
-    joints, external forces, viscous resistance and a plane that moves; and for other units than those of SI.
+    joints, external forces, viscous resistance, a ground that moves, and one that is neither a plane nor a height nor
+    the outside of a sphere; for other units than those of SI, and an ``extent`` beyond the end of the ground.
 
     **Example:**
 
@@ -91,6 +93,7 @@ def to_mjcf(scenario: Scenario, *, timestep: float = TIMESTEP, any_units: bool =
         )
     require_flags(any_units=any_units)
     _check(system)
+    check_ground(system, scenario.times)
     _check_friction(scenario)
     _check_units(scenario, any_units)
     root = ET.Element("mujoco", model=scenario.title or system.title)
@@ -101,18 +104,20 @@ def to_mjcf(scenario: Scenario, *, timestep: float = TIMESTEP, any_units: bool =
     add(root, "option", timestep=timestep, gravity=gravity, **style)
     world, actuators, sensors = (ET.Element(tag) for tag in ("worldbody", "actuator", "sensor"))
     links = Links(actuators, timestep, SHOWN_RADIUS * float(system.radius))
-    surface = _surface(system, scenario.friction_or(STICKING))
-    _add_plane(world, system, surface)
-    shell = _add_shell(world, system, surface)
+    friction = _friction(system, scenario.friction_or(STICKING))
+    t = to_array(float(scenario.times[0]))
+    state = _released(system, t, scenario.state)
+    centre = centre_at_start(system, t, state.body.z, state.height)
+    notes = write_ground(root, world, system, (t, centre), friction, extent)
+    shell = _add_shell(world, system, friction)
     write_links(system, shell, links)
     write_sensors(scenario.sensors, shell, sensors, links.shifts)
     root.append(world)
     root.extend(element for element in (actuators, sensors) if len(element))
-    t = to_array(float(scenario.times[0]))
-    _add_keyframe(root, system, t, scenario.state, links)
+    _add_keyframe(root, system, t, state, centre, links)
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode") + "\n"
-    return Exported(text, _notes(scenario, links), tuple(links.controls))
+    return Exported(text, (*_notes(scenario, links), *notes), tuple(links.controls))
 
 
 def _check_units(scenario: Scenario, any_units: bool) -> None:
@@ -132,20 +137,7 @@ def _check(system: System) -> None:
         raise MJCFError(
             "Key `force` must be left out to be written as MJCF, which has no forces that are given in time."
         )
-    ground, resistance = system.ground, system.resistance
-    if isinstance(ground, AbstractSurface):
-        raise MJCFError(
-            f"Key `ground` must be a plane to be written as MJCF, but it is {describe(ground)}; MuJoCo has other "
-            "grounds as meshes and height fields (hfield) of flat triangles, over whose edges a ball bumps."
-        )
-    if isinstance(ground, Ground) and ground.motion is not None:
-        raise MJCFError("Key `ground.motion` must be left out to be written as MJCF, where the plane stays at rest.")
-    table = ground.turntable if isinstance(ground, Ground) else None
-    if table is not None and not isinstance(table.turning, ConstantRate):
-        raise MJCFError(
-            "Key `ground.turntable.turning` must be a constant rate to be written as MJCF, where a heavy disk turns "
-            f"freely, but it is a {type(table.turning).__name__}."
-        )
+    resistance = system.resistance
     if resistance is None:
         return
     if not isinstance(resistance, Resistance):
@@ -203,7 +195,7 @@ def _has(mechanism: AbstractMechanism, kind: type[AbstractJointForce]) -> bool:
     return any(isinstance(force, kind) for terms in forces for force in terms)
 
 
-def _surface(system: System, sliding: float) -> dict[str, Any]:
+def _friction(system: System, sliding: float) -> dict[str, Any]:
     """The friction of both surfaces: sliding, and rolling where there is dry resistance to it."""
     resistance = system.resistance
     if not isinstance(resistance, Resistance) or resistance.dry is None:
@@ -211,21 +203,7 @@ def _surface(system: System, sliding: float) -> dict[str, Any]:
     return {"condim": "6", "friction": (sliding, 0.0, float(resistance.dry) * float(system.radius))}
 
 
-def _add_plane(world: ET.Element, system: System, surface: dict[str, Any]) -> None:
-    r = float(system.radius)
-    ground = system.ground
-    if not isinstance(ground, Ground) or ground.turntable is None:
-        add(world, "geom", name="plane", type="plane", size=(0.0, 0.0, 0.1 * r), **surface)
-        return
-    centre = np.asarray(ground.turntable.centre)
-    table = add(world, "body", name="turntable", pos=(*centre, -r))
-    add(table, "joint", name="turntable", type="hinge", axis=(0.0, 0.0, 1.0))
-    heavy = FLYWHEEL * float(system.total_mass) * r**2
-    add(table, "inertial", pos=np.zeros(3), mass=system.total_mass, diaginertia=(heavy,) * 3)
-    add(table, "geom", name="turntable", type="cylinder", size=(TABLE_RADIUS * r, r), **surface)
-
-
-def _add_shell(world: ET.Element, system: System, surface: dict[str, Any]) -> ET.Element:
+def _add_shell(world: ET.Element, system: System, friction: dict[str, Any]) -> ET.Element:
     r = float(system.radius)
     shell = add(world, "body", name="shell", pos=(0.0, 0.0, r))
     if system.planar:
@@ -236,30 +214,37 @@ def _add_shell(world: ET.Element, system: System, surface: dict[str, Any]) -> ET
         add(shell, "freejoint", name="shell")
         inertia = system.inertia
     add(shell, "inertial", pos=system.offset, mass=system.mass, diaginertia=inertia)
-    add(shell, "geom", name="shell", type="sphere", size=r, rgba="0.4 0.6 0.8 0.3", **surface)
+    add(shell, "geom", name="shell", type="sphere", size=r, rgba="0.4 0.6 0.8 0.3", **friction)
     return shell
 
 
-def _add_keyframe(root: ET.Element, system: System, t: Any, state: AbstractState | ReleasedState, links: Links) -> None:
-    if not isinstance(state, ReleasedState):
-        if not isinstance(state, BallState | RotationState | DiskState):
-            raise MJCFError(
-                "The initial state must have a position to be written as MJCF, but it is a "
-                f"{type(state).__name__}; use a BallState."
-            )
-        state = release(system, t, state)
-    body, rise = state.body, float(state.height)
+def _released(system: System, t: Any, state: AbstractState | ReleasedState) -> Any:
+    """The initial state as that of a body that need not roll."""
+    if isinstance(state, ReleasedState):
+        return state
+    if not isinstance(state, BallState | RotationState | DiskState):
+        raise MJCFError(
+            "The initial state must have a position to be written as MJCF, but it is a "
+            f"{type(state).__name__}; use a BallState."
+        )
+    return release(system, t, state)
+
+
+def _add_keyframe(
+    root: ET.Element, system: System, t: Any, state: Any, centre: Float[np.ndarray, "3"], links: Links
+) -> None:
+    body, V = state.body, np.asarray(state.V)
     qpos, qvel = [], []
     if isinstance(system.ground, Ground) and system.ground.turntable is not None:
         angle, rate, _ = system.ground.turntable.turning.derivatives(t)
         qpos, qvel = [float(angle)], [float(rate)]
     if isinstance(body, DiskState):
-        qpos += [float(body.z), rise, float(body.phi)]
-        qvel += [float(state.V[0]), float(state.V[2]), float(body.phidot)]
+        qpos += [centre[0], centre[2] - float(system.radius), float(body.phi)]
+        qvel += [V[0], V[2], float(body.phidot)]
     else:
         placed = body.in_space()
-        qpos += [*np.asarray(placed.z), float(system.radius) + rise, *np.asarray(placed.q)]
-        qvel += [*np.asarray(state.V), *np.asarray(placed.Omega)]
+        qpos += [*centre, *np.asarray(placed.q)]
+        qvel += [*V, *np.asarray(placed.Omega)]
     angles, rates = _of_joints(root, system, t, body, links)
     ctrl = control_values(links.controls, np.asarray([float(t)]))[0] if links.controls else None
     places, velocities = (*qpos, *angles), (*qvel, *rates)

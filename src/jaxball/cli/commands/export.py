@@ -28,6 +28,12 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--any-units", action="store_true", help="write numbers in units other than those of SI as they are"
     )
+    parser.add_argument(
+        "--extent",
+        type=positive,
+        metavar="LENGTH",
+        help="half the side of the height field that a curved ground is written as; default: 10 radii of the body",
+    )
     add_quiet(parser)
 
 
@@ -43,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
 
     scenario = scenario_of(document, options.scenario)
     timestep = {} if options.timestep is None else {"timestep": options.timestep}
-    exported = to_mjcf(scenario, any_units=options.any_units, **timestep)
+    exported = to_mjcf(scenario, any_units=options.any_units, extent=options.extent, **timestep)
     written = []
     if options.out == STDOUT:
         sys.stdout.write(exported.text)
