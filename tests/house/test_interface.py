@@ -63,7 +63,7 @@ def test_dir_shows_the_interface_and_nothing_else():
         package = getattr(jaxball, name)
         assert set(package.__all__) <= set(dir(package))
         beside = set(dir(package)) - set(package.__all__)
-        assert beside == {"design": {"control"}, "paper": {"reference", "reproduce"}}.get(name, set())
+        assert beside == {"design": {"optimal_control"}, "paper": {"reference", "reproduce"}}.get(name, set())
 
 
 LAZY = {"jaxball": SOURCE} | {f"jaxball.{name}": SOURCE / name for name in ("scenario", "results", "verify")}
