@@ -187,6 +187,7 @@ def simulate_ensemble(
     if dae:
         require_dae(simulated, state, solver)
     events = check_events(simulated, events)
+    method = Method.of(solver, adjoint, max_steps, step_to_times=step_to_times, dae=dae, project=project, inside=inside)
     rtol, atol = check_tolerances(rtol, atol, of_many=True)
     given = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
     reductions = _check_reductions(reductions)
@@ -195,7 +196,6 @@ def simulate_ensemble(
     runs = _count(parameters, shared, given, rtol, atol)
     whole = given if given.ndim == 2 else jnp.broadcast_to(given, (runs, given.shape[-1]))
     limits = tuple(x if x.ndim else jnp.broadcast_to(x, (runs,)) for x in (rtol, atol))
-    method = Method.of(solver, adjoint, max_steps, step_to_times=step_to_times, dae=dae, project=project, inside=inside)
     lanes = lanes or (DEFAULT_LANES if jax.default_backend() == "cpu" else runs)
     settings = Settings(method, tuple(reductions.items()), lanes)
     with in_threads(threads):

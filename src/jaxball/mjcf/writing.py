@@ -106,7 +106,7 @@ def to_mjcf(
     links = Links(actuators, timestep, SHOWN_RADIUS * float(system.radius))
     friction = _friction(system, scenario.friction_or(STICKING))
     t = to_array(float(scenario.times[0]))
-    state = _released(system, t, scenario.state)
+    state = _release(system, t, scenario.state)
     centre = centre_at_start(system, t, state.body.z, state.height)
     notes = write_ground(root, world, system, (t, centre), friction, extent)
     shell = _add_shell(world, system, friction)
@@ -218,7 +218,7 @@ def _add_shell(world: ET.Element, system: System, friction: dict[str, Any]) -> E
     return shell
 
 
-def _released(system: System, t: Any, state: AbstractState | ReleasedState) -> Any:
+def _release(system: System, t: Any, state: AbstractState | ReleasedState) -> Any:
     """The initial state as that of a body that need not roll."""
     if isinstance(state, ReleasedState):
         return state
