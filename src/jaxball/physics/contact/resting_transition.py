@@ -12,7 +12,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ...interface.status import Status
 from ...numerics.arrays import select_tree
 from ...numerics.directions import diverging, unit
 from ...programs.derivatives.differentiation import without_derivatives
@@ -45,7 +44,6 @@ def transition(
     plane: "RestingOnPlane", t: Float[Array, ""], state: "RestingState", cause: Int[Array, ""], accuracy: Accuracy
 ) -> Transition:
     """What follows a :class:`SwitchCause` for which a mode ends, the end of a window, or the start of a run."""
-    starts = cause == START
     slip, rolling = without_derivatives(plane).step_reference(*without_derivatives((t, state, accuracy)))
     least = jnp.zeros_like(rolling.speed) if plane.body.planar else rolling.speed
     heading = Headings(slip._replace(least=slip.speed), rolling._replace(least=least))
@@ -59,17 +57,7 @@ def transition(
     t, before, slope = at_zero(guards, plane, t, state, which, cause >= 0)
     done = _next_mode(plane, t, before, cause, accuracy.tolerance)
     slows = _is_one_of(cause, SwitchCause.STOPS) | _is_one_of(cause, SwitchCause.ROLLING_ENDS) & (not plane.body.planar)
-    return Transition(
-        t=done.t,
-        before=done.before,
-        after=done.state,
-        event=jnp.where(starts, int(SwitchCause.LANDS), cause),
-        slope=slope,
-        switches=jnp.where(starts, done.lands, done.decides),
-        crowds=cause != int(SwitchCause.LANDS),
-        pauses=slows & done.decides,  # in ever shorter steps
-        status=jnp.where(cause == int(SwitchCause.JAMS), int(Status.JAMMED), int(Status.SUCCESS)),
-    )
+    return done.finish(cause, slope, pauses=slows)
 
 
 _ROLLING = SwitchCause.ROLLING_ENDS, SwitchCause.BREAKS_LOOSE

@@ -12,11 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ...interface.status import Status
 from ...numerics.arrays import select_tree
 from ...programs.derivatives.differentiation import without_derivatives
 from ..dynamics.sticking import largest_frictions, sticking_slots, with_directions
-from ..hybrid import START, WINDOW, Accuracy, Transition, at_zero
+from ..hybrid import START, Accuracy, Transition, at_zero
 from . import friction
 from .modes import CAUSES, Mode, SwitchCause
 from .released import ReleasedState, Response, response, slip_velocity, with_rise, with_slip
@@ -38,7 +37,7 @@ def transition(
 
     Events from ``FIRST_OF_JOINTS`` on are those of the guards of the joints.
     """
-    starts, of_joint = event == START, event >= FIRST_OF_JOINTS
+    of_joint = event >= FIRST_OF_JOINTS
     heading = without_derivatives(plane).step_reference(*without_derivatives((t, state, accuracy)))
     heading = heading._replace(least=heading.speed)
     of_contact = jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == event)
@@ -52,17 +51,7 @@ def transition(
     stuck = jnp.any(_is_joint_of(event, state.slips.size) & (state.slips == 0))
     changed = jnp.where(stuck, int(SwitchCause.JOINT_BREAKS_LOOSE), int(SwitchCause.JOINT_STOPS))
     cause = jnp.where(of_joint, changed, event)
-    return Transition(
-        t=done.t,
-        before=done.before,
-        after=done.state,
-        event=jnp.where(starts, int(SwitchCause.LANDS), cause),
-        slope=slope,
-        switches=jnp.where(starts, done.lands, done.decides & (event != WINDOW)),
-        crowds=event != int(SwitchCause.LANDS),
-        pauses=(event == int(SwitchCause.STOPS)) & done.decides,  # in ever shorter steps
-        status=jnp.where(event == int(SwitchCause.JAMS), int(Status.JAMMED), int(Status.SUCCESS)),
-    )
+    return done.finish(cause, slope, pauses=event == int(SwitchCause.STOPS))
 
 
 def _is_joint_of(event: Int[Array, ""], count: int) -> Bool[Array, " sticking"]:

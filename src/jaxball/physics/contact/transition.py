@@ -25,7 +25,6 @@ def transition(
     plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState, cause: Int[Array, ""], accuracy: Accuracy
 ) -> Transition:
     """What follows a :class:`SwitchCause` for which a mode ends, the end of a window, or the start of a run."""
-    starts = cause == START
     heading = without_derivatives(plane).step_reference(*without_derivatives((t, state, accuracy)))
     heading = heading._replace(least=heading.speed)
     which = jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == cause)
@@ -35,18 +34,7 @@ def transition(
 
     t, before, slope = at_zero(guards, plane, t, state, which, cause >= 0)
     done = _next_mode(plane, t, before, cause, accuracy.tolerance)
-    return Transition(
-        t=done.t,
-        before=done.before,
-        after=done.state,
-        event=jnp.where(starts, int(SwitchCause.LANDS), cause),
-        slope=slope,
-        switches=jnp.where(starts, done.lands, done.decides & (cause != WINDOW)),
-        crowds=cause != int(SwitchCause.LANDS),
-        # A slip has ended in ever shorter steps.
-        pauses=(cause == int(SwitchCause.STOPS)) & done.decides,
-        status=jnp.where(cause == int(SwitchCause.JAMS), int(Status.JAMMED), int(Status.SUCCESS)),
-    )
+    return done.finish(cause, slope, pauses=cause == int(SwitchCause.STOPS))
 
 
 def _next_mode(
@@ -194,3 +182,21 @@ class Progress(NamedTuple):
     begins: Bool[Array, ""]
     stands: Bool[Array, ""] | None = None
     turns: Bool[Array, ""] | None = None
+
+    def finish(self, cause: Int[Array, ""], slope: Float[Array, ""], pauses: Bool[Array, ""]) -> Transition:
+        """Returns the transition for a :class:`SwitchCause`, WINDOW or START.
+
+        ``pauses`` says that the mode has ended in ever shorter steps, which is so where a slip does.
+        """
+        starts = cause == START
+        return Transition(
+            t=self.t,
+            before=self.before,
+            after=self.state,
+            event=jnp.where(starts, int(SwitchCause.LANDS), cause),
+            slope=slope,
+            switches=jnp.where(starts, self.lands, self.decides & (cause != WINDOW)),
+            crowds=cause != int(SwitchCause.LANDS),
+            pauses=pauses & self.decides,
+            status=jnp.where(cause == int(SwitchCause.JAMS), int(Status.JAMMED), int(Status.SUCCESS)),
+        )
