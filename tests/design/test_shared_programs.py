@@ -56,7 +56,7 @@ def evaluated(terms, y):
 @pytest.mark.thorough
 def test_all_numbers_are_arguments():
     """What is traced for the one has no number of the other: neither a constant nor a literal differs."""
-    one, two = (program(different).traced for different in (False, True))
+    one, two = (program(different).pytree for different in (False, True))
     assert jax.tree.structure(one) == jax.tree.structure(two)
     assert hash(jax.tree.structure(one)) == hash(jax.tree.structure(two))
     assert all(map(eqx.is_array, jax.tree.leaves(one)))
@@ -75,7 +75,7 @@ def test_what_is_no_number_distinguishes():
     longer = {**PROBLEM, "scenario": {**PROBLEM["scenario"], "time": {"start": 0.0, "end": 2.0, "saves": 7}}}
     fewer = {**PROBLEM, "constraints": PROBLEM["constraints"][:1]}
     problems = [design.read_problem(tomli_w.dumps(d)).problem for d in (PROBLEM, solver, longer, fewer)]
-    assert len({(jax.tree.structure(one.traced), *map(np.shape, jax.tree.leaves(one.traced))) for one in problems}) == 4
+    assert len({(jax.tree.structure(one.pytree), *map(np.shape, jax.tree.leaves(one.pytree))) for one in problems}) == 4
 
 
 def test_users_objectives_are_not_traced():
@@ -87,6 +87,6 @@ def test_users_objectives_are_not_traced():
 
     objectives = {"radius": Radius()}
     problem = design.Problem(program().problem.space, objectives, {})
-    assert all(leaf is not objectives["radius"].weight for leaf in jax.tree.leaves(problem.traced))
-    value = eqx.filter_jit(lambda traced, y: traced.evaluate_run(traced.run(y)).terms)(problem.traced, jnp.zeros(2))
+    assert all(leaf is not objectives["radius"].weight for leaf in jax.tree.leaves(problem.pytree))
+    value = eqx.filter_jit(lambda traced, y: traced.evaluate_run(traced.run(y)).terms)(problem.pytree, jnp.zeros(2))
     np.testing.assert_array_equal(value, [1.0])

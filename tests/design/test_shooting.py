@@ -35,7 +35,7 @@ def optimiser(method="gauss-newton", rounds=40):
 
 def defects(looked):
     found = program().layout.by_constraint(looked.at.violations[0])[CONTINUITY]
-    return found.reshape(PIECES - 1, program().traced.components.size)
+    return found.reshape(PIECES - 1, program().pytree.components.size)
 
 
 def turning(angle, rate, place):
@@ -109,7 +109,7 @@ def test_a_run_in_pieces_that_join_is_worth_what_it_is_in_one(given):
     found = [jax.jit(one.evaluate)(jnp.asarray(one.append_joints(z)[0])) for one in (whole, cut)]
     np.testing.assert_allclose(found[1].terms, found[0].terms, atol=1e-7)
     parts = cut.layout.by_constraint(np.asarray(found[1].violations))
-    assert parts[CONTINUITY].size == given.balls * cut.traced.components.size
+    assert parts[CONTINUITY].size == given.balls * cut.pytree.components.size
     np.testing.assert_allclose(parts.pop(CONTINUITY), 0.0, atol=1e-7)
     for name, expected in whole.layout.by_constraint(np.asarray(found[0].violations)).items():
         np.testing.assert_allclose(parts.get(name, ()), expected, atol=1e-7)

@@ -292,7 +292,7 @@ class Problem:
         return 1 if self.perturbations is None else self.perturbations.count
 
     @functools.cached_property
-    def traced(self) -> TracedProblem:
+    def pytree(self) -> TracedProblem:
         """The problem as compiled programs take it."""
         requirements = {**self.objectives}, {**self.constraints}
         return TracedProblem(
@@ -307,11 +307,11 @@ class Problem:
 
     def run(self, y: Float[Array, " n"], adjoint: diffrax.AbstractAdjoint | None = None) -> Run:
         """The run of a design, by its unknowns."""
-        return self.traced.run(y, adjoint)
+        return self.pytree.run(y, adjoint)
 
     def evaluate_run(self, run: Run) -> Evaluation:
         """All objectives and constraints of a run."""
-        return self.traced.evaluate_run(run)
+        return self.pytree.evaluate_run(run)
 
 
 def _is_own(part: Any) -> bool:

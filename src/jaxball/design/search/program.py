@@ -132,7 +132,7 @@ class AbstractProgram(AbstractTerms):
         """The starting points; the first is the given design."""
 
     @functools.cached_property
-    def traced(self) -> Any:
+    def pytree(self) -> Any:
         """What compiled functions take for it; by default itself, whose numbers they know.
 
         A PyTree with the same terms is traced, so that programs that differ in numbers alone share these functions.
@@ -195,7 +195,7 @@ def next_multipliers(terms: AbstractTerms, at: Evaluation, multipliers: Multipli
 
 def by_reverse_mode(program: AbstractProgram) -> Callable[..., Lagrangians]:
     """The augmented Lagrangian and its gradient at many points."""
-    return functools.partial(_of_points_by_reverse_mode, program.traced)
+    return functools.partial(_of_points_by_reverse_mode, program.pytree)
 
 
 def by_gauss_newton(program: AbstractProgram) -> Callable[..., Lagrangians]:
@@ -204,7 +204,7 @@ def by_gauss_newton(program: AbstractProgram) -> Callable[..., Lagrangians]:
     Terms and constraints as functions of a run enter with all second derivatives, and so do bounds. For a sum of
     squares this is JᵀJ, but no term needs to be written as one.
     """
-    return functools.partial(_of_points_by_gauss_newton, program.traced)
+    return functools.partial(_of_points_by_gauss_newton, program.pytree)
 
 
 @programs.filter_jit
@@ -399,10 +399,10 @@ class Shooting(AbstractProgram):
             )
 
     @functools.cached_property
-    def traced(self) -> Pieces:
+    def pytree(self) -> Pieces:
         """Its terms, which compiled functions take."""
         space = self.problem.space
-        return Pieces(self.problem.traced, Components.of(space.system, space.state), self.intervals)
+        return Pieces(self.problem.pytree, Components.of(space.system, space.state), self.intervals)
 
     @property
     def weights(self):
@@ -410,15 +410,15 @@ class Shooting(AbstractProgram):
 
     @property
     def layout(self):
-        return self.traced.layout
+        return self.pytree.layout
 
     @property
     def equal(self):
-        return self.traced.equal
+        return self.pytree.equal
 
     @property
     def names(self):
-        states = np.repeat(np.arange(1, self.intervals), self.traced.components.size)
+        states = np.repeat(np.arange(1, self.intervals), self.pytree.components.size)
         return (*self.problem.space.names, *(f"the state at joint {k}" for k in np.tile(states, self.problem.balls)))
 
     def starts(self, settings):
@@ -431,10 +431,10 @@ class Shooting(AbstractProgram):
         """
         if self.intervals == 1:
             return y
-        saved = np.asarray(_states_along(self.traced, jnp.asarray(y)))
+        saved = np.asarray(_states_along(self.pytree, jnp.asarray(y)))
         finite = np.all(np.isfinite(saved), axis=-1)
         last = np.max(np.where(finite, np.arange(saved.shape[-2]), 0), axis=-1)
-        rows = np.minimum(self.traced.rows[1:, 0], last[..., None])
+        rows = np.minimum(self.pytree.rows[1:, 0], last[..., None])
         return np.concatenate([y, np.reshape(np.take_along_axis(saved, rows[..., None], axis=2), (len(y), -1))], axis=1)
 
     def design(self, y: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " n"]:
@@ -442,13 +442,13 @@ class Shooting(AbstractProgram):
         return y[: self.problem.space.size]
 
     def numbers(self, y):
-        return self.traced.numbers(y)
+        return self.pytree.numbers(y)
 
     def simulate(self, numbers, adjoint=None):
-        return self.traced.simulate(numbers, adjoint)
+        return self.pytree.simulate(numbers, adjoint)
 
     def assess(self, runs):
-        return self.traced.assess(runs)
+        return self.pytree.assess(runs)
 
 
 @programs.filter_jit

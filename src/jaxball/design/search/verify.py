@@ -63,7 +63,7 @@ def verify(problem: Problem, y: Float[np.ndarray, " n"]) -> Verified:
     They are a solver of another family and samples ten times as fine.
     """
     other, solver = _other_solve(problem)
-    designed, finer, most = jax.tree.map(np.asarray, _compare(problem.traced, other, jnp.asarray(y)))
+    designed, finer, most = jax.tree.map(np.asarray, _compare(problem.pytree, other, jnp.asarray(y)))
     return Verified(
         designed=designed,
         finer=finer,
@@ -131,7 +131,7 @@ def perturbed(problem: Problem, y: Float[np.ndarray, " n"], perturbations: Pertu
     - ``perturbations``: how the balls differ.
     """
     problem = dataclasses.replace(problem, perturbations=perturbations)
-    return jax.tree.map(np.asarray, _each(problem.traced, jnp.asarray(y)))
+    return jax.tree.map(np.asarray, _each(problem.pytree, jnp.asarray(y)))
 
 
 @programs.filter_jit
@@ -244,7 +244,7 @@ def require_good(check: GradientCheck) -> None:
 def _forward(
     optimiser: Optimiser, y: Float[Array, " n"], direction: Float[Array, " n"], multipliers: Multipliers
 ) -> float:
-    return float(_slope(optimiser.program.traced, y, direction, multipliers))
+    return float(_slope(optimiser.program.pytree, y, direction, multipliers))
 
 
 @programs.filter_jit
