@@ -21,6 +21,7 @@ from jaxball import (
     SwitchCause,
     simulate,
 )
+from jaxball.ensemble import simulate_ensemble
 
 WHEEL = Disk(mass=1.0, inertia=0.3, offset=(0.0, 0.0, -0.4))
 BALL = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), radius=1.0, gravity=9.81)
@@ -94,3 +95,17 @@ def test_a_ball_that_comes_down_slips_from_then_on():
     sliding = ReleasedState(BallState(), V=(2.0, 0.0, 0.0))
     run = simulate(BALL, TIMES, sliding, contact=Contact(0.2), events={"slip": Slip(0.2)}, **FINE)
     assert (int(run.status), float(run.reached)) == (Status.SLIPPED, 0.0)
+
+
+@pytest.mark.thorough
+def test_many_runs_end_as_each_of_them():
+    """At their own times, or, held by enough friction, not at all."""
+    law, slip = Contact(SLIDING, static_friction=STATIC), {"slip": Slip(STATIC)}
+    speeds = jnp.array([0.2, 4.0, 5.0])
+    systems, states = jax.vmap(lambda speed: (WHEEL, DiskState(phidot=speed)))(speeds)
+    many = simulate_ensemble(systems, TIMES, states, events=slip, contact=law, **FINE)
+    for k, speed in enumerate(speeds):
+        alone = slip_of_wheel(speed, STATIC, law)
+        assert many[k].status == alone.status
+        assert float(many[k].reached) == pytest.approx(float(alone.reached), abs=1e-9)
+    assert len({*np.asarray(many.trajectory.status).tolist()}) == 2

@@ -137,3 +137,9 @@ def test_an_extent_beyond_the_end_of_the_ground():
     ground = SignedDistance(lambda t, x, y, z, p: z - jnp.sqrt(1 - x**2 / 25), None)
     with pytest.raises(MJCFError, match="Argument `extent` must be less than 6, because the ground ends nearer"):
         to_mjcf(Scenario("a ridge", ball(ground), BallState(), TIMES), extent=6.0)
+
+
+@pytest.mark.parametrize("extent", [0.0, -1.0, 50.1, np.nan])
+def test_an_extent_that_is_none(extent):
+    with pytest.raises(MJCFError, match="`extent` must be a positive length of at most 50, a hundred radii"):
+        to_mjcf(Scenario("on waves", ball(HeightField(waves, WAVE)), BallState(), TIMES), extent=extent)

@@ -21,6 +21,7 @@ TABLE_RADIUS = 100.0  # the radius of a turntable, in radii of the body
 FLYWHEEL = 1e6  # the moment of inertia of a turntable in M r²; solvers lose small ones beside 1e8 to rounding
 EXTENT_OF_HEIGHTS = 10.0  # half the side of a height field, in radii of the body
 SPACING_OF_HEIGHTS = 0.2  # the most between its points, in the same
+LARGEST_EXTENT = 100.0  # the same: a file has every height as text
 TIMES_AT_REST = 16  # of a scenario, at which a ground must be where it is at the start
 
 
@@ -96,7 +97,7 @@ def write_ground(
         return _write_heights(
             root, world, ground, start, r, friction, EXTENT_OF_HEIGHTS * r if extent is None else extent
         )
-    if ground is None or not isinstance(ground, Ground) or ground.turntable is None:
+    if not isinstance(ground, Ground) or ground.turntable is None:
         add(world, "geom", name="plane", type="plane", size=(0.0, 0.0, 0.1 * r), **friction)
         return ()
     centre = np.asarray(ground.turntable.centre)
@@ -118,6 +119,12 @@ def _write_heights(
     extent: float,
 ) -> tuple[str, ...]:
     t, centre = start
+    largest = LARGEST_EXTENT * r
+    if not 0 < extent <= largest:
+        raise MJCFError(
+            f"Argument `extent` must be a positive length of at most {largest:g}, a hundred radii, because a file has "
+            f"a million heights then, but it is {extent:g}."
+        )
     count = 2 * int(np.ceil(extent / (SPACING_OF_HEIGHTS * r))) + 1
     offsets = np.linspace(-extent, extent, count)
     # MuJoCo reads heights as one looks at a map: the first row is that of the largest y.
