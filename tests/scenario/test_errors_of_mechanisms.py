@@ -145,8 +145,8 @@ CASES = {
     ),
     "an empty linear law": (
         with_law('form = "linear"'),
-        "Key `actuation` must have one or more of the keys theta, thetadot, Omega, Gamma, z, omega, signals, but it has "
-        "none.",
+        "Key `actuation` must have one or more of the keys theta, thetadot, Omega, Gamma, z, omega, signals, but it "
+        "has none.",
     ),
     "a linear law beside a schedule": (
         with_law('form = "linear"\nsignals = [1]', TURNING),
