@@ -9,7 +9,7 @@ import pytest
 import jaxball
 from jaxball import design
 from jaxball.design import optimal_control
-from jaxball.physics.dynamics.equations import equations as dynamics
+from jaxball.physics.dynamics import equations
 
 
 def on(rail, theta, mass=1.0):
@@ -66,7 +66,7 @@ def test_what_the_masses_do_by_moving_is_of_fourth_order_in_the_rate_of_the_moti
     @jax.jit
     def omegadot(ball, t, state, u):
         driven = eqx.tree_at(lambda body: body.law, ball, jaxball.FunctionLaw(given_input, u))
-        return state.Lambda @ dynamics.accelerations(driven, t, state).Omegadot
+        return state.Lambda @ equations.accelerations(driven, t, state).Omegadot
 
     gaps = {}
     for end in (60.0, 120.0):
