@@ -37,6 +37,8 @@ CUBIC = 3
 HIGHEST_DENSE = 7
 # More than any interpolation of diffrax has, and what is left of those that it does not have.
 MOST_POWERS, NO_POWER = 10, 1e-7
+# As many fractions of a step at which a polynomial determines it: Chebyshev's.
+PLACES = (1 - np.cos(np.pi * (np.arange(MOST_POWERS) + 0.5) / MOST_POWERS)) / 2
 
 
 class ContinuousMethod(NamedTuple):
@@ -160,8 +162,10 @@ def continuous(solver: Any) -> ContinuousMethod | None:
     method = _make_extension(solver.tableau, own, order)
     if own == CUBIC:
         return method
-    weights = _weights(solver, method.nodes[: _count(own)])
-    return method._replace(rows=jnp.asarray(method.rows).at[: _count(own), : solver.tableau.num_stages].set(weights))
+    nodes, degree = method.nodes[: _count(own)], MOST_POWERS - 1
+    from_places = legendre.legvander(2 * nodes - 1, degree) @ np.linalg.inv(legendre.legvander(2 * PLACES - 1, degree))
+    method.rows[: _count(own), : solver.tableau.num_stages] = from_places @ _own_weights(solver, default_dtype())
+    return method
 
 
 def _make_extension(tableau: diffrax.ButcherTableau, own: int, order: int) -> ContinuousMethod:
@@ -208,22 +212,29 @@ def _polynomial(powers: np.ndarray, x: Float[Array, " m"]) -> Float[Array, " m"]
 
 
 @functools.cache
-def _stage_weights(solver: Any, dtype: Any) -> np.ndarray:
-    """The polynomials of an explicit method's own interpolation, divided by the fraction of the step, one a stage.
+def _own_weights(solver: Any, dtype: Any) -> np.ndarray:
+    """Computes the weights of the stages in a method's own interpolation, which is linear in them, at ``PLACES``.
 
     ``dtype``: the type of numbers in which JAX computes.
     """
-    places = (1 - np.cos(np.pi * (np.arange(MOST_POWERS) + 0.5) / MOST_POWERS)) / 2
-    with jax.ensure_compile_time_eval():
-        weights = np.asarray(_weights(solver, places)) / places[:, None]
-    powers = np.linalg.solve(np.vander(places, increasing=True), weights).T
-    powers = np.where(abs(powers) > NO_POWER * np.max(abs(powers)), powers, 0.0)
-    return powers[:, : 1 + int(np.max(np.nonzero(np.any(powers, axis=0))))]
+
+    def evaluate(t0: Array, t1: Array, y1: Array, k: Array, places: Array) -> Array:
+        own = solver.interpolation_cls(t0=t0, t1=t1, y0=jnp.zeros_like(y1), y1=y1, k=k)
+        return jax.vmap(own.evaluate)(places)
+
+    ends, one = np.array([0, 1], dtype), np.eye(solver.tableau.num_stages, dtype=dtype)
+    numbers = *ends, solver.tableau.b_sol.astype(dtype), one, PLACES.astype(dtype)
+    # A program that is compiled here gives numbers within a trace as well. By `jax.ensure_compile_time_eval` each
+    # operation would be a program of its own: some twenty, and half a second.
+    return np.asarray(jax.jit(evaluate).lower(*numbers).compile()(*numbers), np.float64)
 
 
-def _weights(solver: Any, places: np.ndarray) -> Float[Array, "places stages"]:
-    """The weights of the stages in a method's own interpolation, which is linear in them."""
-    one = jnp.eye(solver.tableau.num_stages)
-    ends = {"t0": jnp.zeros(()), "t1": jnp.ones(()), "y0": jnp.zeros_like(one[0])}
-    own = solver.interpolation_cls(**ends, y1=jnp.asarray(solver.tableau.b_sol, one.dtype), k=one)
-    return jax.vmap(own.evaluate)(jnp.asarray(places, one.dtype))
+def _stage_weights(solver: Any, dtype: Any) -> np.ndarray:
+    """Computes the polynomials of ``_own_weights``, divided by the fraction of the step, one for each stage."""
+    weights, terms = _own_weights(solver, dtype) / PLACES[:, None], np.vander(PLACES, increasing=True)
+    powers = np.linalg.solve(terms, weights)
+    matters = abs(powers) > NO_POWER * np.max(abs(powers))
+    count = 1 + int(np.max(np.nonzero(np.any(matters, axis=1))))
+    # Once more, without the powers that there are not, because rounding grows with their number.
+    powers = np.linalg.lstsq(terms[:, :count], weights, rcond=None)[0]
+    return np.where(matters[:count], powers, 0.0).T
