@@ -23,6 +23,7 @@ The names of ``jaxball`` itself live in ``physics``, ``simulation``, ``numerics`
 """
 
 import importlib
+import sys
 
 __version__ = "0.1.0"
 
@@ -233,3 +234,6 @@ else:
             if error.name != module:
                 raise
         raise missing(__name__, name)
+
+    if "jax" in sys.modules:
+        importlib.import_module(".programs.traces", __name__)

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from equinox.internal import unvmap_any
 from jax.core import ShapedArray, Tracer
 from jax.interpreters import ad, batching, mlir
 
@@ -99,6 +98,13 @@ def is_traced(x: Any) -> bool:
 def is_tracer_type(of: type) -> bool:
     """Whether it is the type of a traced value."""
     return issubclass(of, Tracer)
+
+
+def unvmap_any(x: Any) -> Any:
+    """Returns whether any of ``x`` is true, also over axes of ``jax.vmap``."""
+    from equinox.internal import unvmap_any  # here, because equinox takes far longer to import than all of the rest
+
+    return unvmap_any(x)
 
 
 def settings() -> Mapping[str, Any]:

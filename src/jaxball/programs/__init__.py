@@ -11,6 +11,7 @@ Users type ``jax.jit`` or :func:`jaxball.jit`; jaxball's own functions are compi
 - ``store``: programs as files, kept between processes.
 - ``identity``: what a function consists of, by which a program is found again; what is not pure.
 - ``native``: the compiler.
+- ``traces``: what a trace is made for.
 
 Nothing here knows a ball, a solver or a scenario.
 """

@@ -13,9 +13,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..compat import Program, captures, evaluate, setting_of_traces, settings
+from ..compat import Program, captures, evaluate, settings
 from ..interface.activity import compiling
-from . import native
+from . import native, traces
 from .compiled import QUICKLY, Compiled, Place, Rest, is_kept_by_jax, place_in
 from .derivatives.differentiation import differentiate_forward, without_captured_derivatives
 from .derivatives.reverse_rules import choose, pull_by_forward_mode, replace_chosen
@@ -25,12 +25,9 @@ from .store.current import Store
 ROWS_OF_BLOCK = native.FEWEST * native.LANES  # rows that a program computes at once
 ROWS_OF_XLA = 64  # rows that are one solve by XLA on a CPU, where 512 were no faster
 
-_within = setting_of_traces(False)
-
-
 def within_a_computation() -> bool:
     """Whether what is being traced is a computation of jaxball's own, of which all is compiled as one program."""
-    return _within.value
+    return traces.within_a_computation.value
 
 
 class Result(NamedTuple):
@@ -104,7 +101,7 @@ class Computation:
         self._results: list[Rest] = []
         self.linear = (False,) * len(arrays)
         self.traced = native.Lowered(
-            self._of_arrays, arrays, name, native.current_choice() == "native", lambda: _within(self.opaque)
+            self._of_arrays, arrays, name, native.current_choice() == "native", lambda: traces.within_a_computation(self.opaque)
         )
         self.takes = self.traced.takes
         self._made: dict[Any, Any] = {}

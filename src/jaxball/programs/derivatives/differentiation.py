@@ -15,7 +15,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, PyTree
 
-from ...compat import batch_by, declare_linear, differentiate_by, primitive, setting_of_traces
+from ...compat import batch_by, declare_linear, differentiate_by, primitive
+from .. import traces
 
 Tree = TypeVar("Tree", bound=PyTree)
 
@@ -48,17 +49,14 @@ NO_CAPTURED = (
 )
 
 
-_forward = setting_of_traces(False)
-
-
 def differentiate_forward() -> contextlib.AbstractContextManager[Any]:
     """The context in which what is traced is differentiated in forward mode."""
-    return _forward(True)
+    return traces.differentiated_forward(True)
 
 
 def is_differentiated_forward() -> bool:
     """Whether what is being traced is differentiated in forward mode; if not, it is in reverse mode, or not at all."""
-    return _forward.value
+    return traces.differentiated_forward.value
 
 
 def reverse_only(tree: PyTree) -> PyTree:

@@ -10,7 +10,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from ...compat import same_mesh, setting_of_traces, without_locations
+from ...compat import same_mesh, without_locations
+from .. import traces
 from .arguments import type_of
 from .choice import Refusal
 from .collecting import seldom_collected
@@ -18,7 +19,6 @@ from .executable import Given, Program
 from .gpu import GridProgram
 from .ir.elements import UnsupportedError
 
-_natively = setting_of_traces(False)
 _asked: set[int] = set()  # the threads in which `is_traced_natively` was true since they last began to trace
 
 
@@ -28,9 +28,9 @@ def is_traced_natively() -> bool:
     Then a map of long computations is best a ``jax.lax.map``, whose turns are computed side by side. XLA would compute
     one after the other, and is best given ``jax.vmap``.
     """
-    if _natively.value:
+    if traces.natively.value:
         _asked.add(threading.get_ident())
-    return _natively.value
+    return traces.natively.value
 
 
 class Lowered:
@@ -87,7 +87,7 @@ class Lowered:
     @contextlib.contextmanager
     def as_traced(self) -> Iterator[None]:
         """The context in which it is traced, in which JAX finds the trace again."""
-        with seldom_collected(), _natively(self._natively), self._context(), same_mesh():
+        with seldom_collected(), traces.natively(self._natively), self._context(), same_mesh():
             yield
 
     @property

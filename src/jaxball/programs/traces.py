@@ -1,0 +1,14 @@
+"""What a trace is made for: settings that jaxball gives JAX, whose caches tell traces of one function apart by them.
+
+JAX traces all functions anew when a setting is added, so ``import jaxball`` adds them at once where JAX is there already,
+and not where jaxball is first used, which may be within a user's trace.
+"""
+
+from ..compat import setting_of_traces
+
+# Whether our own compiler compiles it.
+natively = setting_of_traces(False)
+# Whether it is differentiated in forward mode.
+differentiated_forward = setting_of_traces(False)
+# Whether it is a computation of jaxball's own, of which all is compiled as one program.
+within_a_computation = setting_of_traces(False)
